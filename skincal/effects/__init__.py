@@ -13,7 +13,7 @@ from skincal.effects.effect import (
 )
 from skincal.effects.effect_skin import Contacted, EffectSkin
 from skincal.effects.holds import HoldSession, Steps, hold_session, hold_times
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import EffectParameter, Values, start
 from skincal.effects.registry import EFFECTS, effect
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
@@ -44,4 +44,5 @@ __all__ = [
     "hold_session",
     "hold_times",
     "met_before",
+    "start",
 ]

@@ -13,61 +13,32 @@ import numpy as np
 
 from skincal.effects.effect import SignalEffect, Stage, known
 from skincal.effects.gain_drift import REFERENCE_C
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Scene, Start, Values, form, per_taxel, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
 class BaselineDrift(SignalEffect):
-    """The effect ``baseline_drift``, with the equation of the module."""
-
     name = "baseline_drift"
     stage = Stage.CONVERTER
     meaning = "the level at rest moves over the session"
     parameters = (
-        EffectParameter(
-            "slope_counts_per_s",
-            "counts/s",
-            0.0,
-            -1.0,
-            1.0,
-            "s_j: drift each second",
-            typical=0.01,
-            shape="per-taxel",
-            needs=("time",),
+        per_taxel(
+            "slope_counts_per_s", "counts/s", 0.0, -1.0, 1.0, "s_j: drift", typical=0.01, needs=("time",)
         ),
-        EffectParameter(
-            "settling_counts",
-            "counts",
-            0.0,
-            -60.0,
-            60.0,
-            "b_j: change while settling",
-            shape="per-taxel",
-            needs=("time",),
+        per_taxel(
+            "settling_counts", "counts", 0.0, -60.0, 60.0, "b_j: change while settling", needs=("time",)
         ),
-        EffectParameter(
-            "settling_time_s", "s", 100.0, 20.0, 5000.0, "tau: time of settling", role="form", scale="log"
-        ),
-        EffectParameter(
-            "temperature_counts_per_k",
-            "counts/K",
-            0.0,
-            -20.0,
-            20.0,
-            "k: change each kelvin",
-            needs=("temperature",),
-        ),
-        EffectParameter(
+        form("settling_time_s", "s", 100.0, 20.0, 5000.0, "tau: time of settling", scale="log"),
+        strength("temperature_counts_per_k", "counts/K", 0.0, -20.0, 20.0, "k", needs=("temperature",)),
+        form(
             "reference_c",
             "°C",
             REFERENCE_C,
             -20.0,
             80.0,
-            "T_0: temperature of no change",
-            role="form",
+            "T_0: where k has no influence",
             needs=("temperature",),
         ),
     )
@@ -76,7 +47,6 @@ class BaselineDrift(SignalEffect):
     source = "First-order terms of drift and temperature: Fraden, Handbook of Modern Sensors, 2016."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
         ones, eye = np.ones(scene.taxels), np.eye(scene.taxels)
         rate, tau = 2.0 / max(scene.duration_s, 1.0), float(np.clip(scene.duration_s / 6, 20.0, 5000.0))
         settles = [{"settling_counts": 2.0 * e, "settling_time_s": tau} for e in (ones, *(0.5 * eye))]
@@ -85,7 +55,6 @@ class BaselineDrift(SignalEffect):
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """Apply the effect (:meth:`SignalEffect.apply`). A sample without a temperature counts as being at 25 °C."""
-        del setting
         time = samples.elapsed_s[:, None]
         settled = -np.expm1(-time / values.number("settling_time_s"))
         level = values["slope_counts_per_s"] * time + values["settling_counts"] * settled

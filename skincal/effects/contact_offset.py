@@ -12,38 +12,46 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.effects.effect import InputEffect, by_pose
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Scene, Start, Values, each_of, per_pose, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.starts import Scene, Start, each_of, start
 from skincal.model.arrays import FloatArray
 
 
-def _of_pose(name: str, direction: str) -> EffectParameter:
-    text = f"to be added to the measured place {direction}, in each hand pose"
-    return EffectParameter(
-        name, "m", 0.0, -3e-3, 3e-3, text, typical=0.15e-3, shape="per-pose", needs=("pose",)
-    )
-
-
-def _number(name: str, unit: str, bound: float, text: str, typical: float = 0.0) -> EffectParameter:
-    return EffectParameter(name, unit, 0.0, -bound, bound, text, typical=typical)
-
-
 class ContactOffset(InputEffect):
-    """The effect ``contact_offset``, with the equation of the module."""
-
     name = "contact_offset"
     meaning = "the measured contact positions are off in a way that the pose cannot absorb"
     equation_error = 0.0
     parameters = (
-        _of_pose("pose_across_m", "towards growing beta"),
-        _of_pose("pose_along_m", "along +y"),
-        _number("stretch_across", "-", 0.5, "true place across is so much farther from the centre", 0.04),
-        _number("stretch_along", "-", 0.5, "true place along is so much farther from the centre", -0.04),
-        _number("skew", "-", 0.5, "so much of the place along is added across, and of that across along"),
-        _number("across_m_per_n", "m/N", 1e-3, "movement towards growing beta with the force"),
-        _number("along_m_per_n", "m/N", 1e-3, "movement along +y with the force"),
+        per_pose(
+            "pose_across_m", "m", 0.0, -3e-3, 3e-3, "d_p: to be added towards growing beta", typical=0.15e-3
+        ),
+        per_pose("pose_along_m", "m", 0.0, -3e-3, 3e-3, "d_p: to be added along +y", typical=0.15e-3),
+        strength(
+            "stretch_across",
+            "-",
+            0.0,
+            -0.5,
+            0.5,
+            "M: true over measured distance across, less 1",
+            typical=0.04,
+        ),
+        strength(
+            "stretch_along",
+            "-",
+            0.0,
+            -0.5,
+            0.5,
+            "M: true over measured distance along, less 1",
+            typical=-0.04,
+        ),
+        strength(
+            "skew", "-", 0.0, -0.5, 0.5, "M: part of the place along that adds across, and across along"
+        ),
+        strength(
+            "across_m_per_n", "m/N", 0.0, -1e-3, 1e-3, "c: movement towards growing beta with the force"
+        ),
+        strength("along_m_per_n", "m/N", 0.0, -1e-3, 1e-3, "c: movement along +y with the force"),
     )
     of_rig = True
     asks = ("poses",)
@@ -55,7 +63,6 @@ class ContactOffset(InputEffect):
     )
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
         poses = scene.poses if scene.poses > 1 else 0
         ways = ("pose_across_m", "pose_along_m")
         offsets = [point for way in ways for point in each_of(way, 2e-4, poses)]
@@ -64,28 +71,13 @@ class ContactOffset(InputEffect):
         return tuple(start(*own) for own in (offsets, warps, yields) if own)
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
-        """See :meth:`InputEffect.apply`."""
-        return setting.moved(samples, *self.moves_m(samples, values, setting).T)
-
-    def moves_m(self, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """Return how far the contacts of K samples move over the surface, across and along [m], (K, 2)."""
         place = (samples.contacts.points_m - setting.centre_m) @ setting.axes.T
-        across, along = place[:, 0], place[:, 1]
-        force, skew = np.maximum(samples.contacts.force_n, 0.0), values["skew"]
-        move_across = values["stretch_across"] * across + skew * along + values["across_m_per_n"] * force
-        move_along = values["stretch_along"] * along + skew * across + values["along_m_per_n"] * force
-        return np.stack(
-            [
-                _finite(move_across + self._of_pose("pose_across_m", samples, values)),
-                _finite(move_along + self._of_pose("pose_along_m", samples, values)),
-            ],
-            axis=-1,
-        )
-
-    @staticmethod
-    def _of_pose(name: str, samples: Samples, values: Values) -> FloatArray | float:
-        return by_pose(values[name], samples.pose, 0.0) if values[name].any() else 0.0
-
-
-def _finite(move: FloatArray) -> FloatArray:
-    return np.where(np.isfinite(move), move, 0.0)
+        force = np.maximum(samples.contacts.force_n, 0.0)
+        moves: list[FloatArray] = []
+        for k, way in enumerate(("across", "along")):
+            move = values[f"stretch_{way}"] * place[:, k] + values["skew"] * place[:, 1 - k]
+            move = move + values[f"{way}_m_per_n"] * force
+            if (of_pose := values[f"pose_{way}_m"]).any():
+                move = move + by_pose(of_pose, samples.pose, 0.0)
+            moves.append(np.where(np.isfinite(move), move, 0.0))
+        return setting.moved(samples, *moves)

@@ -13,34 +13,23 @@ from dataclasses import replace
 import numpy as np
 
 from skincal.effects.effect import InputEffect
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Values, form, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.starts import Scene, Start, start
 
 
 class Cover(InputEffect):
-    """The effect ``cover``, with the equation of the module."""
-
     name = "cover"
     meaning = "a glove carries part of the force before the skin feels it"
     parameters = (
-        EffectParameter("carried_n", "N", 0.0, 0.0, 3.0, "the most that the glove carries", typical=0.4),
-        EffectParameter(
-            "share", "-", 0.9, 0.05, 1.0, "part of the first newton that it carries", role="form"
-        ),
+        strength("carried_n", "N", 0.0, 0.0, 3.0, "the most that the glove carries", typical=0.4),
+        form("share", "-", 0.9, 0.05, 1.0, "part of the first newton that it carries"),
     )
+    search_from = tuple(start({"carried_n": 0.2, "share": s}) for s in (0.9, 0.4))
     asks = ("forces",)
     source = "Parallel springs of which one yields: Jenkins, Br. J. Appl. Phys. 13 (1962) 30; here smooth."
 
-    def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
-        del scene
-        return tuple(start({"carried_n": 0.2, "share": s}) for s in (0.9, 0.4))
-
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
-        """See :meth:`InputEffect.apply`."""
-        del setting
         carried, share = values.number("carried_n"), values.number("share")
         force = samples.contacts.force_n
         pressing = np.maximum(force, 0.0)

@@ -13,26 +13,23 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.effects.effect import MemoryEffect, State
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Values, form, start, strength
 from skincal.effects.recursion import relaxed
 from skincal.effects.samples import Samples
-from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
 class Creep(MemoryEffect):
-    """The effect ``creep``, with the equation of the module."""
-
     name = "creep"
     meaning = "the signal goes on rising (or falls) at constant force"
     parameters = (
-        EffectParameter(
-            "amplitude", "-", 0.0, -0.6, 1.5, "a: the rise in the limit, over the load", typical=0.2
-        ),
-        EffectParameter(
-            "time_constant_s", "s", 1.5, 0.02, 200.0, "tau, the middle one", role="form", scale="log"
-        ),
-        EffectParameter("breadth", "decades", 0.0, 0.0, 3.0, "b: range of the time constants", role="form"),
+        strength("amplitude", "-", 0.0, -0.6, 1.5, "a: the rise in the limit, over the load", typical=0.2),
+        form("time_constant_s", "s", 1.5, 0.02, 200.0, "tau, the middle one", scale="log"),
+        form("breadth", "decades", 0.0, 0.0, 3.0, "b: range of the time constants"),
+    )
+    search_from = tuple(
+        start({"amplitude": 0.1, "time_constant_s": tau, "breadth": b})
+        for tau, b in ((0.3, 0.0), (1.5, 0.0), (8.0, 0.0), (1.5, 2.0))
     )
     covariates = ("time",)
     asks = ("frames", "clock")
@@ -41,16 +38,9 @@ class Creep(MemoryEffect):
         "sensing resistors: Paredes-Madrid et al., Materials 10 (2017) 1334."
     )
 
-    def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
-        del scene
-        forms = ((0.3, 0.0), (1.5, 0.0), (8.0, 0.0), (1.5, 2.0))
-        return tuple(start({"amplitude": 0.1, "time_constant_s": t, "breadth": b}) for t, b in forms)
-
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State
     ) -> tuple[FloatArray, State]:
-        """See :meth:`MemoryEffect.run`."""
         assert samples.time_s is not None
         breadth = values.number("breadth")
         decades = np.array([0.0]) if breadth == 0 else breadth * np.array([-0.5, 0.0, 0.5])

@@ -12,35 +12,26 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.effects.effect import SignalEffect, Stage
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Values, form, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
 class Crosstalk(SignalEffect):
-    """The effect ``crosstalk``, with the equation of the module."""
-
     name = "crosstalk"
     stage = Stage.CROSSTALK
     meaning = "a taxel leaks into its nearest neighbours"
     parameters = (
-        EffectParameter("leak", "-", 0.0, -0.2, 0.5, "c: part that each neighbour gets", typical=0.08),
-        EffectParameter("reach", "-", 0.0, 0.0, 0.3, "h: part of it that leaks on", role="form"),
-        EffectParameter("loss", "-", 0.0, 0.0, 1.0, "l: part of it that the taxel loses", role="form"),
+        strength("leak", "-", 0.0, -0.2, 0.5, "c: part that each neighbour gets", typical=0.08),
+        form("reach", "-", 0.0, 0.0, 0.3, "h: part of it that leaks on"),
+        form("loss", "-", 0.0, 0.0, 1.0, "l: part of it that the taxel loses"),
     )
+    search_from = tuple(start({"leak": 0.04, "loss": loss}) for loss in (0.0, 1.0))
     shows = "places"
     source = "Nearest-neighbour coupling to first order, as between pixels: Rieke, Detection of Light, 2003."
 
-    def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
-        del scene
-        return tuple(start({"leak": 0.04, "loss": loss}) for loss in (0.0, 1.0))
-
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """See :meth:`SignalEffect.apply`."""
-        del samples
         near = setting.neighbours
         flow = near - np.diag(values.number("loss") * near.sum(axis=0))
         first = signal @ flow

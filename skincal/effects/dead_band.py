@@ -13,10 +13,9 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.effects.effect import SignalEffect, Stage
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Scene, Start, Values, form, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray, as_floats
 
 _SHARP = 1e-3
@@ -24,30 +23,22 @@ _SHARP = 1e-3
 
 
 class DeadBand(SignalEffect):
-    """The effect ``dead_band``, with the equation of the module."""
-
     name = "dead_band"
     stage = Stage.CONVERTER
     meaning = "small values are swallowed"
     parameters = (
-        EffectParameter("width_counts", "counts", 0.0, 0.0, 60.0, "b", typical=8.0),
-        EffectParameter(
-            "recovery", "-", 0.0, 0.0, 1.0, "k: how far large values come out whole", role="form"
-        ),
-        EffectParameter(
-            "softness", "-", 0.0, 0.0, 1.0, "r: width of the threshold, in parts of b", role="form"
-        ),
+        strength("width_counts", "counts", 0.0, 0.0, 60.0, "b", typical=8.0),
+        form("recovery", "-", 0.0, 0.0, 1.0, "k: how far large values come out whole"),
+        form("softness", "-", 0.0, 0.0, 1.0, "r: width of the threshold, in parts of b"),
     )
     source = "Dead zone: Tao, Kokotović, Adaptive Control of Systems with Actuator and Sensor Nonlinearities, 1996."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
         wide = (0.04 * scene.top_counts, 0.12 * scene.top_counts)
         return tuple(start({"width_counts": w, "recovery": k}) for w in wide for k in (0.0, 1.0))
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """Apply the effect (:meth:`SignalEffect.apply`). Values below zero stay as they are."""
-        del samples, setting
         width, recovery = values.number("width_counts"), values.number("recovery")
         inside = np.maximum(signal, 0.0) / width
         missing = (1 - recovery) * _missing(inside, values.number("softness"))

@@ -10,13 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.effects.parameter import EffectParameter, Values, checked
+from skincal.effects.parameter import EffectParameter, Scene, Start, Values, checked
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.starts import Scene, Start
 from skincal.errors import InputError, Problem
 from skincal.model import Patch, StressLaw, TaxelLayout
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import FloatArray, IntArray
 
 State = Any
 """What an effect with memory carries from one sample to the next; None before the first."""
@@ -55,6 +54,7 @@ class Effect(ABC):
         stage: its stage in the chain.
         meaning: description in one sentence.
         parameters: its parameters.
+        search_from: starting points of the search for it, where they do not depend on the session.
         covariates: covariates that it needs whenever it is not neutral; parameters may need more.
         asks: kinds of presses without which it is hardly visible, by their names in :mod:`skincal.diagnosis.reasons`.
         single_taxels: whether it is a fault of single taxels.
@@ -74,6 +74,7 @@ class Effect(ABC):
     stage: ClassVar[Stage]
     meaning: ClassVar[str]
     parameters: ClassVar[tuple[EffectParameter, ...]]
+    search_from: ClassVar[tuple[Start, ...]]
     covariates: ClassVar[tuple[str, ...]] = ()
     asks: ClassVar[tuple[str, ...]] = ()
     single_taxels: ClassVar[bool] = False
@@ -86,11 +87,7 @@ class Effect(ABC):
     source: ClassVar[str]
 
     def checked(self, given: Mapping[str, ArrayLike], taxels: int) -> Values:
-        """Return all parameters: given values, and neutral or default ones for the rest.
-
-        Raises:
-            InputError: unknown parameters, or values out of bounds.
-        """
+        """Return all parameters, as :func:`~skincal.effects.parameter.checked`."""
         return checked(self.name, self.parameters, given, taxels)
 
     def is_neutral(self, values: Values) -> bool:
@@ -113,24 +110,25 @@ class Effect(ABC):
         Raises:
             InputError: the effect has no such parameter.
         """
-        for parameter in self.parameters:
-            if parameter.name == name:
-                return parameter
-        names = ", ".join(p.name for p in self.parameters)
-        raise InputError([Problem(f"effect {self.name}", f"one of the parameters {names}", f'"{name}"')])
+        own = {p.name: p for p in self.parameters}
+        if name not in own:
+            raise InputError(
+                [Problem(f"effect {self.name}", f"one of the parameters {', '.join(own)}", f'"{name}"')]
+            )
+        return own[name]
 
     def shift_of_clocks_s(self, parameters: Mapping[str, ArrayLike]) -> float:
         """Return how much of the effect could also be explained by a clock offset [s]; 0 for most effects."""
         del parameters
         return 0.0
 
-    @abstractmethod
     def starts(self, scene: Scene) -> tuple[Start, ...]:
         """Return the starting points of the search: sets of forms, with points whose span holds the possible effect.
 
         Args:
-            scene: scales of the session.
+            scene: scales of the session; override this where they depend on it.
         """
+        return self.search_from
 
     def at_strength(
         self, strength: float, rng: np.random.Generator, layout: TaxelLayout, poses: int = 2
@@ -149,12 +147,16 @@ class Effect(ABC):
         Raises:
             InputError: the strength is negative or not finite.
         """
-        if not (np.isfinite(strength) and strength >= 0):
-            raise InputError([Problem(f"strength of effect {self.name}", "a number >= 0", f"{strength:g}")])
+        self.check_strength(strength)
         return {
             p.name: np.clip(p.neutral + strength * p.typical * _pattern(p, rng, layout, poses), p.low, p.high)
             for p in self.parameters
         }
+
+    def check_strength(self, strength: float) -> None:
+        """Raise InputError if a strength is negative or not finite."""
+        if not (np.isfinite(strength) and strength >= 0):
+            raise InputError([Problem(f"strength of effect {self.name}", "a number >= 0", f"{strength:g}")])
 
     @staticmethod
     def _differs(parameter: EffectParameter, values: Values) -> bool:
@@ -220,19 +222,12 @@ class SignalEffect(Effect):
 
 
 def known(covariate: FloatArray | None, where: FloatArray) -> FloatArray:
-    """Return a covariate where it is known, and zero in samples that lack it.
-
-    Args:
-        covariate: (K,) NaN where unknown.
-        where: (K,) value to use.
-    """
+    """Return numbers (K,) where a covariate (K,) is known, and zero in samples that lack it."""
     assert covariate is not None
     return np.where(np.isfinite(covariate), where, 0.0)
 
 
-def by_pose(
-    per_pose: FloatArray, pose: np.ndarray[Any, np.dtype[np.int64]] | None, neutral: float
-) -> FloatArray:
+def by_pose(per_pose: FloatArray, pose: IntArray | None, neutral: float) -> FloatArray:
     """Return a parameter (P,) for the pose of each sample (K,), neutral for unknown poses."""
     assert pose is not None
     if len(per_pose) == 1:

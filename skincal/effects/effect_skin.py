@@ -24,7 +24,6 @@ from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model import Pressures, Skin, Surface
 from skincal.model.arrays import FloatArray, IntArray
-from skincal.model.press.call import count_places
 from skincal.model.spreading import little_spread
 
 
@@ -66,10 +65,6 @@ class EffectSkin:
     effects: tuple[Applied, ...] = ()
     missing: Missing = "error"
 
-    def __getstate__(self) -> dict[str, object]:
-        """Return the state for another process, without the key, which holds identities of this process."""
-        return {name: own for name, own in self.__dict__.items() if name != "_front"}
-
     @classmethod
     def of(
         cls,
@@ -79,13 +74,7 @@ class EffectSkin:
         *,
         missing: Missing = "error",
     ) -> Self:
-        """Return a skin with effects by name.
-
-        Args:
-            skin: the base model.
-            surface: surface that carries the skin.
-            effects: parameters by effect; omitted ones are neutral or default.
-            missing: see the attribute.
+        """Return a skin with effects by name: parameters by effect; omitted ones are neutral or default.
 
         Raises:
             InputError: unknown effects or parameters, or values out of bounds.
@@ -108,36 +97,27 @@ class EffectSkin:
         """True if a value depends on earlier samples."""
         return any(a.effect.has_memory and not a.neutral for a in self.effects)
 
-    @property
-    def _no_tension(self) -> bool:
-        """True if taxels cannot read less than at rest, such as a resistance: their range begins there.
-
-        Signal that has crept away is then missing while nothing presses; taxels read their level at rest, with noise.
-        """
-        least = self.skin.converter.value_min
-        return least is not None and least >= 0
-
     @cached_property
     def _law_skin(self) -> Skin:
         """The skin with an effect's stress law at the contact."""
-        laws = [
-            a.effect.law(a.values) for a in self.effects if isinstance(a.effect, LawEffect) and not a.neutral
-        ]
-        return replace(self.skin, law=laws[-1]) if laws else self.skin
+        skin = self.skin
+        for a in self.effects:
+            if isinstance(a.effect, LawEffect) and not a.neutral:
+                skin = replace(skin, law=a.effect.law(a.values))
+        return skin
 
     @cached_property
     def _weights(self) -> FloatArray | None:
         """Weight of each tactile point in each taxel (N, J); None if a taxel feels what the skin says."""
+        patch = self.skin.patch
         for a in self.effects:
             if isinstance(a.effect, SpreadEffect) and not a.neutral:
-                found = a.effect.weights(a.values, self.skin.patch)
+                found = a.effect.weights(a.values, patch)
                 variance = 0.0 if self.skin.contact is None else self.skin.contact.spread_m2
-                if variance:
-                    # Both are small beside the contact: what the contact law adds is what it adds alone.
-                    found = (
-                        found + little_spread(self.skin.patch, variance) - little_spread(self.skin.patch, 0.0)
-                    )
-                return found
+                # Both are small beside the contact: what the contact law adds is what it adds alone.
+                return (
+                    found + little_spread(patch, variance) - little_spread(patch, 0.0) if variance else found
+                )
         return None
 
     @cached_property
@@ -145,7 +125,7 @@ class EffectSkin:
         """Key of everything except the samples that :meth:`contact` depends on."""
         early = [a.key for a in self.effects if a.effect.stage <= Stage.CONTACT and not a.neutral]
         skin = self.skin
-        return (id(skin.patch), skin.parameters.elasticity_pa_per_m, skin.contact, id(self.surface), *early)
+        return (skin.patch, skin.parameters.elasticity_pa_per_m, skin.contact, self.surface, *early)
 
     def values(self, samples: Samples) -> FloatArray:
         """Return the values of the taxels over a session (K, J) [counts].
@@ -180,22 +160,6 @@ class EffectSkin:
             if points or self._weights is not None:
                 pressures.append((rows, self._law_skin.pressures(indenter, contacts)))
         return Contacted(felt, loads, tuple(pressures), self._front)
-
-    def casts(self, contacted: Contacted) -> int:
-        """Return the largest number of contact solutions of :meth:`contact` for such samples, as a measure of cost.
-
-        Args:
-            contacted: result of this skin or a similar one.
-        """
-        felt, count = contacted.samples, 0
-        for number in range(len(felt.indenters)):
-            rows = np.flatnonzero(felt.touching & (felt.indenter == number))
-            count += count_places(felt.contacts[rows])
-        return count
-
-    def own(self, contacted: Contacted) -> Contacted:
-        """Return a contact result of a copy of this skin, as from another process, as this skin's own."""
-        return replace(contacted, key=self._front)
 
     def loads(self, contacted: Contacted) -> FloatArray:
         """Return the loads that the taxels feel at once, after the spread (K, J) [N].
@@ -245,7 +209,10 @@ class EffectSkin:
             out = np.full_like(signal, np.nan)
             out[sure], states[number] = effect.run(signal[sure], samples[sure], values, before)
             signal = out
-        if remembering and self._no_tension:
+        least = self.skin.converter.value_min
+        if remembering and least is not None and least >= 0:
+            # Taxels whose range begins at rest, such as resistances, cannot read less: signal that has crept away is
+            # missing while nothing presses.
             signal = np.maximum(signal, 0.0)
         later = at_work(self.effects, samples, SignalEffect, self.missing)
         for _, effect, values in later:

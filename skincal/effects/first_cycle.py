@@ -12,46 +12,31 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.effects.effect import SignalEffect, Stage, known
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Values, form, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
 class FirstCycle(SignalEffect):
-    """The effect ``first_cycle``, with the equation of the module."""
-
     name = "first_cycle"
     stage = Stage.TRANSFER
     meaning = "the first touch of a site answers otherwise than later ones"
     parameters = (
-        EffectParameter("amplitude", "-", 0.0, -0.8, 2.0, "a: change at the first touch", typical=0.2),
-        EffectParameter(
-            "cycles", "touches", 0.5, 0.1, 100.0, "N: touches in which it fades", role="form", scale="log"
-        ),
-        EffectParameter(
-            "fading_per_n",
-            "1/N",
-            0.0,
-            0.0,
-            4.0,
-            "k: how fast it fades with the largest force that the site has met",
-            role="form",
-            needs=("met",),
-        ),
-        EffectParameter("tail", "-", 0.0, 0.0, 1.0, "t: how slowly the last of it fades", role="form"),
+        strength("amplitude", "-", 0.0, -0.8, 2.0, "a: change at the first touch", typical=0.2),
+        form("cycles", "touches", 0.5, 0.1, 100.0, "N: touches in which it fades", scale="log"),
+        form("fading_per_n", "1/N", 0.0, 0.0, 4.0, "k: fading with the largest force met", needs=("met",)),
+        form("tail", "-", 0.0, 0.0, 1.0, "t: how slowly the last of it fades"),
+    )
+    search_from = (
+        start({"amplitude": 0.1, "cycles": 0.3}),
+        start({"amplitude": 0.1, "cycles": 2.0}),
+        start({"amplitude": 0.1, "cycles": 100.0, "fading_per_n": 1.0}),
     )
     covariates = ("cycle",)
     asks = ("again",)
     shows = "touches"
     source = "Mullins, Rubber Chem. Technol. 42 (1969) 339; Diani, Fayolle, Gilormini, Eur. Polym. J. 45 (2009) 601."
-
-    def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
-        del scene
-        forms = ({"cycles": 0.3}, {"cycles": 2.0}, {"cycles": 100.0, "fading_per_n": 1.0})
-        return tuple(start({"amplitude": 0.1, **form}) for form in forms)
 
     def needs(self, values: Values) -> tuple[str, ...]:
         """Return the covariates (:meth:`Effect.needs`), with the site's largest force if the effect fades with it."""
@@ -60,7 +45,6 @@ class FirstCycle(SignalEffect):
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """Apply the effect (:meth:`SignalEffect.apply`). A sample of unknown cycle or earlier force is not changed."""
-        del setting
         assert samples.cycle is not None
         faded, told = np.maximum(samples.cycle, 0.0) / values.number("cycles"), samples.cycle
         if slope := values.number("fading_per_n"):

@@ -15,34 +15,19 @@ from dataclasses import replace
 import numpy as np
 
 from skincal.effects.effect import InputEffect, by_pose
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Scene, Start, Values, each_of, form, per_pose, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.starts import Scene, Start, each_of, start
 
 
 class ForceBias(InputEffect):
-    """The effect ``force_bias``, with the equation of the module."""
-
     name = "force_bias"
     meaning = "the measured force is off: offset, or a scale that depends on the hand's pose"
     equation_error = 0.0
     parameters = (
-        EffectParameter("offset_n", "N", 0.0, -1.0, 1.0, "to be added to the measured force", typical=0.25),
-        EffectParameter(
-            "pose_scale",
-            "-",
-            1.0,
-            0.3,
-            3.0,
-            "true over measured force, in each hand pose",
-            typical=0.08,
-            shape="per-pose",
-            needs=("pose",),
-        ),
-        EffectParameter(
-            "onset_n", "N", 0.0, 0.0, 0.5, "measured force at which half of the offset is there", role="form"
-        ),
+        strength("offset_n", "N", 0.0, -1.0, 1.0, "F_0: to be added to the measured force", typical=0.25),
+        per_pose("pose_scale", "-", 1.0, 0.3, 3.0, "g_p: true over measured force", typical=0.08),
+        form("onset_n", "N", 0.0, 0.0, 0.5, "h: measured force at which half of the offset is there"),
     )
     of_rig = True
     asks = ("poses", "forces")
@@ -54,14 +39,11 @@ class ForceBias(InputEffect):
     )
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
         offsets = [{"offset_n": 0.1, "onset_n": h} for h in (0.0, 0.2)]
         scales = each_of("pose_scale", 0.05, scene.poses, 1.0) if scene.poses > 1 else []
         return (*(start(one) for one in offsets), *([start(*scales)] if scales else []))
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
-        """See :meth:`InputEffect.apply`."""
-        del setting
         force = samples.contacts.force_n
         if (values["pose_scale"] != 1.0).any():
             force = by_pose(values["pose_scale"], samples.pose, 1.0) * force

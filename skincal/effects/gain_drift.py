@@ -11,10 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.effects.effect import SignalEffect, Stage, known
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Scene, Start, Values, form, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 REFERENCE_C = 25.0
@@ -22,44 +21,22 @@ REFERENCE_C = 25.0
 
 
 class GainDrift(SignalEffect):
-    """The effect ``gain_drift``, with the equation of the module."""
-
     name = "gain_drift"
     stage = Stage.TRANSFER
     meaning = "the sensitivity moves over the session (wear, temperature)"
     parameters = (
-        EffectParameter(
-            "rate_per_s",
-            "1/s",
-            0.0,
-            -2e-2,
-            2e-2,
-            "r: relative change each second",
-            typical=-5e-4,
-            needs=("time",),
+        strength(
+            "rate_per_s", "1/s", 0.0, -2e-2, 2e-2, "r: change each second", typical=-5e-4, needs=("time",)
         ),
-        EffectParameter(
-            "settling", "-", 0.0, -1.0, 1.0, "b: relative change while settling", needs=("time",)
-        ),
-        EffectParameter(
-            "settling_time_s", "s", 100.0, 5.0, 5000.0, "tau: time of settling", role="form", scale="log"
-        ),
-        EffectParameter(
-            "temperature_per_k",
-            "1/K",
-            0.0,
-            -0.2,
-            0.2,
-            "k: relative change each kelvin",
-            needs=("temperature",),
-        ),
+        strength("settling", "-", 0.0, -1.0, 1.0, "b: relative change while settling", needs=("time",)),
+        form("settling_time_s", "s", 100.0, 5.0, 5000.0, "tau: time of settling", scale="log"),
+        strength("temperature_per_k", "1/K", 0.0, -0.2, 0.2, "k: change each kelvin", needs=("temperature",)),
     )
     asks = ("clock",)
     shows = "session"
     source = "First-order terms of drift and temperature: Fraden, Handbook of Modern Sensors, 2016."
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
         span = max(scene.duration_s, 1.0)
         tau = float(np.clip(span / 6, 5.0, 5000.0))
         return (
@@ -70,7 +47,6 @@ class GainDrift(SignalEffect):
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """Apply the effect (:meth:`SignalEffect.apply`). A sample without a temperature is at the reference."""
-        del setting
         time = samples.elapsed_s
         exponent = values["rate_per_s"] * time
         exponent = exponent - values["settling"] * np.expm1(-time / values.number("settling_time_s"))

@@ -11,35 +11,26 @@ also connect wires with each other, so that a part of the load reaches every tax
 from __future__ import annotations
 
 from skincal.effects.effect import SignalEffect, Stage
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Values, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
 class Ghosting(SignalEffect):
-    """The effect ``ghosting``, with the equation of the module."""
-
     name = "ghosting"
     stage = Stage.CROSSTALK
     meaning = "a taxel leaks along its row and column, and a little everywhere"
     parameters = (
-        EffectParameter(
-            "row_leak", "-", 0.0, -0.2, 0.5, "r: part that each taxel of the row gets", typical=0.06
+        strength("row_leak", "-", 0.0, -0.2, 0.5, "r: part of each taxel in the row", typical=0.06),
+        strength("column_leak", "-", 0.0, -0.2, 0.5, "c: part of each taxel in the column", typical=0.06),
+        strength(
+            "array_leak", "-", 0.0, -0.1, 0.2, "d: part of each taxel that shares neither", typical=0.015
         ),
-        EffectParameter(
-            "column_leak", "-", 0.0, -0.2, 0.5, "c: part that each taxel of the column gets", typical=0.06
-        ),
-        EffectParameter(
-            "array_leak",
-            "-",
-            0.0,
-            -0.1,
-            0.2,
-            "d: part that each taxel in other rows and columns gets",
-            typical=0.015,
-        ),
+    )
+    search_from = (
+        start({"row_leak": 0.03}, {"column_leak": 0.03}, {"array_leak": 0.01}),
+        start({"row_leak": 0.03}, {"column_leak": 0.03}),
     )
     shows = "places"
     source = (
@@ -47,14 +38,7 @@ class Ghosting(SignalEffect):
         "Readout of Resistive Sensor Arrays; Wu et al., Sensors 14 (2014) 12816."
     )
 
-    def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
-        del scene
-        one = ({"row_leak": 0.03}, {"column_leak": 0.03}, {"array_leak": 0.01})
-        return (start(*one), start(*one[:2]))
-
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
-        """See :meth:`SignalEffect.apply`."""
-        del samples
-        leaks = values["row_leak"] * setting.same_row + values["column_leak"] * setting.same_column
-        return signal + signal @ (leaks + values["array_leak"] * setting.elsewhere)
+        row, column, elsewhere = setting.wires
+        leaks = values["row_leak"] * row + values["column_leak"] * column
+        return signal + signal @ (leaks + values["array_leak"] * elsewhere)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD, Samples
-from skincal.model.arrays import FloatArray, IntArray, as_floats, check_shape
+from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats, check_shape
 
 LOADING_S = 0.5
 HOLD_S = 1.0
@@ -106,8 +106,8 @@ def hold_session(
     """Return a session with the standard presses of given holds.
 
     Args:
-        holds: one sample per press, H of them, in the order of time.
-        times_s: (H, 4) start, hold, release and end, as of :func:`hold_times` [s].
+        holds: H samples, one per press, in the order of time.
+        times_s: (H, 4) of :func:`hold_times` [s].
         steps: number of samples per part of a press.
         down: (H,) True if the hold is reached from above.
     """
@@ -132,9 +132,7 @@ def hold_session(
     return HoldSession(samples, row, start + np.arange(steps.hold))
 
 
-def _course(
-    times_s: FloatArray, steps: Steps, down: np.ndarray[tuple[int], np.dtype[np.bool_]]
-) -> tuple[FloatArray, FloatArray]:
+def _course(times_s: FloatArray, steps: Steps, down: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Return the force relative to the hold's, and the times [s], of all samples per press: (H, steps.all) each."""
     start, hold, release, end = (times_s[:, k, None] for k in range(4))
     rise = np.arange(1, steps.load + 1) / steps.load
@@ -142,14 +140,8 @@ def _course(
     fall = np.arange(1, steps.unload + 1) / steps.unload
     gap = np.minimum(np.append(start[1:, 0], np.inf) - end[:, 0], REST_S)
     rest = (end[:, 0] + np.maximum(gap, 0.0) / 2)[:, None]
-    time = np.hstack(
-        [
-            start + rise * (hold - start),
-            hold + stay * (release - hold),
-            release + fall * (end - release),
-            rest,
-        ]
-    )
+    falling = release + fall * (end - release)
+    time = np.hstack([start + rise * (hold - start), hold + stay * (release - hold), falling, rest])
     over = np.where(rise <= 0.5, 2 * OVERSHOOT * rise, OVERSHOOT + (1 - OVERSHOOT) * (2 * rise - 1))
     load = np.where(down[:, None], over, rise)
     flat = np.ones((len(times_s), 1))

@@ -13,26 +13,22 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.effects.effect import MemoryEffect, State
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Values, form, start, strength
 from skincal.effects.samples import Samples
-from skincal.effects.starts import Scene, Start, start
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _OPERATORS = 6
 """Number of play operators that approximate the continuum."""
 
 
 class Hysteresis(MemoryEffect):
-    """The effect ``hysteresis``, with the equation of the module."""
-
     name = "hysteresis"
     meaning = "at the same force the signal differs between loading and unloading"
     parameters = (
-        EffectParameter("height", "-", 0.0, -0.8, 1.5, "h: weight of what lags behind", typical=0.45),
-        EffectParameter(
-            "width", "-", 1.5, 0.05, 8.0, "w: how far the unloading curves reach", role="form", scale="log"
-        ),
+        strength("height", "-", 0.0, -0.8, 1.5, "h: weight of what lags behind", typical=0.45),
+        form("width", "-", 1.5, 0.05, 8.0, "w: how far the unloading curves reach", scale="log"),
     )
+    search_from = tuple(start({"height": 0.2, "width": w}) for w in (0.5, 1.5, 4.0))
     asks = ("unloading",)
     shows = "loop"
     source = (
@@ -40,16 +36,9 @@ class Hysteresis(MemoryEffect):
         "Sánchez-Durán et al., Sensors 15 (2015) 26170, doi 10.3390/s151026170."
     )
 
-    def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
-        del scene
-        return tuple(start({"height": 0.2, "width": w}) for w in (0.5, 1.5, 4.0))
-
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State
     ) -> tuple[FloatArray, State]:
-        """See :meth:`MemoryEffect.run`."""
-        del samples
         widths = values.number("width") * np.arange(1, _OPERATORS + 1) / _OPERATORS
         lagging, state = _played(loads_n, 1.0 + widths[:, None], state)
         return loads_n + values["height"] * (lagging - loads_n), state
@@ -80,7 +69,7 @@ def _played(x: FloatArray, upper: FloatArray, state: FloatArray | None) -> tuple
     return mean, z[last[0]] if len(last) else np.zeros(z.shape[1:])
 
 
-def _stretches(busy: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> tuple[IntArray, IntArray]:
+def _stretches(busy: BoolArray) -> tuple[IntArray, IntArray]:
     """Return the starts and lengths of the stretches of True, the longest first."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], busy, [False]]).astype(np.int8)))
     starts, lengths = edges[::2], edges[1::2] - edges[::2]

@@ -12,10 +12,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from skincal.effects.effect import InputEffect
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Values, form, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.starts import Scene, Start, start
 from skincal.errors import InputError, Problem
 from skincal.model import FlatPunch, Indenter, Sphere
 
@@ -23,34 +22,17 @@ _REFERENCE_M, _SMALLEST = 5e-3, 0.1
 
 
 class IndenterRadius(InputEffect):
-    """The effect ``indenter_radius``, with the equation of the module."""
-
     name = "indenter_radius"
     meaning = "the indenter is not the size the dataset says"
     equation_error = 0.0
     parameters = (
-        EffectParameter(
-            "scale",
-            "-",
-            1.0,
-            0.3,
-            3.0,
-            "s: true over said radius, of an indenter of 5 mm",
-            typical=0.5,
-            scale="log",
-        ),
-        EffectParameter(
-            "coat", "-", 0.0, 0.0, 1.0, "w: how far it is a length that others are off by, too", role="form"
-        ),
+        strength("scale", "-", 1.0, 0.3, 3.0, "s: true over said radius, at 5 mm", typical=0.5, scale="log"),
+        form("coat", "-", 0.0, 0.0, 1.0, "w: how far it is a length that others are off by, too"),
     )
+    search_from = tuple(start({"scale": 1.15, "coat": w}) for w in (0.0, 1.0))
     of_rig = True
     asks = ("indenters",)
     source = "Contact area of a sphere on an elastic foundation, a² = 2 R delta: Johnson, Contact Mechanics, 1985, 4.3."
-
-    def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
-        del scene
-        return tuple(start({"scale": 1.15, "coat": w}) for w in (0.0, 1.0))
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         """Return the samples with resized indenters (:meth:`InputEffect.apply`).
@@ -58,7 +40,6 @@ class IndenterRadius(InputEffect):
         Raises:
             InputError: an indenter has no radius.
         """
-        del setting
         scale, coat = values.number("scale"), values.number("coat")
         return replace(samples, indenters=tuple(_resized(thing, scale, coat) for thing in samples.indenters))
 

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.effects.effect import MemoryEffect, State
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Values, form, start, strength
 from skincal.effects.recursion import Relaxing, relaxed
 from skincal.effects.samples import Samples
-from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 _NO_LAG_S = 1e-9
@@ -27,16 +26,13 @@ _NO_LAG_S = 1e-9
 
 
 class Latency(MemoryEffect):
-    """The effect ``latency``, with the equation of the module."""
-
     name = "latency"
     meaning = "the taxels lag behind the force in time"
     parameters = (
-        EffectParameter("delay_s", "s", 0.0, 0.0, 1.0, "tau: the mean lag", typical=0.06),
-        EffectParameter(
-            "filtered", "-", 0.0, 0.0, 1.0, "phi: the part of it that is a filter's", role="form"
-        ),
+        strength("delay_s", "s", 0.0, 0.0, 1.0, "tau: the mean lag", typical=0.06),
+        form("filtered", "-", 0.0, 0.0, 1.0, "phi: the part of it that is a filter's"),
     )
+    search_from = tuple(start({"delay_s": 0.03, "filtered": part}) for part in (0.0, 1.0))
     covariates = ("time",)
     asks = ("frames", "clock")
     shows = "quick"
@@ -47,15 +43,9 @@ class Latency(MemoryEffect):
         delay, part = (float(np.asarray(parameters.get(k, 0.0))) for k in ("delay_s", "filtered"))
         return delay * (1 - part)
 
-    def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
-        del scene
-        return tuple(start({"delay_s": 0.03, "filtered": part}) for part in (0.0, 1.0))
-
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State
     ) -> tuple[FloatArray, State]:
-        """See :meth:`MemoryEffect.run`."""
         assert samples.time_s is not None
         if not len(samples):
             return loads_n, state

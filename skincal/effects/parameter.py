@@ -1,9 +1,10 @@
-"""Parameters of effects, and checked values of them."""
+"""Parameters of effects, checked values of them, and where a search for them starts."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -46,6 +47,14 @@ class EffectParameter:
     role: Role = "strength"
     needs: tuple[str, ...] = ()
     scale: Scale = "linear"
+
+
+strength = EffectParameter
+"""A parameter that makes the effect act."""
+per_taxel = partial(strength, shape="per-taxel")
+per_pose = partial(strength, shape="per-pose", needs=("pose",))
+form = partial(EffectParameter, role="form")
+"""A parameter that only shapes the effect."""
 
 
 class Values(Mapping[str, FloatArray]):
@@ -92,11 +101,8 @@ def checked(
         InputError: unknown parameters, or values out of bounds.
     """
     known = {parameter.name: parameter for parameter in parameters}
-    problems = [
-        Problem(f"effect {effect}", f"parameters among {', '.join(known)}", f'"{name}"')
-        for name in given
-        if name not in known
-    ]
+    expected = f"parameters among {', '.join(known)}"
+    problems = [Problem(f"effect {effect}", expected, f'"{name}"') for name in given if name not in known]
     arrays: dict[str, FloatArray] = {}
     for name, parameter in known.items():
         array = np.array(given.get(name, parameter.neutral), dtype=np.float64)
@@ -125,8 +131,55 @@ def _problem(effect: str, parameter: EffectParameter, array: FloatArray, taxels:
         return Problem(place, "one number for each hand pose", f"shape {array.shape}")
     inside = (array >= parameter.low) & (array <= parameter.high)
     if not inside.all():
-        worst = array[~inside].ravel()[0] if array.ndim else array
-        return Problem(
-            place, f"{parameter.low:g} to {parameter.high:g} {parameter.unit}", f"{float(worst):g}"
-        )
+        expected = f"{parameter.low:g} to {parameter.high:g} {parameter.unit}"
+        return Problem(place, expected, f"{np.atleast_1d(array)[np.atleast_1d(~inside)][0]:g}")
     return None
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Scales of a session, so that starting points lie where an effect is visible.
+
+    Attributes:
+        taxels: number of taxels J.
+        poses: number of hand poses.
+        top_counts: a large value above rest [counts].
+        top_n: a large load on a taxel [N].
+        force_n: a medium force [N].
+        duration_s: length of the session [s].
+        speed_m_per_s: a medium speed.
+    """
+
+    taxels: int
+    poses: int
+    top_counts: float
+    top_n: float
+    force_n: float
+    duration_s: float
+    speed_m_per_s: float = 1e-3
+
+
+@dataclass(frozen=True)
+class Start:
+    """Starting point of a search: the effect is sought in the span of some points, each a set of parameters.
+
+    Attributes:
+        points: parameters by name; omitted ones are neutral or default. All have the same forms.
+        sigma: prior standard deviation of the multiple of each point.
+        alone: no other start of the effect has the same taxel, so that several may act at once (one dead taxel each).
+    """
+
+    points: tuple[Mapping[str, FloatArray], ...]
+    sigma: tuple[float, ...]
+    alone: int | None = None
+
+
+def start(*points: Mapping[str, ArrayLike], sigma: float = 1.0, alone: int | None = None) -> Start:
+    """Return a start of some points, which all have the same prior standard deviation."""
+    arrays = tuple({k: np.asarray(v, dtype=np.float64) for k, v in p.items()} for p in points)
+    return Start(arrays, (sigma,) * len(points), alone)
+
+
+def each_of(name: str, step: float, count: int, neutral: float = 0.0) -> list[Mapping[str, ArrayLike]]:
+    """Return a point for each of several numbers of a parameter, a step away from neutral."""
+    return [{name: neutral + row} for row in step * np.eye(count)]

@@ -9,19 +9,17 @@ end of loading: a viscous stiffening may fade in the hold (small T) or last for 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from skincal.effects.effect import MemoryEffect, State
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Scene, Start, Values, form, start, strength
 from skincal.effects.samples import LOAD, UNKNOWN, Samples
-from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
-@dataclass(frozen=True)
-class _Last:
+class _Last(NamedTuple):
     """The last moment of loading [s], and its press."""
 
     time_s: float
@@ -29,32 +27,12 @@ class _Last:
 
 
 class Rate(MemoryEffect):
-    """The effect ``rate``, with the equation of the module."""
-
     name = "rate"
     meaning = "the response depends on the speed of loading"
     parameters = (
-        EffectParameter("exponent", "-", 0.0, -0.5, 0.5, "n", typical=0.12),
-        EffectParameter(
-            "fade_s",
-            "s",
-            100.0,
-            0.02,
-            1000.0,
-            "T: time in which it fades after loading",
-            role="form",
-            scale="log",
-        ),
-        EffectParameter(
-            "slow_m_per_s",
-            "m/s",
-            1e-3,
-            1e-5,
-            0.1,
-            "v_0: speed about which it begins to matter",
-            role="form",
-            scale="log",
-        ),
+        strength("exponent", "-", 0.0, -0.5, 0.5, "n", typical=0.12),
+        form("fade_s", "s", 100.0, 0.02, 1000.0, "T: time in which it fades after loading", scale="log"),
+        form("slow_m_per_s", "m/s", 1e-3, 1e-5, 0.1, "v_0: speed from which it matters", scale="log"),
     )
     covariates = ("speed", "phase", "time")
     asks = ("speeds", "clock")
@@ -66,7 +44,6 @@ class Rate(MemoryEffect):
     )
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
         slow = (1e-5, scene.speed_m_per_s)
         return tuple(
             start({"exponent": 0.05, "fade_s": t, "slow_m_per_s": v}) for t in (1000.0, 0.3) for v in slow

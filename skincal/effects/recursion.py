@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,15 +14,8 @@ _FORGOTTEN = 1e-18
 """Remaining factor below which a value is forgotten."""
 
 
-@dataclass(frozen=True, eq=False)
-class Relaxing:
-    """State of a relaxation.
-
-    Attributes:
-        time_s: time of the state [s].
-        input_now: (1, J) the input at that time.
-        lagging: (1, J) the relaxed value.
-    """
+class Relaxing(NamedTuple):
+    """State of a relaxation: its time [s], the input (1, J) then, and the relaxed value (1, J)."""
 
     time_s: float
     input_now: FloatArray

@@ -7,58 +7,38 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Final
 
-from skincal.effects.baseline_drift import BaselineDrift
-from skincal.effects.contact_offset import ContactOffset
-from skincal.effects.cover import Cover
-from skincal.effects.creep import Creep
-from skincal.effects.crosstalk import Crosstalk
-from skincal.effects.dead_band import DeadBand
-from skincal.effects.dead_taxel import DeadTaxel
 from skincal.effects.effect import Effect
-from skincal.effects.first_cycle import FirstCycle
-from skincal.effects.force_bias import ForceBias
-from skincal.effects.gain_drift import GainDrift
-from skincal.effects.ghosting import Ghosting
-from skincal.effects.hysteresis import Hysteresis
-from skincal.effects.indenter_radius import IndenterRadius
-from skincal.effects.latency import Latency
-from skincal.effects.rate import Rate
-from skincal.effects.response_curve import ResponseCurve
-from skincal.effects.saturation import Saturation
-from skincal.effects.shear import Shear
-from skincal.effects.spread import Spread
-from skincal.effects.stiffening import Stiffening
-from skincal.effects.taxel_gain import TaxelGain
-from skincal.effects.taxel_offset import TaxelOffset
 from skincal.errors import InputError, Problem
 
-_ALL: Final[tuple[Effect, ...]] = (
-    ForceBias(),
-    ContactOffset(),
-    IndenterRadius(),
-    Cover(),
-    Shear(),
-    Stiffening(),
-    Spread(),
-    Rate(),
-    Hysteresis(),
-    Creep(),
-    Latency(),
-    FirstCycle(),
-    ResponseCurve(),
-    TaxelGain(),
-    GainDrift(),
-    Crosstalk(),
-    Ghosting(),
-    DeadBand(),
-    Saturation(),
-    TaxelOffset(),
-    BaselineDrift(),
-    DeadTaxel(),
+_OWN: Final = (
+    "force_bias:ForceBias",
+    "contact_offset:ContactOffset",
+    "indenter_radius:IndenterRadius",
+    "cover:Cover",
+    "shear:Shear",
+    "stiffening:Stiffening",
+    "spread:Spread",
+    "rate:Rate",
+    "hysteresis:Hysteresis",
+    "creep:Creep",
+    "latency:Latency",
+    "first_cycle:FirstCycle",
+    "response_curve:ResponseCurve",
+    "taxel_gain:TaxelGain",
+    "gain_drift:GainDrift",
+    "crosstalk:Crosstalk",
+    "ghosting:Ghosting",
+    "dead_band:DeadBand",
+    "saturation:Saturation",
+    "taxel_offset:TaxelOffset",
+    "baseline_drift:BaselineDrift",
+    "dead_taxel:DeadTaxel",
 )
+"""Module and class of each effect of skincal, as an entry point names them."""
 
 GROUP: Final = "skincal.effects"
 """Entry points of this group are effects of other packages: a subclass of :class:`Effect`, or an instance of one."""
@@ -67,35 +47,30 @@ GROUP: Final = "skincal.effects"
 class Registry(Mapping[str, Effect]):
     """Every effect by its name, in the order of the chain.
 
-    Entry points are loaded when the registry is first looked into, not when it is imported: their modules import
-    :mod:`skincal.effects` themselves.
+    Effects are loaded when the registry is first looked into, not when it is imported: the modules of other packages
+    import :mod:`skincal.effects` themselves.
     """
 
-    def __init__(self, own: tuple[Effect, ...] = _ALL) -> None:
-        """Take the effects that come with skincal."""
-        self._own = own
-        self._effects: dict[str, Effect] | None = None
-
     def __getitem__(self, name: str) -> Effect:
-        return self._loaded()[name]
+        return self._effects[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._loaded())
+        return iter(self._effects)
 
     def __len__(self) -> int:
-        return len(self._loaded())
+        return len(self._effects)
 
-    def _loaded(self) -> dict[str, Effect]:
-        if self._effects is None:
-            found = {one.name: one for one in self._own}
-            for point in entry_points(group=GROUP):
-                one = _of_package(point)
-                if one.name in found:
-                    got = f'a second effect named "{one.name}"'
-                    raise InputError([Problem(_place(point), "a name of its own", got, "Rename the effect.")])
-                found[one.name] = one
-            self._effects = {one.name: one for one in sorted(found.values(), key=lambda e: e.stage)}
-        return self._effects
+    @cached_property
+    def _effects(self) -> dict[str, Effect]:
+        own = [EntryPoint(value, f"skincal.effects.{value}", GROUP) for value in _OWN]
+        found: dict[str, Effect] = {}
+        for point in (*own, *entry_points(group=GROUP)):
+            one = _load(point)
+            if one.name in found:
+                got = f'a second effect named "{one.name}"'
+                raise InputError([Problem(_place(point), "a name of its own", got, "Rename the effect.")])
+            found[one.name] = one
+        return {one.name: one for one in sorted(found.values(), key=lambda e: e.stage)}
 
 
 def _place(point: EntryPoint) -> str:
@@ -103,8 +78,8 @@ def _place(point: EntryPoint) -> str:
     return f"entry point {point.name} in {GROUP}{package}"
 
 
-def _of_package(point: EntryPoint) -> Effect:
-    """The effect that an entry point names.
+def _load(point: EntryPoint) -> Effect:
+    """Return the effect that an entry point names.
 
     Raises:
         InputError: it cannot be loaded, or is no effect.

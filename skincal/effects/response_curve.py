@@ -11,22 +11,19 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.effects.effect import SignalEffect, Stage
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Scene, Start, Values, form, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
 class ResponseCurve(SignalEffect):
-    """The effect ``response_curve``, with the equation of the module."""
-
     name = "response_curve"
     stage = Stage.TRANSFER
     meaning = "the counts are a nonlinear function of the taxel's load"
     parameters = (
-        EffectParameter("exponent", "-", 1.0, -1.0, 3.0, "g", typical=-0.35),
-        EffectParameter("knee_n", "N", 0.2, 0.01, 5.0, "x_0", role="form", scale="log"),
+        strength("exponent", "-", 1.0, -1.0, 3.0, "g", typical=-0.35),
+        form("knee_n", "N", 0.2, 0.01, 5.0, "x_0", scale="log"),
     )
     asks = ("forces",)
     source = (
@@ -35,14 +32,12 @@ class ResponseCurve(SignalEffect):
     )
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
         return tuple(
             start({"exponent": 0.7, "knee_n": float(np.clip(x * scene.top_n, 0.01, 5.0))}) for x in (0.1, 1.0)
         )
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """Apply the effect (:meth:`SignalEffect.apply`). Loads below zero stay as they are."""
-        del samples, setting
         exponent, knee = values.number("exponent"), values.number("knee_n")
         log = np.log1p(np.maximum(signal, 0.0) / knee)
         bent = np.expm1(exponent * log) / exponent if exponent else log

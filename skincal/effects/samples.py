@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from skincal.covariates import COVARIATES
 from skincal.model import Contacts, Indenter
@@ -67,9 +67,8 @@ class Samples:
             value = getattr(self, one.attribute)
             if value is not None:
                 shape = (count, len(one.columns)) if len(one.columns) > 1 else (count,)
-                self._set(
-                    one.attribute, np.asarray(value, dtype=np.int64 if one.whole else np.float64), shape
-                )
+                kind = np.int64 if one.whole else np.float64
+                self._set(one.attribute, np.asarray(value, dtype=kind), shape)
         if self.time_s is not None and count:
             if not np.isfinite(self.time_s).all() or np.any(np.diff(self.time_s) < 0):
                 raise ValueError("samples time_s: expected finite times that never fall")
@@ -78,9 +77,7 @@ class Samples:
             if np.isnan(self.start_s):
                 object.__setattr__(self, "start_s", float(self.time_s[0]))
 
-    def _set(
-        self, name: str, array: np.ndarray[tuple[int, ...], np.dtype[np.generic]], shape: tuple[int, ...]
-    ) -> None:
+    def _set(self, name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
         check_shape(f"samples {name}", array, shape)
         object.__setattr__(self, name, frozen(array.view()))
 
@@ -110,7 +107,7 @@ class Samples:
         """
         count = len(contacts)
 
-        def column(value: ArrayLike, kind: type[np.generic]) -> np.ndarray[tuple[int, ...], np.dtype[Any]]:
+        def column(value: ArrayLike, kind: type[np.generic]) -> NDArray[Any]:
             return np.broadcast_to(np.asarray(value, dtype=kind), (count,))
 
         own: dict[str, Any] = {}
@@ -132,17 +129,10 @@ class Samples:
 
     def __getitem__(self, rows: slice | IntArray | BoolArray) -> Samples:
         """Return some of the samples, in their order."""
-        some = {
-            name: None if getattr(self, name) is None else getattr(self, name)[rows]
-            for name in (
-                "touching",
-                "indenter",
-                "press",
-                "apart_s",
-                *(c.attribute for c in COVARIATES.values()),
-            )
-        }
-        return replace(self, contacts=self.contacts[rows], **some)
+        names = ("touching", "indenter", "press", "apart_s", *(c.attribute for c in COVARIATES.values()))
+        held = {name: getattr(self, name) for name in names}
+        cut = {name: None if array is None else array[rows] for name, array in held.items()}
+        return replace(self, contacts=self.contacts[rows], **cut)
 
     def has(self, covariate: str) -> bool:
         """Return whether a covariate of ``COVARIATES`` was recorded."""

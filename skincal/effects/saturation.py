@@ -11,24 +11,21 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.effects.effect import SignalEffect, Stage
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Scene, Start, Values, form, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.starts import Scene, Start, start
 from skincal.model.arrays import FloatArray
 
 
 class Saturation(SignalEffect):
-    """The effect ``saturation``, with the equation of the module."""
-
     name = "saturation"
     stage = Stage.CONVERTER
     meaning = "large values are compressed or clipped"
     parameters = (
-        EffectParameter(
+        strength(
             "inverse_ceiling_per_count", "1/counts", 0.0, 0.0, 0.2, "k: one over the ceiling", typical=1 / 80
         ),
-        EffectParameter("sharpness", "-", 4.0, 1.5, 30.0, "p", role="form", scale="log"),
+        form("sharpness", "-", 4.0, 1.5, 30.0, "p", scale="log"),
     )
     asks = ("forces",)
     source = (
@@ -36,14 +33,12 @@ class Saturation(SignalEffect):
     )
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
         forms = ((0.5, 1.5), (0.8, 3.0), (1.1, 10.0))
         top = scene.top_counts
         return tuple(start({"inverse_ceiling_per_count": k / top, "sharpness": p}) for k, p in forms)
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """Apply the effect (:meth:`SignalEffect.apply`). Values below zero stay as they are."""
-        del samples, setting
         sharpness = values.number("sharpness")
         relative = values["inverse_ceiling_per_count"] * np.maximum(signal, 0.0)
         # Factor out the larger of one and (k x)^p, so that neither overflows.

@@ -56,21 +56,12 @@ class Setting:
         return ((square > 0) & ~between.any(axis=-1)).astype(np.float64)
 
     @cached_property
-    def same_row(self) -> FloatArray:
-        """Indicator (J, J): one for two different taxels of one row, else zero."""
-        row = np.arange(self.taxels) // self.patch.layout.cols
-        return (row[:, None] == row) - np.eye(self.taxels)
-
-    @cached_property
-    def same_column(self) -> FloatArray:
-        """Indicator (J, J): one for two different taxels of one column, else zero."""
-        col = np.arange(self.taxels) % self.patch.layout.cols
-        return (col[:, None] == col) - np.eye(self.taxels)
-
-    @cached_property
-    def elsewhere(self) -> FloatArray:
-        """Indicator (J, J): one for two taxels that share neither row nor column, else zero."""
-        return 1.0 - np.eye(self.taxels) - self.same_row - self.same_column
+    def wires(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Indicators (J, J), one for two different taxels that share their row, their column, or neither."""
+        own = np.eye(self.taxels)
+        row, col = np.divmod(np.arange(self.taxels), self.patch.layout.cols)
+        same_row, same_column = (row[:, None] == row) - own, (col[:, None] == col) - own
+        return same_row, same_column, 1.0 - own - same_row - same_column
 
     def moved(self, samples: Samples, across_m: FloatArray, along_m: FloatArray) -> Samples:
         """Return samples with contacts moved over the surface; a free object moves along without turning.
@@ -83,8 +74,8 @@ class Setting:
             along_m: (K,) along +y [m].
         """
         contacts = samples.contacts
-        moves = samples.touching & np.isfinite(contacts.points_m).all(axis=1)
-        moves &= np.isfinite(contacts.normals).all(axis=1) & ((across_m != 0) | (along_m != 0))
+        known = np.isfinite(contacts.points_m).all(axis=1) & np.isfinite(contacts.normals).all(axis=1)
+        moves = samples.touching & known & ((across_m != 0) | (along_m != 0))
         if not moves.any():
             return samples
         old = self.surface.project(contacts.points_m[moves])
@@ -95,7 +86,6 @@ class Setting:
         normals[moves] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
         changes = {"points_m": points, "normals": normals}
         if contacts.origins_m is not None:
-            origins = contacts.origins_m.copy()
-            origins[moves] += new - old
-            changes["origins_m"] = origins
+            changes["origins_m"] = contacts.origins_m.copy()
+            changes["origins_m"][moves] += new - old
         return replace(samples, contacts=replace(contacts, **changes))

@@ -17,51 +17,26 @@ from dataclasses import replace
 import numpy as np
 
 from skincal.effects.effect import InputEffect
-from skincal.effects.parameter import EffectParameter, Values
+from skincal.effects.parameter import Values, form, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.starts import Scene, Start, start
 
 _LEAST_N = 0.1
 """Force below which a contact holds no worse [N]: its power has no limit at zero, where Q is noise."""
 
 
 class Shear(InputEffect):
-    """The effect ``shear``, with the equation of the module."""
-
     name = "shear"
     meaning = "a tangential force moves or changes the image"
     parameters = (
-        EffectParameter(
-            "shift_m_per_n",
-            "m/N",
-            0.0,
-            -6e-3,
-            6e-3,
-            "s: how far the contact is carried along by a little Q, pressed with 1 N",
-            typical=0.6e-3,
-        ),
-        EffectParameter(
-            "force_share",
-            "-",
-            0.0,
-            -1.0,
-            1.0,
-            "c: part of the size of Q that adds to the force",
-            typical=0.15,
-        ),
-        EffectParameter(
-            "load_exponent", "-", 0.0, 0.0, 1.0, "p: how much less is carried along under load", role="form"
-        ),
-        EffectParameter(
-            "stiffening_per_n",
-            "1/N",
-            0.0,
-            0.0,
-            5.0,
-            "b: how much less is carried along the larger Q is",
-            role="form",
-        ),
+        strength("shift_m_per_n", "m/N", 0.0, -6e-3, 6e-3, "s: shift for a little Q, at 1 N", typical=0.6e-3),
+        strength("force_share", "-", 0.0, -1.0, 1.0, "c: part of |Q| that adds to the force", typical=0.15),
+        form("load_exponent", "-", 0.0, 0.0, 1.0, "p: how much less is carried along under load"),
+        form("stiffening_per_n", "1/N", 0.0, 0.0, 5.0, "b: how much less is carried along the larger Q is"),
+    )
+    search_from = tuple(
+        start({"shift_m_per_n": 3e-4, "load_exponent": p}, {"force_share": 0.1, "load_exponent": p})
+        for p in (0.0, 1 / 3, 1.0)
     )
     covariates = ("shear",)
     asks = ("shear",)
@@ -71,15 +46,6 @@ class Shear(InputEffect):
         "of a ball on a half-space: Mindlin, Compliance of elastic bodies in contact, J. Appl. Mech. 16 (1949); rubber "
         "with a limit: Gent, A new constitutive relation for rubber, Rubber Chem. Technol. 69 (1996)."
     )
-
-    def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
-        del scene
-        forms = (0.0, 1 / 3, 1.0)
-        shifts = [{"shift_m_per_n": 3e-4, "load_exponent": p} for p in forms]
-        return tuple(
-            start(one, {"force_share": 0.1, "load_exponent": p}) for one, p in zip(shifts, forms, strict=True)
-        )
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         """Return the samples (:meth:`InputEffect.apply`). A sample without a tangential force counts as having none."""

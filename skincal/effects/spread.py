@@ -16,8 +16,7 @@ import numpy as np
 from scipy.special import roots_genlaguerre
 
 from skincal.effects.effect import SpreadEffect
-from skincal.effects.parameter import EffectParameter, Values
-from skincal.effects.starts import Scene, Start, start
+from skincal.effects.parameter import Values, form, start, strength
 from skincal.errors import InputError, Problem
 from skincal.model import Patch
 from skincal.model.arrays import FloatArray, as_floats
@@ -29,26 +28,18 @@ _LEAST_TAIL = 0.02
 
 
 class Spread(SpreadEffect):
-    """The effect ``spread``, with the equation of the module."""
-
     name = "spread"
     meaning = "a cover spreads the pressure sideways before it reaches the taxels"
     parameters = (
-        EffectParameter("width_m", "m", 0.0, 0.0, 6e-3, "standard deviation of the kernel", typical=0.9e-3),
-        EffectParameter(
-            "tail", "-", 0.0, 0.0, 1.0, "c: from a Gaussian (0) to Pasternak's sheet (1)", role="form"
-        ),
+        strength("width_m", "m", 0.0, 0.0, 6e-3, "standard deviation of the kernel", typical=0.9e-3),
+        form("tail", "-", 0.0, 0.0, 1.0, "c: from a Gaussian (0) to Pasternak's sheet (1)"),
     )
+    search_from = tuple(start({"width_m": 0.7e-3, "tail": c}) for c in (0.0, 1.0))
     shows = "places"
     source = (
         "Elastic covers as blurring filters: Phillips, Johnson, J. Neurophysiol. 46 (1981) 1204; "
         "Shimojo, IEEE Trans. Robot. Autom. 13 (1997) 128. The sheet: Kerr, J. Appl. Mech. 31 (1964) 491."
     )
-
-    def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
-        del scene
-        return tuple(start({"width_m": 0.7e-3, "tail": c}) for c in (0.0, 1.0))
 
     def weights(self, values: Values, patch: Patch) -> FloatArray:
         """Return the weights (:meth:`SpreadEffect.weights`).

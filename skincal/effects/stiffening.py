@@ -9,37 +9,28 @@ equilibrium of forces is solved with this law, so that the penetration and the i
 from __future__ import annotations
 
 from skincal.effects.effect import LawEffect
-from skincal.effects.parameter import EffectParameter, Values
-from skincal.effects.starts import Scene, Start, start
+from skincal.effects.parameter import Values, form, start, strength
 from skincal.model import StressLaw
 
 
 class Stiffening(LawEffect):
-    """The effect ``stiffening``, with the equation of the module."""
-
     name = "stiffening"
     meaning = "stress is a nonlinear function of penetration"
     parameters = (
-        EffectParameter("exponent", "-", 1.0, 0.3, 4.0, "n", typical=0.6, scale="log"),
-        EffectParameter(
+        strength("exponent", "-", 1.0, 0.3, 4.0, "n", typical=0.6, scale="log"),
+        form(
             "reference_m",
             "m",
             5e-4,
             1e-5,
             5e-3,
             "eps_0: where the stress is that of the linear law",
-            role="form",
             scale="log",
         ),
     )
+    search_from = (start({"exponent": 1.2}),)
     asks = ("forces",)
     source = "Power-law foundation: Johnson, Contact Mechanics, 1985, 4.3; foams: Gibson, Ashby, Cellular Solids, 1997."
 
-    def starts(self, scene: Scene) -> tuple[Start, ...]:
-        """See :meth:`Effect.starts`."""
-        del scene
-        return (start({"exponent": 1.2}),)
-
     def law(self, values: Values) -> StressLaw:
-        """See :meth:`LawEffect.law`."""
         return StressLaw(values.number("exponent"), values.number("reference_m"))

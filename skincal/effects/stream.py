@@ -43,28 +43,14 @@ class SkinStream:
             ValueError: the samples precede those of the last step.
             InputError: an effect lacks a covariate, and ``missing`` makes that an error.
         """
-        samples = self._in_session(samples)
+        if samples.time_s is not None and len(samples):
+            if samples.time_s[0] < self._now_s:
+                raise ValueError(
+                    f"samples time_s: expected {self._now_s:g} s or later; got {samples.time_s[0]:g} s"
+                )
+            if np.isnan(self._start_s):
+                self._start_s = samples.start_s
+            self._now_s = float(samples.time_s[-1])
+            samples = replace(samples, start_s=self._start_s)
         contacted = self.skin.contact(samples)
         return self.skin.after(self.skin.loads(contacted), contacted.samples, self._states)
-
-    def step_loads(self, loads_n: FloatArray, samples: Samples) -> FloatArray:
-        """Return the values as :meth:`step` does, from given loads of the contact.
-
-        Args:
-            loads_n: (K, J) loads after contact and spread [N].
-            samples: K samples, for their covariates; effects on pose and force are not applied.
-        """
-        return self.skin.after(loads_n, self._in_session(samples), self._states)
-
-    def _in_session(self, samples: Samples) -> Samples:
-        """Return the samples with the start of the session."""
-        if samples.time_s is None or not len(samples):
-            return samples
-        if samples.time_s[0] < self._now_s:
-            raise ValueError(
-                f"samples time_s: expected {self._now_s:g} s or later; got {samples.time_s[0]:g} s"
-            )
-        if np.isnan(self._start_s):
-            self._start_s = samples.start_s
-        self._now_s = float(samples.time_s[-1])
-        return replace(samples, start_s=self._start_s)

@@ -115,14 +115,13 @@ def _field(surface: Surface, indenter: Indenter, alpha_rad: float, count: int, s
     rotation = Contacts(at, out, np.ones(1)).indenter_rotations[0]
     hits = indenter.cast((points - at) @ rotation, np.array([0.0, 0.0, 1.0]))
     facing = np.nan_to_num(np.maximum(normals @ out[0], 0.0))
-    onto_skin = np.nan_to_num(np.maximum(-(hits.normals @ np.array([0.0, 0.0, 1.0])), 0.0))
-    distance = np.where((facing > 0) & np.isfinite(hits.distance_m), hits.distance_m, np.inf)
+    distance = np.where(facing > 0, hits.distance_m, np.inf)
     shape = (2 * count + 1, 2 * count + 1)
     force_area = facing * step_m**2
     return _Field(
         (distance - distance.min()).reshape(shape),
         force_area.reshape(shape),
-        (force_area * onto_skin).reshape(shape),
+        (force_area * np.where(facing > 0, hits.facing, 0.0)).reshape(shape),
     )
 
 

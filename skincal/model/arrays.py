@@ -16,7 +16,7 @@ _Item = TypeVar("_Item", bound=np.generic)
 
 
 def floats(name: str, value: ArrayLike, shape: Sequence[int | None], *, finite: bool = True) -> FloatArray:
-    """A read-only float array of the given shape.
+    """Return a read-only float array of the given shape.
 
     Args:
         name: what the array is called, for the error.
@@ -41,7 +41,7 @@ def floats(name: str, value: ArrayLike, shape: Sequence[int | None], *, finite: 
 
 
 def as_floats(value: ArrayLike) -> FloatArray:
-    """The value as a float array, not copied where it is one already."""
+    """Return the value as a float array, not copied where it is one already."""
     return np.asarray(value, dtype=np.float64)
 
 
@@ -56,13 +56,13 @@ def check_shape(name: str, array: NDArray[Any], shape: Sequence[int | None]) -> 
 
 
 def frozen(array: NDArray[_Item]) -> NDArray[_Item]:
-    """The same array, read-only from now on."""
+    """Make an array read-only, and return it."""
     array.setflags(write=False)
     return array
 
 
 def positive(name: str, value: float) -> float:
-    """The value as a float, if it is finite and greater than zero.
+    """Return the value as a float, if it is finite and greater than zero.
 
     Raises:
         ValueError: it is not.
@@ -74,7 +74,7 @@ def positive(name: str, value: float) -> float:
 
 
 def unit_rows(name: str, value: ArrayLike, *, finite: bool = True) -> FloatArray:
-    """Read-only unit vectors (K, 3), normalised to the last bit.
+    """Return read-only unit vectors (K, 3), normalised to the last bit.
 
     Raises:
         ValueError: a row whose length is not 1 to within 1e-6; rows with NaN pass if ``finite`` is false.

@@ -71,7 +71,7 @@ class Contacts:
         rotation: FloatArray | None = None,
         origin_m: FloatArray | None = None,
     ) -> Contacts:
-        """One contact, unchecked: for a simulation, whose vectors have the length they should have.
+        """Make one contact, unchecked: for a simulation, whose vectors have the length they should have.
 
         The arrays are not copied; they must not be changed afterwards.
 
@@ -116,7 +116,7 @@ class Contacts:
         return np.logical_and.reduce(finite, axis=1)
 
     def __getitem__(self, rows: slice | IntArray | BoolArray) -> Contacts:
-        """Some of the contacts."""
+        """Return some of the contacts."""
         return Contacts(
             self.points_m[rows],
             self.normals[rows],
@@ -127,7 +127,7 @@ class Contacts:
 
 
 def contact_rotations(normals: ArrayLike) -> FloatArray:
-    """Rotations whose columns are the axes of the indenter's frame, +z along the contact normal.
+    """Return rotations whose columns are the axes of the indenter's frame, +z along the contact normal.
 
     Args:
         normals: (K, 3) unit contact normals.
@@ -153,7 +153,7 @@ def contact_rotations(normals: ArrayLike) -> FloatArray:
 
 
 def _checked_rotations(rotations: ArrayLike, count: int) -> FloatArray:
-    """Rotations (K, 3, 3) that are rotations; rows with NaN pass."""
+    """Check rotations (K, 3, 3); rows with NaN pass."""
     matrices = floats("contact rotations", rotations, (count, 3, 3), finite=False)
     skew = np.abs(np.swapaxes(matrices, 1, 2) @ matrices - np.eye(3)).max(axis=(1, 2), initial=0.0)
     bad = np.flatnonzero((skew > 1e-6) | (np.linalg.det(matrices) < 0))

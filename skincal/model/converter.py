@@ -34,11 +34,11 @@ class Converter:
 
     @classmethod
     def none(cls) -> Converter:
-        """A converter that changes nothing."""
+        """Return a converter that changes nothing."""
         return cls(value_min=None, value_max=None, integer=False)
 
     def apply(self, values: ArrayLike) -> FloatArray:
-        """Counts for values of any shape [counts]; NaN stays NaN."""
+        """Return counts for values of any shape [counts]; NaN stays NaN."""
         counts = np.array(values, dtype=np.float64)
         if self.integer:
             np.rint(counts, out=counts)

@@ -10,7 +10,7 @@ from skincal.model.press.call import routine
 
 
 def solve_penetration(gap_m: ArrayLike, weight_m2: ArrayLike, force_over_elasticity: ArrayLike) -> FloatArray:
-    """The penetration at which the stresses carry the force: sum_i w_i max(p - g_i, 0) = F / E.
+    """Return the penetration at which the stresses carry the force: sum_i w_i max(p - g_i, 0) = F / E.
 
     This is the paper's equation 5, with eps_i = max(eps_max - (d_i - delta), 0) (equation 7) and
     w_i = a_i max(n_t,i . n_c, 0).

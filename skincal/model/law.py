@@ -1,4 +1,4 @@
-"""How stress grows with local penetration, where it does not grow in proportion."""
+"""Laws of stress over local penetration that are not linear."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class StressLaw:
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """How the contact of a real skin differs from the elastic foundation, in three small numbers.
+    """Difference of the contact of a real skin from the elastic foundation, in three small numbers.
 
     Stress grows as a power of the penetration, the pressure reaches taxels spread sideways (or sharper, where the
     variance is negative), and a ball presses as one of another radius does. To first order these are the ways in which
@@ -57,7 +57,7 @@ class ContactLaw:
             raise ValueError(f"contact law spread_m2: expected a finite number; got {self.spread_m2}")
 
     def stress(self, law: StressLaw | None) -> StressLaw | None:
-        """The law of stress, which another one, of an effect, is added to."""
+        """Return the law of stress, combined with that of an effect if there is one."""
         if self.exponent == 1.0:
             return law
         if law is None:
@@ -65,7 +65,7 @@ class ContactLaw:
         return StressLaw(law.exponent + self.exponent - 1, law.reference_m)
 
     def pressed_by(self, indenter: Indenter) -> Indenter:
-        """The indenter as it presses."""
+        """Return the indenter that presses on the foundation as this one does on the skin."""
         if self.radius_scale == 1.0 or not isinstance(indenter, Sphere):
             return indenter
         return Sphere(self.radius_scale * indenter.radius_m)

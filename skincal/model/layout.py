@@ -1,4 +1,4 @@
-"""Where the taxels lie on the patch: positions and sizes in patch coordinates (u, v)."""
+"""Positions and sizes of the taxels in patch coordinates (u, v)."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class TaxelLayout:
 
     @classmethod
     def grid(cls, rows: int, cols: int, *, taxel_size_m: Pair, pitch_m: Pair) -> TaxelLayout:
-        """A regular grid, centred on the patch.
+        """Return a regular grid, centred on the patch.
 
         Args:
             rows: taxels along v.
@@ -80,7 +80,7 @@ class TaxelLayout:
         return np.stack([(self.centres_m - half).min(axis=0), (self.centres_m + half).max(axis=0)])
 
     def taxel_at(self, uv_m: ArrayLike) -> IntArray:
-        """The taxel that each point of the patch lies in.
+        """Return the taxel that each point of the patch lies in.
 
         Args:
             uv_m: (N, 2) patch coordinates [m].
@@ -101,7 +101,7 @@ class TaxelLayout:
         return taxel
 
     def _check_apart(self) -> None:
-        """Two taxels that share area would count the same stress twice."""
+        """Raise ``ValueError`` if two taxels share area, as they would count the same stress twice."""
         low, high = self.centres_m - self.sizes_m / 2, self.centres_m + self.sizes_m / 2
         tolerance = 1e-9 * self.sizes_m.min()
         for j in range(self.taxels - 1):

@@ -60,7 +60,7 @@ class TriangleMesh:
         self.rays = RayScene(vertices - self.centre_m, self.faces)
 
     def first_hit(self, origins_m: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
-        """The first triangle on each ray.
+        """Return the first triangle on each ray.
 
         Args:
             origins_m: (N, 3) where the rays start [m].
@@ -79,13 +79,6 @@ class TriangleMesh:
         ahead = self.heights[face] - np.einsum("ij,ij->i", normals, origins_m)
         distance = np.divide(ahead, closing, out=np.full(len(face), np.inf), where=hit)
         return np.where(hit, face, -1), distance
-
-    def first_on_line(self, origins_m: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
-        """As :meth:`first_hit`, but of the whole line from minus infinity; the distance may be negative."""
-        ahead = np.einsum("ij,ij->i", self.centre_m - origins_m, directions)
-        start = ahead - 1.01 * self.radius_m
-        face, distance = self.first_hit(origins_m + start[:, None] * directions, directions)
-        return face, start + distance
 
     def check_closed(self) -> None:
         """Raise ``ValueError`` unless every edge belongs to two faces: through a hole a ray would meet the inside."""
@@ -119,7 +112,7 @@ def _checked_faces(name: str, faces: ArrayLike, vertices: int) -> IntArray:
 
 
 def _merged(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """The same mesh with equal vertices made one, and without the faces that this collapses."""
+    """Return the same mesh with equal vertices made one, and without the faces that this collapses."""
     unique, index = np.unique(vertices, axis=0, return_inverse=True)
     faces = index.reshape(-1)[faces]
     a, b, c = faces.T

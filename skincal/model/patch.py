@@ -76,9 +76,7 @@ class Patch:
                 f"patch taxel: expected -1 to {self.layout.taxels - 1}; got {taxel.min()} to {taxel.max()}"
             )
         object.__setattr__(self, "taxel", frozen(taxel))
-        border = (
-            np.array(self.border, dtype=np.bool_) if np.size(self.border) else np.zeros(count, dtype=np.bool_)
-        )
+        border = np.array(self.border if np.size(self.border) else np.zeros(count), dtype=np.bool_)
         check_shape("patch border", border, (count,))
         object.__setattr__(self, "border", frozen(border))
         if self.uv_m is not None:
@@ -93,7 +91,7 @@ class Patch:
         return TiledPoints.of(self.points_m, self.normals, self.areas_m2, self.taxel, self.border)
 
     def moved(self, points_m: FloatArray, normals: FloatArray) -> Patch:
-        """The same cells at other places (N, 3) with other normals (N, 3), in the same tiles."""
+        """Return the same cells at other places (N, 3) with other normals (N, 3), in the same tiles."""
         patch = replace(self, points_m=points_m, normals=normals)
         # A cached property, filled before it is asked for.
         patch.__dict__["tiled"] = self.tiled.moved(patch.points_m, patch.normals, patch.areas_m2)
@@ -133,30 +131,21 @@ class Patch:
         points, normals = surface.wrap(pose, uv)
         areas = surface.cell_areas(pose, uv, size)
         taxel = layout.taxel_at(uv)
-        placed = np.isfinite(points).all(axis=1) & np.isfinite(areas)
-        lost = np.unique(taxel[~placed & (taxel >= 0)])
+        on = np.isfinite(points).all(axis=1) & np.isfinite(areas)
+        lost = np.unique(taxel[~on & (taxel >= 0)])
         if lost.size:
             raise ValueError(
                 f"patch: expected every taxel to lie on the surface; got {lost.size} taxels beyond its edge or "
                 f"wrapped round by more than half a turn (first: {lost[0]}). Check the pose and the pitch"
             )
-        border = _border(placed, columns=len(np.unique(uv[:, 0])))
-        return cls(
-            points[placed],
-            normals[placed],
-            areas[placed],
-            taxel[placed],
-            layout,
-            border[placed],
-            uv[placed],
-            surface.depth_m,
-        )
+        border = _border(on, columns=len(np.unique(uv[:, 0])))
+        return cls(points[on], normals[on], areas[on], taxel[on], layout, border[on], uv[on], surface.depth_m)
 
 
 def patch_cells(
     layout: TaxelLayout, resolution_m: float, margin_m: float, rule: Rule = "midpoint"
 ) -> tuple[FloatArray, FloatArray]:
-    """The cells that a patch is cut into, row by row (u runs fastest).
+    """Return the cells that a patch is cut into, row by row (u runs fastest).
 
     Args:
         layout: the taxels.
@@ -174,20 +163,9 @@ def patch_cells(
     positive("resolution_m", resolution_m)
     if not (np.isfinite(margin_m) and margin_m >= 0):
         raise ValueError(f"margin_m: expected a finite length >= 0; got {margin_m!r}")
-    low, high = layout.bounds_m
-    stops = [
-        _stops(
-            np.concatenate(
-                [
-                    (layout.centres_m - layout.sizes_m / 2)[:, k],
-                    (layout.centres_m + layout.sizes_m / 2)[:, k],
-                ]
-            ),
-            (low[k] - margin_m, high[k] + margin_m),
-            resolution_m,
-        )
-        for k in range(2)
-    ]
+    edges = np.concatenate([layout.centres_m - layout.sizes_m / 2, layout.centres_m + layout.sizes_m / 2])
+    span = layout.bounds_m + np.array([[-margin_m], [margin_m]])
+    stops = [_stops(edges[:, k], span[:, k], resolution_m) for k in (0, 1)]
     # Pairs of nodes that lie astride the edges of taxels would share the areas out wrongly.
     (point_u, size_u), (point_v, size_v) = (
         (_gauss if rule == "gauss" and len(ends) > 2 else _midpoints)(ends, resolution_m) for ends in stops
@@ -198,23 +176,23 @@ def patch_cells(
 
 
 def _border(placed: BoolArray, columns: int) -> BoolArray:
-    """Which cells (N,), row by row, have fewer than four neighbours that lie on the surface."""
+    """Mark the cells (N,), row by row, that have fewer than four neighbours on the surface."""
     inside: BoolArray = np.pad(placed.reshape(-1, columns), 1)
     whole = inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
     return ~whole.ravel()
 
 
-def _stops(taxel_edges: FloatArray, span: tuple[float, float], resolution_m: float) -> FloatArray:
-    """Where cells along one axis must end: at the taxels' edges, or only at the ends where those are too many."""
+def _stops(taxel_edges: FloatArray, span: FloatArray, resolution_m: float) -> FloatArray:
+    """Return the ends of cells along one axis: the taxels' edges, or only the two ends where those are too many."""
     stops = np.unique(np.concatenate([span, taxel_edges]))
     stops = stops[np.concatenate([[True], np.diff(stops) > _SNAP_M])]
     ends: list[float] = stops.tolist()
     cells = sum(_cells_in(high - low, resolution_m) for low, high in pairwise(ends))
-    return np.array(span) if cells > 2 * _cells_in(span[1] - span[0], resolution_m) else stops
+    return span if cells > 2 * _cells_in(span[1] - span[0], resolution_m) else stops
 
 
 def _midpoints(stops: FloatArray, resolution_m: float) -> tuple[FloatArray, FloatArray]:
-    """Centres and lengths of even cells between stops."""
+    """Return centres and lengths of even cells between stops."""
     ends: list[float] = stops.tolist()
     parts = [
         np.linspace(low, high, _cells_in(high - low, resolution_m), endpoint=False)
@@ -225,12 +203,11 @@ def _midpoints(stops: FloatArray, resolution_m: float) -> tuple[FloatArray, Floa
 
 
 def _gauss(stops: FloatArray, resolution_m: float) -> tuple[FloatArray, FloatArray]:
-    """Nodes and weights of Gauss's rule between stops: two by two, and three where their number is odd.
+    """Return nodes and weights of Gauss's rule between stops: two by two, and three where their number is odd.
 
     As many as there would be cells; where that is one, its centre.
     """
-    nodes: list[FloatArray] = []
-    weights: list[FloatArray] = []
+    nodes, weights = list[FloatArray](), list[FloatArray]()
     ends: list[float] = stops.tolist()
     for low, high in pairwise(ends):
         count = _cells_in(high - low, resolution_m)
@@ -249,5 +226,5 @@ def _gauss(stops: FloatArray, resolution_m: float) -> tuple[FloatArray, FloatArr
 
 
 def _cells_in(length_m: float, resolution_m: float) -> int:
-    """How many cells a length needs; a hair's breadth too much does not cost another cell."""
+    """Count the cells that a length needs; a hair's breadth too much does not cost another cell."""
     return max(1, int(np.ceil(length_m / resolution_m - 1e-6)))

@@ -1,4 +1,4 @@
-"""Where contacts press how hard, tactile point by tactile point."""
+"""Loads of contacts on single tactile points."""
 
 from __future__ import annotations
 
@@ -8,12 +8,6 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, check_shape
-from skincal.model.contact import Contacts
-from skincal.model.indenters.indenter import Indenter
-from skincal.model.law import StressLaw
-from skincal.model.patch import Patch
-from skincal.model.press.call import Entries, press
-from skincal.model.press.status import Status
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +32,7 @@ class Pressures:
         return len(self.known)
 
     def loads(self, weights: FloatArray) -> FloatArray:
-        """Loads on regions (K, J) [N], NaN where a contact is not known.
+        """Return loads on regions (K, J) [N], NaN where a contact is not known.
 
         Args:
             weights: (N, J) how much of a tactile point belongs to each region; 0 and 1 for taxels as they are.
@@ -49,27 +43,3 @@ class Pressures:
         loads = np.asarray(matrix.dot(weights), dtype=np.float64)
         loads[~self.known] = np.nan
         return loads
-
-
-def pressures(
-    patch: Patch,
-    elasticity_pa_per_m: float,
-    indenter: Indenter,
-    contacts: Contacts,
-    law: StressLaw | None = None,
-) -> Pressures:
-    """Loads on the tactile points, of every contact.
-
-    Args:
-        patch: the tactile points.
-        elasticity_pa_per_m: E [Pa/m].
-        indenter: what presses.
-        contacts: K contacts.
-        law: how stress grows with penetration; None: in proportion.
-    """
-    # Counted first, then told: how many points there will be is not known before.
-    _, info = press(patch, elasticity_pa_per_m, indenter, contacts, law)
-    told = Entries.of(info)
-    press(patch, elasticity_pa_per_m, indenter, contacts, law, told)
-    starts, known = np.append(told.begin, len(told.points)), info[:, 6] != Status.UNKNOWN
-    return Pressures(starts, patch.tiled.index[told.points], told.load_n, known, len(patch))

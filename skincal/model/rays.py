@@ -41,7 +41,7 @@ class RayScene:
         return scene
 
     def first(self, origins: FloatArray, directions: FloatArray) -> IntArray:
-        """The first triangle (N,) on each ray, -1 where there is none.
+        """Return the first triangle (N,) on each ray, -1 where there is none.
 
         Args:
             origins: (N, 3) where the rays start.
@@ -53,11 +53,11 @@ class RayScene:
         return self.run(starts, ways).astype(np.int64)
 
     def run(self, starts: NDArray[np.float32], ways: NDArray[np.float32]) -> NDArray[np.int32]:
-        """As :meth:`first`, of rays (N, 3) in the scene's own scale and precision."""
+        """Return what :meth:`first` does, for rays (N, 3) in the scene's own scale and precision."""
         if not len(starts):
             return np.zeros(0, dtype=np.int32)
         return np.asarray(self._scene.run(starts, ways), dtype=np.int32)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without embree's structure, which cannot be sent to another process and is soon built."""
+        """Leave out embree's structure, which cannot be sent to another process and is soon built."""
         return {name: value for name, value in self.__dict__.items() if name != "_scene"}

@@ -1,4 +1,4 @@
-"""What a press does to a patch: loads, penetration, force (paper, section II-A)."""
+"""Responses of a skin to presses, and presses that the model has no answer for."""
 
 from __future__ import annotations
 
@@ -10,23 +10,21 @@ from skincal.errors import InputError, Problem
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.contact import Contacts
 from skincal.model.indenters.indenter import Indenter
-from skincal.model.law import StressLaw
-from skincal.model.patch import Patch
-from skincal.model.press.call import press
 from skincal.model.press.status import Status
 
 _INVALID = {
-    int(Status.FINER_THAN_POINTS): (
+    Status.FINER_THAN_POINTS: (
         "an indenter that is not finer than the tactile points, so that it does not fall between them",
         "Build the patch with a smaller resolution_m, or check the radius.",
     ),
-    int(Status.THROUGH_FINGER): (
+    Status.THROUGH_FINGER: (
         "a penetration that indenter and finger allow",
         "Check force, elasticity and their units.",
     ),
 }
 
-_FIRST_INVALID = min(_INVALID)
+_FIRST_INVALID = int(min(_INVALID))
+"""A plain number: numpy compares with members of an enumeration slowly."""
 
 
 class InvalidPressError(InputError, ValueError):
@@ -35,7 +33,7 @@ class InvalidPressError(InputError, ValueError):
 
 @dataclass(frozen=True, eq=False)
 class SkinResponse:
-    """What a batch of K contacts does to the skin.
+    """Response of the skin to a batch of K contacts.
 
     Attributes:
         loads_n: (K, J) loads that the taxels feel [N], before the scale.
@@ -54,61 +52,25 @@ class SkinResponse:
     status: IntArray
 
 
-def respond(
-    patch: Patch,
-    elasticity_pa_per_m: float,
-    indenter: Indenter,
-    contacts: Contacts,
-    law: StressLaw | None = None,
-) -> SkinResponse:
-    """Loads, penetration and force of every contact on a patch; what each status means is told there.
+def refuse(indenter: Indenter, contacts: Contacts, info: FloatArray, *statuses: Status) -> None:
+    """Raise an error if presses have a status that is refused.
 
     Args:
-        patch: the tactile points.
-        elasticity_pa_per_m: E [Pa/m].
         indenter: what presses.
         contacts: K contacts.
-        law: how stress grows with penetration; None: in proportion.
-    """
-    found, told = press(patch, elasticity_pa_per_m, indenter, contacts, law)
-    points, status = told[:, 5:7].astype(np.int64).T
-    return SkinResponse(found, told[:, 0], told[:, 1], told[:, 2:5], points, status)
-
-
-def loads(
-    patch: Patch,
-    elasticity_pa_per_m: float,
-    indenter: Indenter,
-    contacts: Contacts,
-    law: StressLaw | None = None,
-    *,
-    refuse: tuple[Status, ...] = (Status.FINER_THAN_POINTS,),
-) -> FloatArray:
-    """Loads (K, J) [N] as those of :func:`respond`, without the rest of what it says.
-
-    Args:
-        patch: the tactile points.
-        elasticity_pa_per_m: E [Pa/m].
-        indenter: what presses.
-        contacts: K contacts.
-        law: how stress grows with penetration; None: in proportion.
-        refuse: which statuses are errors.
+        info: (K, 7) of :func:`skincal.model.press.call.press`.
+        statuses: the refused ones.
 
     Raises:
-        ValueError: a press with a status that is refused.
+        InvalidPressError: one of the presses has such a status.
     """
-    found, told = press(patch, elasticity_pa_per_m, indenter, contacts, law)
-    status = told[:, 6]
-    if len(status) and status.max() >= _FIRST_INVALID:
-        _refuse(indenter, contacts, told, refuse)
-    return found
-
-
-def _refuse(indenter: Indenter, contacts: Contacts, told: FloatArray, refuse: tuple[Status, ...]) -> None:
-    for refused in refuse:
-        bad = np.flatnonzero(told[:, 6] == refused)
+    found = info[:, 6]
+    if not len(found) or found.max() < _FIRST_INVALID:
+        return
+    for status in statuses:
+        bad = np.flatnonzero(found == status)
         if len(bad):
             k = bad[0]
-            expected, fix = _INVALID[refused]
-            got = f"{contacts.force_n[k]:.6g} N by {indenter}, {told[k, 0]:.3g} m deep"
+            expected, fix = _INVALID[status]
+            got = f"{contacts.force_n[k]:.6g} N by {indenter}, {info[k, 0]:.3g} m deep"
             raise InvalidPressError([Problem(f"contact {k} of {len(contacts)}", expected, got, fix)])

@@ -20,7 +20,7 @@ _FINEST = 1e-4
 
 
 def quantum(values: ArrayLike) -> float:
-    """Smallest step between different values (…), as rounding makes it; 0 where there is none.
+    """Return smallest step between different values (…), as rounding makes it; 0 where there is none.
 
     Steps below a millionth of the range are errors of arithmetic.
     """
@@ -34,11 +34,11 @@ def quantum(values: ArrayLike) -> float:
 
 @dataclass(frozen=True, eq=False)
 class RestLevels:
-    """Where taxels rest, as presses tell it that leave them alone.
+    """Levels of taxels at rest, from presses that leave them alone.
 
     Attributes:
         level: (J,) [counts]; NaN for a taxel that was never read.
-        known: (J,) whether the taxel has been seen at rest; else its level is the median of the others.
+        known: (J,) True if the taxel was seen at rest; else its level is the median of the others.
         scatter: of one reading at rest [counts]; NaN where there is none.
     """
 
@@ -83,6 +83,6 @@ def levels_from_presses(counts: ArrayLike) -> RestLevels:
 
 
 def rest_from_presses(counts: ArrayLike) -> tuple[FloatArray, float]:
-    """Levels at rest (J,) [counts] and the scatter of a reading there; see :func:`levels_from_presses`."""
+    """Return levels at rest (J,) [counts] and the scatter of a reading there; see :func:`levels_from_presses`."""
     found = levels_from_presses(counts)
     return found.level, found.scatter

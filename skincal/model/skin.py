@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -13,15 +13,16 @@ from skincal.model.converter import Converter
 from skincal.model.indenters import Indenter
 from skincal.model.law import ContactLaw, StressLaw
 from skincal.model.patch import Patch
+from skincal.model.press.call import Entries, press
 from skincal.model.press.status import Status
-from skincal.model.pressures import Pressures, pressures
-from skincal.model.response import SkinResponse, loads, respond
+from skincal.model.pressures import Pressures
+from skincal.model.response import SkinResponse, refuse
 from skincal.model.spreading import little_spread
 
 
 @dataclass(frozen=True, eq=False)
 class SkinParameters:
-    """What the calibration finds.
+    """Parameters that a calibration estimates.
 
     Attributes:
         elasticity_pa_per_m: E, stress per local penetration [Pa/m].
@@ -46,9 +47,9 @@ class Skin:
     Attributes:
         patch: the tactile points.
         parameters: E and S.
-        converter: what happens after the scale.
-        law: how stress grows with penetration; None: in proportion, which is the paper's.
-        contact: how the contact differs from the elastic foundation beside; None: not at all.
+        converter: stage after the scale.
+        law: stress as a function of penetration; None: in proportion, which is the paper's.
+        contact: further differences of the contact from an elastic foundation; None: there are none.
     """
 
     patch: Patch
@@ -65,7 +66,7 @@ class Skin:
             )
 
     def respond(self, indenter: Indenter, contacts: Contacts) -> SkinResponse:
-        """Loads, penetration and force of every contact.
+        """Return loads, penetration and force of every contact.
 
         A force of zero or less, and a press that touches no point, give no load; a force that is NaN or
         infinite, or a place with NaN, gives NaN; :attr:`SkinResponse.status` says which. A press that reaches the
@@ -75,21 +76,18 @@ class Skin:
             indenter: what presses.
             contacts: K contacts.
         """
-        found = respond(self.patch, self.parameters.elasticity_pa_per_m, *self._pressed(indenter, contacts))
-        if self.spreading is None:
-            return found
-        return replace(found, loads_n=self.pressures(indenter, contacts).loads(self.spreading))
+        loads, info = self._press(indenter, contacts)
+        points, status = info[:, 5:7].astype(np.int64).T
+        return SkinResponse(
+            self._spread(loads, indenter, contacts), info[:, 0], info[:, 1], info[:, 2:5], points, status
+        )
 
     def prepare(self, indenter: Indenter) -> None:
-        """Compiles what a press needs, or loads it from the cache, so that the first press of a session is not late.
-
-        Args:
-            indenter: what will press.
-        """
+        """Compile what a press by an indenter needs, or load it from the cache, so that the first one is not late."""
         self.respond(indenter, Contacts(self.patch.points_m[:1], self.patch.normals[:1], np.ones(1)))
 
     def loads(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
-        """Loads on the taxels (K, J) [N], before the scale.
+        """Return the loads on the taxels (K, J) [N], before the scale.
 
         The sum over T_j of E eps_i a_i max(n_c . n_t,i, 0) max(-n_s,i . n_c, 0) (paper, equation 4). A press that
         goes through the finger has the loads of the formula; ask :meth:`respond` for its status, or :meth:`image`.
@@ -97,7 +95,35 @@ class Skin:
         Raises:
             ValueError: an indenter that falls between the tactile points.
         """
-        return self._loads(indenter, contacts, (Status.FINER_THAN_POINTS,))
+        return self._loads(indenter, contacts, Status.FINER_THAN_POINTS)
+
+    def values(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
+        """Return taxel values T_j (K, J) = S_j times the load [counts], neither rounded nor clipped."""
+        return self.loads(indenter, contacts) * self.parameters.scale_per_n
+
+    def image(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
+        """Return tactile images (K, J) [counts], through the converter. Reshape to (K, rows, cols) to look at them.
+
+        Raises:
+            ValueError: an indenter that falls between the tactile points, or a force that pushes it through the finger.
+        """
+        loads = self._loads(indenter, contacts, Status.FINER_THAN_POINTS, Status.THROUGH_FINGER)
+        return self.converter.apply(loads * self.parameters.scale_per_n)
+
+    def pressures(self, indenter: Indenter, contacts: Contacts) -> Pressures:
+        """Return the load of each contact on each tactile point: the terms of the sums of :meth:`loads`.
+
+        Args:
+            indenter: what presses.
+            contacts: K contacts.
+        """
+        # Counted first, then filled: how many points there will be is not known before.
+        _, info = self._press(indenter, contacts)
+        starts = np.cumsum(np.append(0, info[:, 5])).astype(np.int64)
+        points, load_n = np.zeros(starts[-1], dtype=np.int64), np.zeros(starts[-1])
+        self._press(indenter, contacts, (starts[:-1].copy(), points, load_n))
+        known = info[:, 6] != Status.UNKNOWN
+        return Pressures(starts, self.patch.tiled.index[points], load_n, known, len(self.patch))
 
     @cached_property
     def spreading(self) -> FloatArray | None:
@@ -105,35 +131,21 @@ class Skin:
         variance = 0.0 if self.contact is None else self.contact.spread_m2
         return little_spread(self.patch, variance) if variance else None
 
-    def _pressed(self, indenter: Indenter, contacts: Contacts) -> tuple[Indenter, Contacts, StressLaw | None]:
-        """What presses how, by the contact law."""
-        if self.contact is None:
-            return indenter, contacts, self.law
-        return self.contact.pressed_by(indenter), contacts, self.contact.stress(self.law)
+    def _press(
+        self, indenter: Indenter, contacts: Contacts, entries: Entries | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Press under the contact law; see :func:`skincal.model.press.call.press`."""
+        law = self.law
+        if self.contact is not None:
+            indenter, law = self.contact.pressed_by(indenter), self.contact.stress(law)
+        return press(self.patch, self.parameters.elasticity_pa_per_m, indenter, contacts, law, entries)
 
-    def _loads(self, indenter: Indenter, contacts: Contacts, refuse: tuple[Status, ...]) -> FloatArray:
-        elasticity, pressed = self.parameters.elasticity_pa_per_m, self._pressed(indenter, contacts)
-        found = loads(self.patch, elasticity, *pressed, refuse=refuse)
-        return found if self.spreading is None else self.pressures(indenter, contacts).loads(self.spreading)
+    def _loads(self, indenter: Indenter, contacts: Contacts, *refused: Status) -> FloatArray:
+        loads, info = self._press(indenter, contacts)
+        refuse(indenter, contacts, info, *refused)
+        return self._spread(loads, indenter, contacts)
 
-    def pressures(self, indenter: Indenter, contacts: Contacts) -> Pressures:
-        """Where each contact presses how hard, tactile point by tactile point: the terms of the sums of :meth:`loads`.
-
-        Args:
-            indenter: what presses.
-            contacts: K contacts.
-        """
-        return pressures(self.patch, self.parameters.elasticity_pa_per_m, *self._pressed(indenter, contacts))
-
-    def values(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
-        """Taxel values T_j (K, J) = S_j times the load [counts], neither rounded nor clipped."""
-        return self.loads(indenter, contacts) * self.parameters.scale_per_n
-
-    def image(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
-        """Tactile images (K, J) [counts], through the converter. Reshape to (K, rows, cols) to look at them.
-
-        Raises:
-            ValueError: an indenter that falls between the tactile points, or a force that pushes it through the finger.
-        """
-        refuse = (Status.FINER_THAN_POINTS, Status.THROUGH_FINGER)
-        return self.converter.apply(self._loads(indenter, contacts, refuse) * self.parameters.scale_per_n)
+    def _spread(self, loads: FloatArray, indenter: Indenter, contacts: Contacts) -> FloatArray:
+        if self.contact is None or self.spreading is None:
+            return loads
+        return self.pressures(indenter, contacts).loads(self.spreading)

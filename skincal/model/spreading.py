@@ -1,4 +1,4 @@
-"""What of a Gaussian about each tactile point lies on which taxel."""
+"""Parts of a Gaussian about each tactile point that lie on each taxel."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _WIDTH_M = 3e-4
 
 
 def little_spread(patch: Patch, variance_m2: float) -> FloatArray:
-    """Weights (N, J) of points in taxels, spread by a small variance along each axis, to first order in it.
+    """Return weights (N, J) of points in taxels, spread by a small variance along each axis, to first order in it.
 
     A negative variance sharpens.
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from effect_sessions import BASE, FINGER, PATCH, SESSION, SKIN, VALUES, contacts_at, rms, skin_with
+from effect_sessions import BASE, FINGER, PATCH, SESSION, SKIN, contacts_at, rms, skin_with
 
 from skincal.effects import EffectSkin, Samples
 from skincal.effects.spread import Spread
@@ -108,22 +108,6 @@ def test_a_tail_begins_smoothly():
     for step in (1e-4, 0.009, 0.019, 0.021):
         near = (weights(step) - weights(0.0)) / step
         assert np.linalg.norm(near - far) < 0.2 * np.linalg.norm(far)
-
-
-def test_a_narrow_spread_is_none():
-    values = skin_with("spread", width_m=1e-6).values(SESSION)
-    np.testing.assert_allclose(values, VALUES, atol=1e-9)
-
-
-def test_spread_lights_more_taxels_less():
-    press = Samples.of(contacts_at(0.0, 2e-3, 2.0), BALL)
-    peaks, lit = [], []
-    for width in (1e-6, 1e-3, 2e-3, 4e-3):
-        values = skin_with("spread", width_m=width).values(press)[0]
-        peaks.append(values.max())
-        lit.append((values > 0.5).sum())
-    assert peaks == sorted(peaks, reverse=True)
-    assert lit == sorted(lit) and lit[0] < lit[-1]
 
 
 def test_spread_needs_a_patch_that_was_cut():

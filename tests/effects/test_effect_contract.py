@@ -170,12 +170,6 @@ def test_forms_with_further_needs_state_them():
 
 
 @every_effect
-def test_what_comes_later_does_not_matter(name: str):
-    skin, half = skin_with(name), len(SHORT) // 2
-    np.testing.assert_allclose(skin.values(SHORT[:half]), skin.values(SHORT)[:half], rtol=0, atol=1e-9)
-
-
-@every_effect
 def test_only_an_effect_with_memory_depends_on_earlier_samples(name: str):
     skin, rows = skin_with(name), np.flatnonzero(SHORT.touching)[::7]
     alone = skin.values(SHORT[rows])

@@ -16,7 +16,7 @@ PAGES = Path(__file__).parents[2] / "docs" / "effects"
 RESULT = Path(__file__).parents[2] / "benchmarks" / "results" / "effects_seen.json"
 
 
-def test_every_effect_was_looked_at():
+def test_pages_show_every_effect():
     sessions = json.loads(RESULT.read_text("utf-8"))["sessions"]
     assert set(sessions) == {"paper_static", "paper_with_frames", "full"}
     for session in sessions.values():

@@ -17,8 +17,7 @@ from skincal.errors import InputError
 from skincal.model import Sphere
 
 MODULE = '''
-from skincal.effects import EffectParameter, SignalEffect, Stage
-from skincal.effects.starts import start
+from skincal.effects import EffectParameter, SignalEffect, Stage, start
 
 
 class Inversion(SignalEffect):
@@ -72,7 +71,7 @@ def test_a_lab_adds_an_effect_of_its_own(lab):
 
 def test_an_added_effect_is_in_the_chain(lab, monkeypatch: pytest.MonkeyPatch):
     lab()
-    monkeypatch.setattr(EFFECTS, "_effects", None)
+    monkeypatch.setattr(EFFECTS, "_effects", Registry()._effects)
     samples = Samples.of(contacts_at([0.0, 1e-3], [0.0, 0.0], [2.0, 3.0]), Sphere(0.006), press=[0, 1])
     plain = BASE.values(samples)
     skin = EffectSkin.of(BASE.skin, FINGER, {"inversion": {"part_per_count": 1e-3}})

@@ -40,7 +40,7 @@ BALL = Sphere(0.006)
 PUBLIC = {
     "COVARIATES", "EFFECTS", "Applied", "Contacted", "Effect", "EffectParameter", "EffectSkin", "HoldSession",
     "InputEffect", "LawEffect", "MemoryEffect", "Samples", "Setting", "SignalEffect", "SkinStream", "SpreadEffect",
-    "Stage", "Steps", "Values", "effect", "hold_session", "hold_times", "met_before",
+    "Stage", "Steps", "Values", "effect", "hold_session", "hold_times", "met_before", "start",
 }  # fmt: skip
 
 
@@ -140,13 +140,6 @@ def test_a_stream_remembers_over_a_sample_without_a_place(name: str):
     np.testing.assert_allclose(steps, skin.values(lost), rtol=0, atol=1e-9)
 
 
-def test_a_stream_takes_loads_that_are_known_already():
-    skin = BASE.with_effects({"creep": {"amplitude": 0.3}, "taxel_offset": {"offset_counts": 2.0}})
-    stream, loads = SkinStream(skin), BASE.contact(SHORT).loads_n
-    steps = np.vstack([stream.step_loads(loads[k : k + 1], SHORT[k : k + 1]) for k in range(len(SHORT))])
-    np.testing.assert_allclose(steps, skin.values(SHORT), rtol=0, atol=1e-9)
-
-
 def test_a_stream_does_not_go_back_in_time():
     stream = SkinStream(skin_with("creep"))
     stream.step(SHORT[20:21])
@@ -154,15 +147,6 @@ def test_a_stream_does_not_go_back_in_time():
         stream.step(SHORT[10:11])
     stream.reset()
     stream.step(SHORT[10:11])
-
-
-def test_streams_of_one_skin_do_not_know_of_each_other():
-    skin = skin_with("hysteresis")
-    one, two = SkinStream(skin), SkinStream(skin)
-    for k in range(len(SHORT) // 2):
-        one.step(SHORT[k : k + 1])
-    first = np.vstack([two.step(SHORT[k : k + 1]) for k in range(len(SHORT))])
-    np.testing.assert_allclose(first, skin.values(SHORT), atol=1e-9)
 
 
 def test_effects_that_lack_a_covariate_are_an_error_or_abstain():

@@ -38,28 +38,6 @@ def test_hysteresis_loads_as_the_base_and_unloads_above_it():
     assert not shown[-1].any()
 
 
-def test_hysteresis_loop_closes_and_repeats():
-    twice = course(np.concatenate([UP_AND_DOWN, UP_AND_DOWN[1:]]))
-    shown = skin_with("hysteresis").values(twice)
-    np.testing.assert_allclose(shown[:61], shown[60:], atol=1e-12)
-
-
-def test_hysteresis_does_not_depend_on_speed():
-    slow, fast = course(UP_AND_DOWN), course(np.repeat(UP_AND_DOWN, 3), np.arange(183) * 1e-3)
-    shown = skin_with("hysteresis")
-    np.testing.assert_allclose(shown.values(slow), shown.values(fast)[::3], atol=1e-12)
-
-
-def test_hysteresis_grows_in_proportion_to_the_load():
-    from skincal.effects.hysteresis import Hysteresis
-
-    effect, load = Hysteresis(), UP_AND_DOWN[:, None]
-    values = effect.checked({"height": 0.5}, 1)
-    one, _ = effect.run(load, course(UP_AND_DOWN), values, None)
-    ten, _ = effect.run(10 * load, course(UP_AND_DOWN), values, None)
-    np.testing.assert_allclose(ten, 10 * one, rtol=1e-12)
-
-
 def test_hysteresis_of_an_inner_loop_stays_within_the_outer_one():
     inner = np.concatenate([np.linspace(0, 3, 31), np.linspace(2.9, 1.5, 15), np.linspace(1.6, 3.0, 15)])
     base, shown = (
@@ -224,11 +202,6 @@ def test_rate_is_a_power_of_the_speed():
         expected = (1 + speed / 1e-3) ** 0.1
         np.testing.assert_allclose(rated(speed, phases(), exponent=0.1, fade_s=1000.0), expected, rtol=1e-3)
         np.testing.assert_allclose(rated(speed, UNKNOWN, exponent=0.1, fade_s=0.1), expected, rtol=1e-12)
-
-
-def test_slow_presses_are_those_of_the_base_model():
-    shown = rated(1e-4, phases(), exponent=0.3, slow_m_per_s=0.1)
-    np.testing.assert_allclose(shown, 1.0, atol=5e-4)
 
 
 def test_rate_fades_after_loading():

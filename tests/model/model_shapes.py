@@ -78,6 +78,24 @@ def presses_on(surface: Surface, across_m: object, along_m: object, force_n: obj
     return Contacts(points, surface.normal_at(points), np.asarray(force, dtype=float))
 
 
+def plain_cast(
+    indenter: Indenter, origins: np.ndarray, direction: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (N,), inf where it is missed, and facing (N,) of an indenter by its equation; meshes cast their own."""
+    if isinstance(indenter, Sphere):
+        away = origins - [0.0, 0.0, indenter.radius_m]
+        half_2 = (away @ direction) ** 2 - np.sum(away**2, axis=1) + indenter.radius_m**2
+        half = np.sqrt(np.maximum(half_2, 0.0))
+        return np.where(half_2 >= 0, -(away @ direction) - half, np.inf), half / indenter.radius_m
+    if isinstance(indenter, FlatPunch):
+        distance = -origins[:, 2] / direction[2] if direction[2] else np.full(len(origins), np.inf)
+        met = origins + np.where(np.isfinite(distance), distance, 0.0)[:, None] * direction
+        hit = np.isfinite(distance) & (np.sum(met**2, axis=1) <= indenter.radius_m**2)
+        return np.where(hit, distance, np.inf), np.where(hit, abs(direction[2]), 0.0)
+    hits = indenter.cast(origins, direction)
+    return hits.distance_m, hits.facing
+
+
 def plain_loads(
     patch: Patch, indenter: Indenter, contacts: Contacts, elasticity_pa_per_m: float
 ) -> np.ndarray:
@@ -85,11 +103,10 @@ def plain_loads(
     loads = np.zeros((len(contacts), patch.layout.taxels))
     for k in range(len(contacts)):
         normal, rotation = contacts.normals[k], contacts.indenter_rotations[k]
-        hits = indenter.cast(
-            (patch.points_m - contacts.indenter_origins_m[k]) @ rotation, rotation.T @ normal
-        )
+        origins = (patch.points_m - contacts.indenter_origins_m[k]) @ rotation
+        distance, facing = plain_cast(indenter, origins, rotation.T @ normal)
         weight = patch.areas_m2 * np.maximum(patch.normals @ normal, 0.0)
-        distance = np.where(weight > 0, hits.distance_m, np.inf)
+        distance = np.where(weight > 0, distance, np.inf)
         if not np.isfinite(distance.min()):
             continue
         gap = distance - distance.min()
@@ -100,9 +117,6 @@ def plain_loads(
                 elasticity_pa_per_m * np.sum(np.maximum(middle - gap, 0.0) * weight) > contacts.force_n[k]
             )
             low, high = (low, middle) if too_much else (middle, high)
-        stress = elasticity_pa_per_m * np.maximum(low - gap, 0.0)
-        facing = np.where(np.isfinite(distance), -(hits.normals @ rotation.T @ normal), 0.0)
-        load = stress * weight * np.maximum(facing, 0.0)
-        for j in range(patch.layout.taxels):
-            loads[k, j] = load[patch.taxel == j].sum()
+        load = elasticity_pa_per_m * np.maximum(low - gap, 0.0) * weight * facing
+        loads[k] = np.bincount(patch.taxel + 1, load, patch.layout.taxels + 1)[1:]
     return loads

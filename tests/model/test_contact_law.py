@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from effects.effect_sessions import BASE, FINGER, contacts_at
 
-from skincal.effects import EffectSkin
+from skincal.effects import EffectSkin, Samples
 from skincal.model import ContactLaw, FlatPunch, Patch, SensorPose, Skin, Sphere, StressLaw
-from skincal.model.spreading import little_spread
 
 SKIN = BASE.skin
 BALL = Sphere(0.006)
@@ -60,19 +59,15 @@ def test_spreading_is_that_of_a_gaussian():
     assert np.sqrt(np.mean((spread - v / 2 * laplace) ** 2)) < 0.2 * np.sqrt(np.mean(spread**2))
 
 
-def test_an_image_and_a_response_have_it():
-    law = ContactLaw(1.2, 2e-8, 1.05)
-    skin = replace(SKIN, contact=law)
-    assert skin.respond(BALL, CONTACTS).loads_n == pytest.approx(loads(law))
-    assert skin.values(BALL, CONTACTS) == pytest.approx(loads(law) * SKIN.parameters.scale_per_n)
+def test_a_law_adds_to_the_spread_of_a_cover():
+    """Both are small: together they change an image by what each changes alone, to first order."""
+    samples, covered = Samples.of(CONTACTS, BALL), {"spread": {"width_m": 2e-4}}
 
+    def values(law: ContactLaw | None, effects: dict[str, dict[str, float]]) -> np.ndarray:
+        return EffectSkin.of(replace(SKIN, contact=law), FINGER, effects).values(samples)
 
-def test_it_stands_beside_a_cover_that_spreads():
-    law = ContactLaw(spread_m2=2e-8)
-    effects = {"spread": {"width_m": 1e-3}}
-    plain, other = (EffectSkin.of(replace(SKIN, contact=c), FINGER, effects) for c in (None, law))
-    weights = other._weights
-    assert weights is not None and plain._weights is not None
-    assert weights - plain._weights == pytest.approx(
-        little_spread(SKIN.patch, 2e-8) - little_spread(SKIN.patch, 0.0)
+    own, law = values(None, {}), ContactLaw(spread_m2=1e-8)
+    both = values(law, covered) - own
+    assert both == pytest.approx(
+        values(law, {}) + values(None, covered) - 2 * own, abs=0.05 * np.abs(both).max()
     )

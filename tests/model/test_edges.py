@@ -54,7 +54,7 @@ def test_an_indenter_between_the_points_is_refused(surface: Surface, indenter: I
     assert Status.OK not in statuses or isinstance(indenter, FlatPunch)
 
 
-def test_beside_the_patch_is_not_finer_than_the_points():
+def test_a_press_off_the_patch_is_not_finer_than_the_points():
     assert _skin(Plane()).respond(Sphere(1e-4), _on(Plane(), 1.0, 0.1)).status[0] == Status.NOT_TOUCHED
 
 

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from model_shapes import FINGER, RADIUS_M, box_mesh, paper_layout, presses_on, sphere_mesh
 
 from skincal.model import (
-    Contacts,
     Converter,
     FlatPunch,
     Indenter,
@@ -43,18 +42,6 @@ elasticities = st.floats(1.5e8, 1e9)
 
 def _skin(patch: Patch, elasticity: float, scale: float | np.ndarray = 1.0) -> Skin:
     return Skin(patch, SkinParameters(elasticity, scale), Converter.none())
-
-
-@law
-@given(surfaces, indenters, places, forces, elasticities, st.floats(0.1, 100.0))
-def test_images_scale(surface, indenter, place, force, elasticity, factor):
-    contacts = presses_on(surface, *place, force)
-    patch = PATCHES[surface]
-    per_taxel = np.linspace(1.0, 2.0, 16)
-    once = _skin(patch, elasticity, per_taxel).image(indenter, contacts)
-    np.testing.assert_allclose(
-        _skin(patch, elasticity, factor * per_taxel).image(indenter, contacts), factor * once
-    )
 
 
 @law
@@ -169,17 +156,3 @@ def test_mirrored_presses_give_mirrored_images(place, force):
     image, in_u, in_v = loads.reshape(3, 4, 4)
     np.testing.assert_allclose(in_u, image[:, ::-1], rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(in_v, image[::-1], rtol=1e-6, atol=1e-9)
-
-
-@law
-@given(places, forces, st.floats(-np.pi, np.pi))
-def test_a_round_object_may_be_turned_about_the_normal(place, force, turn):
-    contacts = presses_on(FINGER, *place, force)
-    spin = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
-    spun = Contacts(
-        contacts.points_m, contacts.normals, contacts.force_n, rotations=contacts.indenter_rotations @ spin
-    )
-    skin = _skin(PATCHES[FINGER], 4e8)
-    np.testing.assert_allclose(
-        skin.loads(Sphere(0.006), spun), skin.loads(Sphere(0.006), contacts), rtol=1e-9, atol=1e-12
-    )

@@ -57,7 +57,7 @@ def test_any_press_follows_the_equations(surface: Surface, indenter: Indenter, f
         normal /= np.linalg.norm(normal)
         rotation = Rotation.random(random_state=number).as_matrix()[None] if free else None
         origin = point + rng.uniform(0.0, 0.008) * normal if free else None
-        force, elasticity = 10 ** rng.uniform(-3, 1.5, 1), 10 ** rng.uniform(7.5, 9.5)
+        force, elasticity = 10 ** rng.uniform(-3, 1.5, 1), 10 ** rng.uniform(6, 10)
         contacts = Contacts(point, normal, force, rotation, origin)
         patch = patches[number % 2]
         expected = plain_loads(patch, indenter, contacts, elasticity)
@@ -65,22 +65,6 @@ def test_any_press_follows_the_equations(surface: Surface, indenter: Indenter, f
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * force[0])
         felt += bool(expected.any())
     assert felt > 2
-
-
-@pytest.mark.parametrize(
-    ("force", "place", "expected"),
-    [
-        (0.0, 0.0235, 0.0),
-        (-1.0, 0.0235, 0.0),
-        (np.nan, 0.0235, np.nan),
-        (1.0, np.nan, np.nan),
-        (1.0, 0.3, 0.0),
-    ],
-)
-def test_odd_presses(force: float, place: float, expected: float) -> None:
-    skin = Skin(Patch.build(Plane(), LAYOUT, SensorPose(0.0235, 0.0)), SkinParameters(5e8, 1.0))
-    contacts = Contacts(np.array([[0.0, place, 0.0]]), np.array([[0.0, 0.0, 1.0]]), np.array([force]))
-    assert np.array_equal(skin.loads(Sphere(0.006), contacts), np.full((1, 16), expected), equal_nan=True)
 
 
 def test_an_unchecked_contact_is_the_checked_one() -> None:

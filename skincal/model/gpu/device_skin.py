@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from skincal.errors import InputError, Problem, WorkError
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import FloatArray, check_shape
 from skincal.model.gpu.target import Precision
 from skincal.model.indenters.indenter import ClosedForm, Indenter
 from skincal.model.skin import Skin
@@ -59,14 +59,11 @@ class DeviceSkin:
         self, skin: Skin, indenter: Indenter, *, precision: Precision = "single", block: int = 128
     ) -> None:
         self._cuda = cuda = require_gpu()
+        fix = "Press it on the processor, with Skin.image."
         if not isinstance(indenter, ClosedForm):
-            expected, fix = "an indenter in closed form", "Press meshes on the processor, with Skin.image."
-            raise InputError([Problem("DeviceSkin", expected, str(indenter), fix)])
+            raise InputError([Problem("DeviceSkin", "an indenter in closed form", str(indenter), fix)])
         if skin.contact is not None:
-            expected, fix = (
-                "a skin without a contact law of its own",
-                "Press it on the processor, with Skin.image.",
-            )
+            expected = "a skin without a contact law of its own"
             raise InputError([Problem("DeviceSkin", expected, str(skin.contact), fix)])
         from skincal.model.gpu import kernel
         from skincal.model.gpu.target import Target
@@ -133,15 +130,11 @@ class DeviceSkin:
         """
         force = self._given("force_n", force_n, (None,))
         count = force.shape[0]
-        normal, origin = (
-            self._given(name, value, (count, 3))
-            for name, value in (("normals", normals), ("origins_m", origins_m))
-        )
-        turns = (
-            self._room((1, 9))
-            if rotations is None
-            else self._given("rotations", rotations, (count, 3, 3)).reshape(count, 9)
-        )
+        normal = self._given("normals", normals, (count, 3))
+        origin = self._given("origins_m", origins_m, (count, 3))
+        turns = self._room((1, 9))
+        if rotations is not None:
+            turns = self._given("rotations", rotations, (count, 3, 3)).reshape(count, 9)
         out = self._room((count, self.taxels)) if image is None else self._given_image(image, count)
         depth, status = self._room((count,)), self._room((count,), np.int32)
         if count:
@@ -152,7 +145,7 @@ class DeviceSkin:
         return DeviceResponse(out, depth, status)
 
     def _room(self, shape: tuple[int, ...], dtype: Any = None) -> Any:
-        """An array on the device, not filled."""
+        """Return an array on the device, not filled."""
         dtype = np.dtype(self._real if dtype is None else dtype)
         try:
             return self._cuda.device_array(shape, dtype)
@@ -168,13 +161,9 @@ class DeviceSkin:
         return self._cuda.to_device(np.ascontiguousarray(values, dtype=self._real))
 
     def _given(self, name: str, value: Any, shape: tuple[int | None, ...]) -> Any:
-        """An array on the device, not copied where it lies there."""
+        """Return an array on the device, not copied where it lies there."""
         array = _on_device(self._cuda, value)
-        fits = len(array.shape) == len(shape) and all(
-            want in (None, got) for want, got in zip(shape, array.shape, strict=True)
-        )
-        if not fits:
-            raise ValueError(f"{name}: expected shape {shape}; got {tuple(array.shape)}")
+        check_shape(name, array, shape)
         return array
 
     def _given_image(self, image: Any, count: int) -> Any:
@@ -190,7 +179,7 @@ class DeviceSkin:
 
 
 def require_gpu() -> Any:
-    """The package ``numba.cuda``, when there is a device that it can use.
+    """Return the package ``numba.cuda``, when there is a device that it can use.
 
     Raises:
         InputError: the extra is not installed, or there is no GPU.

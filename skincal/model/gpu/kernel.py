@@ -46,7 +46,7 @@ _STEPS = 200
 
 @cooperative
 def _sum(a: Any, b: Any, held: Any, t: int) -> Any:
-    """The sums of two numbers over a block; ``held`` (2, BLOCK) is scratch."""
+    """Return the sums of two numbers over a block; ``held`` (2, BLOCK) is scratch."""
     held[0, t] = a
     held[1, t] = b
     cuda.syncthreads()
@@ -65,7 +65,7 @@ def _sum(a: Any, b: Any, held: Any, t: int) -> Any:
 
 @cooperative
 def _least(a: Any, held: Any, t: int) -> Any:
-    """The smallest of a number over a block."""
+    """Return the smallest of a number over a block."""
     held[0, t] = a
     cuda.syncthreads()
     half = BLOCK // 2
@@ -81,7 +81,7 @@ def _least(a: Any, held: Any, t: int) -> Any:
 
 @cooperative
 def _read(counts: Any, which: int) -> int:
-    """A count that all threads have added to; only when all have read it may one of them set it back."""
+    """Return a count that all threads have added to; only when all have read it may one of them set it back."""
     cuda.syncthreads()
     count = counts[which]
     cuda.syncthreads()
@@ -92,7 +92,7 @@ def _read(counts: Any, which: int) -> int:
 def _nearest_tile(
     tiles: Any, normal: Any, axis: Any, nearest: Any, bend: Any, reach: Any, held: Any, t: int
 ) -> Any:
-    """The smallest distance at the middle of a tile [m]; ``FAR`` where none is met."""
+    """Return the smallest distance at the middle of a tile [m]; ``FAR`` where none is met."""
     first = FAR
     for b in range(t, tiles.shape[1], BLOCK):
         _, middle, _ = bound_tile(tiles, b, normal, axis, nearest, bend, reach)
@@ -102,18 +102,10 @@ def _nearest_tile(
 
 @cooperative
 def _list_tiles(
-    tiles: Any,
-    normal: Any,
-    axis: Any,
-    nearest: Any,
-    bend: Any,
-    reach: Any,
-    limit: Any,
-    listed: Any,
-    counts: Any,
-    t: int,
-) -> int:
-    """The tiles that begin before a limit, into ``listed``: how many."""
+    tiles: Any, normal: Any, axis: Any, nearest: Any, bend: Any, reach: Any, limit: Any, listed: Any,
+    counts: Any, t: int,
+) -> int:  # fmt: skip
+    """List the tiles that begin before a limit; return how many."""
     if t == 0:
         counts[0] = 0
     cuda.syncthreads()
@@ -129,7 +121,7 @@ def _gather(
     kind: int, size: Any, frame: Any, origin: Any, points: Any, each: int, listed: Any, tiles: int, limit: Any,
     found: Any, which: Any, counts: Any, t: int,
 ) -> int:  # fmt: skip
-    """Distances, weights and facing of points nearer than a limit, into ``found`` (3, room): how many there are."""
+    """Collect distances, weights and facing of points nearer than a limit; return how many there are."""
     if t == 0:
         counts[1] = 0
     cuda.syncthreads()
@@ -137,14 +129,10 @@ def _gather(
         i = listed[q // each] * each + q % each
         weight = points[3, i] * frame[0] + points[4, i] * frame[1] + points[5, i] * frame[2]
         if weight > 0:
-            gap, facing = meet_point(
-                kind,
-                size,
-                frame,
-                points[0, i] - origin[0],
-                points[1, i] - origin[1],
-                points[2, i] - origin[2],
-            )
+            x = points[0, i] - origin[0]
+            y = points[1, i] - origin[1]
+            z = points[2, i] - origin[2]
+            gap, facing = meet_point(kind, size, frame, x, y, z)
             if gap <= limit and gap < FAR:
                 s = cuda.atomic.add(counts, 1, 1)
                 if s < which.shape[0]:
@@ -159,7 +147,7 @@ def _gather(
 def _depth(
     found: Any, count: int, load: Any, start: Any, exponent: Any, reference: Any, held: Any, t: int
 ) -> Any:
-    """The depth at which points carry a load, as :func:`skincal.model.press.routine.depth_of`."""
+    """Return the depth at which points carry a load, as :func:`skincal.model.press.balance.depth_of`."""
     depth = start
     for step in range(_STEPS):
         area = 0.0
@@ -198,7 +186,7 @@ def _settle(
     found: Any, which: Any, count: int, depth: Any, elasticity: Any, exponent: Any, reference: Any,
     taxel: Any, border: Any, sums: Any, counts: Any, t: int,
 ) -> bool:  # fmt: skip
-    """Loads of the taxels, into ``sums`` (J,) [N]: whether the press reaches the border."""
+    """Sum the loads of the taxels into ``sums`` (J,) [N]; return True if the press reaches the border."""
     if t == 0:
         counts[0] = 0
     for j in range(t, sums.shape[0], BLOCK):
@@ -219,7 +207,7 @@ def _settle(
 
 @cooperative
 def _untouched(points: Any, frame: Any, axis: Any, counts: Any, t: int) -> int:
-    """Why no point is touched: see :func:`skincal.model.press.routine.untouched`."""
+    """Return the status of a press that touches no point: see :func:`skincal.model.press.routine.untouched`."""
     if t == 0:
         counts[0] = 0
     cuda.syncthreads()

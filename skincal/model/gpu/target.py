@@ -42,18 +42,18 @@ class Target:
         self._modules: dict[str, dict[str, Any]] = {}
 
     def kernel(self, function: Callable[..., Any]) -> Any:
-        """A kernel, to be launched from the host."""
+        """Return a kernel, to be launched from the host."""
         return cuda.jit(fastmath=SETTINGS["fastmath"])(self.again(function))
 
     def again(self, function: Any) -> FunctionType:
-        """The function with constants and globals of this target."""
+        """Return the function with constants and globals of this target."""
         code: CodeType = function.__code__
         constants = tuple(self._rounded(value) for value in code.co_consts)
         code = code.replace(co_consts=constants) if self._single else code
         return FunctionType(code, self._names(function.__globals__), function.__name__)
 
     def _names(self, given: dict[str, Any]) -> dict[str, Any]:
-        """The names of a module, one dictionary each, with its functions made for this target."""
+        """Return the names of a module, one dictionary each, with its functions made for this target."""
         module = given["__name__"]
         if module not in self._modules:
             names = self._modules[module] = dict(given)

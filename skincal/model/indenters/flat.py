@@ -6,11 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from skincal.model.arrays import as_floats, positive
-from skincal.model.indenters.indenter import MISSED, ClosedForm, RayHits
+from skincal.model.arrays import positive
+from skincal.model.indenters.indenter import MISSED, ClosedForm
 
 
 @dataclass(frozen=True)
@@ -32,23 +29,9 @@ class FlatPunch(ClosedForm):
         """See :attr:`Indenter.depth_m`. Its back is not part of it."""
         return math.inf
 
-    def cast(self, origins_m: ArrayLike, direction: ArrayLike) -> RayHits:
-        """See :meth:`Indenter.cast`. A ray along the disc misses it; the disc is met from either side."""
-        origins = as_floats(origins_m)
-        direction = np.broadcast_to(as_floats(direction), origins.shape)
-        rise = direction[..., 2]
-        crosses = rise != 0
-        distance = -origins[..., 2] / np.where(crosses, rise, np.nan)
-        where = origins[..., :2] + distance[..., None] * direction[..., :2]
-        hit = crosses & (np.sum(where**2, axis=-1) <= self.radius_m**2)
-        normals = np.zeros_like(origins)
-        normals[..., 2] = -np.sign(rise)
-        normals[~hit] = np.nan
-        return RayHits(np.where(hit, distance, np.inf), normals)
-
 
 def meet(radius: float, frame: tuple[float, ...], x: float, y: float, z: float) -> tuple[float, float]:
-    """Distance and facing: see :func:`skincal.model.indenters.sphere.meet`."""
+    """Return distance and facing: see :func:`skincal.model.indenters.sphere.meet`."""
     nx, ny, nz, ex, ey, ez = frame[0], frame[1], frame[2], frame[9], frame[10], frame[11]
     rise = ex * nx + ey * ny + ez * nz
     distance = -(x * ex + y * ey + z * ez) / (rise if rise != 0 else 1.0)

@@ -1,4 +1,4 @@
-"""What an indenter must be able to do: say how far away it is along a ray."""
+"""Interface of indenters: how far away they are along a ray."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import FloatArray, as_floats
 
 MISSED = math.inf
 """Distance to an indenter that a ray does not meet [m]."""
@@ -17,15 +18,15 @@ MISSED = math.inf
 
 @dataclass(frozen=True, eq=False)
 class RayHits:
-    """Where rays meet an indenter.
+    """Places where rays meet an indenter.
 
     Attributes:
         distance_m: (N,) signed distance [m] from each origin along its ray; inf where the ray misses.
-        normals: (N, 3) outward unit normals of the indenter there (against the ray); NaN where it misses.
+        facing: (N,) cosine between the ray and the indenter's inward normal there; 0 where it misses.
     """
 
     distance_m: FloatArray
-    normals: FloatArray
+    facing: FloatArray
 
 
 class Indenter(ABC):
@@ -44,11 +45,8 @@ class Indenter(ABC):
         outside.
 
         Args:
-            origins_m: (N, 3) points [m], or any shape (..., 3).
-            direction: unit vector (3,), or any shape that broadcasts to the origins'.
-
-        Returns:
-            Distances (N,) and normals (N, 3) of the first surface that each line meets.
+            origins_m: (N, 3) points [m].
+            direction: (3,) unit vector.
         """
 
     @property
@@ -67,3 +65,10 @@ class ClosedForm(Indenter):
 
     radius_m: float
     kind: ClassVar[int]
+
+    def cast(self, origins_m: ArrayLike, direction: ArrayLike) -> RayHits:
+        from skincal.model.press.call import routine
+
+        points, found = np.array(as_floats(origins_m).T, order="C"), np.empty((2, len(as_floats(origins_m))))
+        routine().cast(self.kind, self.radius_m, np.array(direction, dtype=np.float64), points, *found)
+        return RayHits(*found)

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.arrays import FloatArray, IntArray, as_floats
 from skincal.model.indenters.indenter import Indenter, RayHits
 from skincal.model.mesh import TriangleMesh
 
@@ -23,8 +23,8 @@ _SLENDER = 0.5
 class MeshIndenter(Indenter):
     """A rigid body given as triangles, in its own frame.
 
-    Its ray structure is built once; rays are moved into its frame, never the mesh into theirs. Normals are those
-    of the faces, turned against the ray, so the winding of the faces does not matter.
+    Its ray structure is built once; rays are moved into its frame, never the mesh into theirs. The winding of the
+    faces does not matter.
 
     How fine it should be: a ball of 6 mm radius as an icosphere of 1280, 5120 and 20480 faces (edges of 0.9, 0.44
     and 0.22 mm) gives taxel loads that differ from the closed form by 1.5e-4, 4e-5 and 2e-5 of the force (root mean
@@ -68,17 +68,15 @@ class MeshIndenter(Indenter):
 
     @property
     def depth_m(self) -> float:
-        """See :attr:`Indenter.depth_m`: half the shortest side of the box round it."""
+        """Half the shortest side of the box round it [m]."""
         return self._depth_m
 
     def cast(self, origins_m: ArrayLike, direction: ArrayLike) -> RayHits:
-        """See :meth:`Indenter.cast`."""
-        origins = np.asarray(origins_m, dtype=np.float64)
-        directions = np.broadcast_to(np.asarray(direction, dtype=np.float64), origins.shape)
-        face, distance = self.mesh.first_on_line(origins.reshape(-1, 3), directions.reshape(-1, 3))
-        normals = np.where(face[:, None] >= 0, self.mesh.normals[face], np.nan).reshape(origins.shape)
-        closing = np.einsum("...i,...i->...", normals, directions)[..., None]
-        return RayHits(distance.reshape(origins.shape[:-1]), -np.sign(closing) * normals)
+        origins, way = as_floats(origins_m), as_floats(direction)
+        start = (self.mesh.centre_m - origins) @ way - 1.01 * self.mesh.radius_m
+        directions = np.broadcast_to(way, origins.shape)
+        face, distance = self.mesh.first_hit(origins + start[:, None] * way, directions)
+        return RayHits(start + distance, np.where(face >= 0, np.abs(self.mesh.normals[face] @ way), 0.0))
 
     @cached_property
     def hulls(self) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
@@ -97,7 +95,7 @@ class MeshIndenter(Indenter):
 
 
 def _hull(vertices: FloatArray) -> FloatArray:
-    """The vertices of the convex hull; all of them where there is none, as the mesh is flat."""
+    """Return the vertices of the convex hull; all of them where there is none, as the mesh is flat."""
     try:
         return vertices[ConvexHull(vertices).vertices]
     except QhullError:
@@ -105,7 +103,7 @@ def _hull(vertices: FloatArray) -> FloatArray:
 
 
 def _long_axis(vertices: FloatArray) -> FloatArray:
-    """The direction in which vertices (V, 3) spread furthest, and 1 if that is much further than in others (4,)."""
+    """Return the direction in which vertices (V, 3) spread furthest, and 1 if much further than in others (4,)."""
     spread = np.linalg.eigh(np.cov(vertices.T))
     slender = spread.eigenvalues[1] < _SLENDER**2 * spread.eigenvalues[2]
     return np.append(spread.eigenvectors[:, -1], float(slender))

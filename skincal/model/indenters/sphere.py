@@ -6,11 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from skincal.model.arrays import as_floats, positive
-from skincal.model.indenters.indenter import MISSED, ClosedForm, RayHits
+from skincal.model.arrays import positive
+from skincal.model.indenters.indenter import MISSED, ClosedForm
 
 
 @dataclass(frozen=True)
@@ -29,23 +26,11 @@ class Sphere(ClosedForm):
 
     @property
     def depth_m(self) -> float:
-        """See :attr:`Indenter.depth_m`."""
         return self.radius_m
-
-    def cast(self, origins_m: ArrayLike, direction: ArrayLike) -> RayHits:
-        """See :meth:`Indenter.cast`."""
-        away = as_floats(origins_m) - [0.0, 0.0, self.radius_m]
-        directions = np.broadcast_to(as_floats(direction), away.shape)
-        along = np.einsum("...i,...i->...", away, directions)
-        half_chord_2 = along**2 - (np.einsum("...i,...i->...", away, away) - self.radius_m**2)
-        hit = half_chord_2 >= 0
-        ahead = -along - np.sqrt(np.where(hit, half_chord_2, np.nan))
-        normals = (away + ahead[..., None] * directions) / self.radius_m
-        return RayHits(np.where(hit, ahead, np.inf), normals)
 
 
 def meet(radius: float, frame: tuple[float, ...], x: float, y: float, z: float) -> tuple[float, float]:
-    """Distance along the contact normal at which a point meets the indenter, and how far that faces the point.
+    """Return the distance along the contact normal at which a point meets the indenter, and how far that faces it.
 
     Compiled: scalar code, no numpy.
 

@@ -15,13 +15,15 @@ _ENOUGH = 1e-12
 """Relative change of the depth in a step below which it is found."""
 _CLOSED = 1e-14
 """Relative width of a bracket that rounding no longer lets shrink."""
+Law = tuple[float, float, float]
+"""E [Pa/m], the exponent (1: linear) and the reference [m] of the law."""
 NO_END = math.inf
 """No upper end of the bracket yet."""
 
 
 @device
 def linear_depth(gap: FloatArray, weight: FloatArray, count: int, load: float, start: float) -> float:
-    """The depth with sum_i w_i max(depth - g_i, 0) = load > 0, exact.
+    """Return the depth with sum_i w_i max(depth - g_i, 0) = load > 0, exact.
 
     The carried load is convex and piecewise linear in the depth, with a kink at every gap. Newton's method takes one
     linear piece after the other: from anywhere its first step leads to the solution or above it, from there on it never
@@ -53,19 +55,16 @@ def linear_depth(gap: FloatArray, weight: FloatArray, count: int, load: float, s
 def power_step(
     depth: float, low: float, high: float, total: float, slope: float, load: float, exponent: float
 ) -> tuple[float, float, float, bool]:
-    """A step of :func:`power_depth`.
+    """Take a step of :func:`depth_of`: the next depth, its bracket, and whether the depth is found.
 
     Args:
         depth: so far [m].
         low: the bracket's lower end [m].
         high: its upper end [m].
-        total: what the points carry at that depth [m³].
-        slope: the sum of what each carries over its own penetration [m²].
+        total: sum of the points' loads at that depth [m³].
+        slope: sum of each load over its own penetration [m²].
         load: F / E [m³].
         exponent: of the law.
-
-    Returns:
-        The next depth, the bracket, and whether the depth is found.
     """
     if total < load:
         low = depth
@@ -86,21 +85,17 @@ def power_step(
 
 
 @device
-def power_depth(
-    gap: FloatArray,
-    weight: FloatArray,
-    count: int,
-    load: float,
-    start: float,
-    exponent: float,
-    reference: float,
-) -> float:
-    """As :func:`linear_depth` for a stress that grows as a power of the penetration (:class:`skincal.model.StressLaw`).
+def depth_of(gap: FloatArray, weight: FloatArray, count: int, load: float, start: float, law: Law) -> float:
+    """Return the depth at which points carry a load under a law (:class:`skincal.model.StressLaw`).
 
-    The carried load grows with the depth nearly as a power, so Newton's method is used on its logarithm against the
-    logarithm of the depth, with a bracket that it cannot leave.
+    The other arguments are those of :func:`linear_depth`. Under a power law the carried load grows nearly as a power of
+    the depth, so Newton's method is used on its logarithm against the logarithm of the depth, with a bracket that it
+    cannot leave.
     """
-    depth = start
+    _, exponent, reference = law
+    depth = linear_depth(gap, weight, count, load, start)
+    if exponent == 1.0:
+        return depth
     low = 0.0
     high = NO_END
     for _ in range(_LAW_STEPS):

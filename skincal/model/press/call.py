@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,11 +24,12 @@ _SHALLOW_M = 1e-6
 """Presses that are less deep say nothing of how far to look [m]."""
 _AT_ONCE = 256
 """Places of a mesh that are cast at once, to bound memory."""
+_NOTHING = np.zeros(0, dtype=np.int64), np.zeros(0)
 _routine: Any = None
 
 
 def routine() -> Any:
-    """The compiled routine, made or fetched from the cache at first use."""
+    """Return the compiled routine, made or fetched from the cache at first use."""
     global _routine
     if _routine is None:
         from skincal.model.press import compiled
@@ -38,29 +38,8 @@ def routine() -> Any:
     return _routine
 
 
-@dataclass(frozen=True, eq=False)
-class Entries:
-    """What the routine is to tell of single points.
-
-    Attributes:
-        begin: (K,) where each press begins in the others.
-        points: (n,) to be filled with numbers of tiled points; empty: nothing is asked.
-        load_n: (n,) to be filled with loads [N].
-    """
-
-    begin: IntArray
-    points: IntArray
-    load_n: FloatArray
-
-    @classmethod
-    def of(cls, info: FloatArray) -> Entries:
-        """Room for all points that presses touch, as the routine has told of them (K, 7)."""
-        ends = np.cumsum(np.append(0, info[:, 5])).astype(np.int64)
-        count = int(ends[-1])
-        return cls(ends[:-1].copy(), np.zeros(count, dtype=np.int64), np.zeros(count))
-
-
-_NOTHING = np.zeros(0, dtype=np.int64), np.zeros(0)
+Entries = tuple[IntArray, IntArray, FloatArray]
+"""Where each press begins in the others (K,), and arrays to be filled: tiled points (n,) and loads on them (n,) [N]."""
 
 
 def press(
@@ -71,7 +50,7 @@ def press(
     law: StressLaw | None,
     entries: Entries | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Loads (K, J) [N] of contacts, and what else there is to tell of them (K, 7).
+    """Return loads (K, J) [N] of contacts, and what else there is to tell of them (K, 7).
 
     Args:
         patch: the tactile points.
@@ -79,18 +58,15 @@ def press(
         indenter: what presses.
         contacts: K contacts.
         law: how stress grows with penetration; None: in proportion.
-        entries: filled, if given.
+        entries: filled with the points that each press touches, if given.
     """
     count = len(contacts)
     tiled, compiled = patch.tiled, _routine or routine()
     loads, info = np.zeros((count, patch.layout.taxels)), np.zeros((count, INFO))
     where = _rows(contacts)
-    how = (
-        (elasticity_pa_per_m, 1.0, 1.0)
-        if law is None
-        else (elasticity_pa_per_m, law.exponent, law.reference_m)
-    )
-    told = (np.zeros(count, dtype=np.int64), *_NOTHING) if entries is None else _fields(entries)
+    exponent, reference = (1.0, 1.0) if law is None else (law.exponent, law.reference_m)
+    how = elasticity_pa_per_m, exponent, reference
+    told = (np.zeros(count, dtype=np.int64), *_NOTHING) if entries is None else entries
     through = min(indenter.depth_m, patch.depth_m)
     ground = tiled.points, tiled.taxel, tiled.border
     if isinstance(indenter, ClosedForm):
@@ -101,31 +77,15 @@ def press(
     assert isinstance(indenter, MeshIndenter)
     starts, at = np.empty(count + 1, dtype=np.int64), np.empty(count, dtype=np.int64)
     places = compiled.group(*where, loads, info, starts, at)
+    given = (*ground, through, *where, *how, loads, info, *told)
     for k in range(0, places, _AT_ONCE):
         end = min(k + _AT_ONCE, places)
-        _cast(
-            indenter,
-            tiled.tiles,
-            (*ground, through, *where, *how, loads, info, *told),
-            starts[k : end + 1],
-            at[k:end],
-        )
+        _cast(indenter, tiled.tiles, given, starts[k : end + 1], at[k:end])
     return loads, info
 
 
-def count_places(contacts: Contacts) -> int:
-    """How often an indenter is set down: contacts that follow each other at one place count once."""
-    count = len(contacts)
-    starts, at = np.empty(count + 1, dtype=np.int64), np.empty(count, dtype=np.int64)
-    return routine().group(*_rows(contacts), np.empty((count, 0)), np.empty((count, INFO)), starts, at)
-
-
-def _fields(entries: Entries) -> tuple[IntArray, IntArray, FloatArray]:
-    return entries.begin, entries.points, entries.load_n
-
-
 def _rows(contacts: Contacts) -> tuple[FloatArray, bool, FloatArray]:
-    """Contacts as the routine takes them: rows (K, 18), whether they are turned, and forces (K,)."""
+    """Return contacts as the routine takes them: rows (K, 18), whether they are turned, and forces (K,)."""
     rows = np.empty((len(contacts), 18))
     rows[:, :3] = contacts.normals
     rows[:, 3:6] = contacts.indenter_origins_m
@@ -172,7 +132,7 @@ def _look_as_far_as_needed(indenter: MeshIndenter, levels: FloatArray, guesses: 
 
 
 def _bounds(indenter: MeshIndenter, rows: FloatArray, turned: bool, at: IntArray) -> FloatArray:
-    """Where the mesh can be at most (P, Q, 13), or (1, Q, 13) where that is the same for all of them."""
+    """Bound the parts of the mesh (P, Q, 13), or (1, Q, 13) where that is the same for all presses."""
     upright = not turned and bool((rows[at, 3:6] == rows[at, 15:]).all())
     if upright and indenter.upright is not None:
         return indenter.upright

@@ -6,7 +6,7 @@ from typing import Any
 
 from numba.core import types
 
-from skincal.model.press import balance, casting, routine
+from skincal.model.press import balance, casting, meet, routine
 from skincal.model.press.jit import SETTINGS, cached, stamp, telling
 
 _F1, _F2 = types.float64[::1], types.float64[:, ::1]
@@ -21,6 +21,7 @@ _LAW = _F, _F, _F
 _OUT = _F2, _F2, _I1, _I1, _F1
 SIGNATURES: dict[str, tuple[Any, Any]] = {
     "depth": (balance.linear_depth, _F(_F1, _F1, _I, _F, _F)),
+    "cast": (meet.cast, types.void(_I, _F, _F1, _F2, _F1, _F1)),
     "group": (routine.group, _I(*_PLACES, _F2, _F2, _I1, _I1)),
     "press": (routine.press, types.void(_F2, _I1, _F1, _F2, _I, _F, _F, *_PLACES, *_LAW, *_OUT)),
     "enclose": (casting.enclose, types.void(_F2, _I1, _F2, _F2, _F2, _B, _I1, _F3)),

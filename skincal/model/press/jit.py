@@ -1,4 +1,4 @@
-"""How the routine is compiled: numba's settings, and its cache.
+"""Compilation of the routine: numba's settings, and its cache.
 
 Device functions are plain scalar code on arrays that are passed in, so that another target (a GPU) can compile the same
 source.
@@ -46,13 +46,13 @@ def device(function: _Function) -> _Function:
 
 
 def plain_device(function: _Function) -> _Function:
-    """As :func:`device`, for a function that looks for NaN: arithmetic as it is written."""
+    """Compile as :func:`device` does, with arithmetic as it is written, for a function that looks for NaN."""
     _modules.add(function.__module__)
     return cast(_Function, numba.njit(**_EXACT)(function))
 
 
 def stamp() -> str:
-    """A digest of the sources of all device functions."""
+    """Return a digest of the sources of all device functions."""
     sources = [inspect.getsource(sys.modules[name]) for name in sorted(_modules)]
     return hashlib.sha256("".join(sources).encode()).hexdigest()
 
@@ -92,6 +92,6 @@ _LISTENER = _Listener()
 
 
 def telling() -> AbstractContextManager[None]:
-    """Within it, whoever :mod:`skincal.compiling` names is told when something is compiled, once in a process."""
+    """Within it, call back once in a process when something is compiled (:mod:`skincal.compiling`)."""
     install: Any = event.install_listener  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
     return install("numba:compile", _LISTENER)

@@ -1,4 +1,4 @@
-"""Where points meet an indenter: the closed forms, tile by tile, and what bounds them.
+"""Distances of points from indenters in closed form, and bounds of them for tiles of points.
 
 A new closed form is one file with the functions ``meet`` and ``paraboloid`` (see
 :mod:`skincal.model.indenters.sphere`), a number here and a branch in each of the two functions below.
@@ -24,16 +24,7 @@ Frame = tuple[float, ...]
 
 @device
 def meet_point(kind: int, size: float, frame: Frame, x: float, y: float, z: float) -> tuple[float, float]:
-    """Distance [m] and facing of a point: see :func:`skincal.model.indenters.sphere.meet`.
-
-    Args:
-        kind: of closed form.
-        size: of the indenter [m].
-        frame: contact normal and the axes of the indenter's frame.
-        x: the point from the origin of the indenter's frame, fingertip frame [m].
-        y: the same.
-        z: the same.
-    """
+    """Return the distance [m] and facing of a point: see :func:`skincal.model.indenters.sphere.meet`."""
     if kind == SPHERE:
         return _meet_sphere(size, frame, x, y, z)
     return _meet_flat(size, frame, x, y, z)
@@ -43,14 +34,25 @@ def meet_point(kind: int, size: float, frame: Frame, x: float, y: float, z: floa
 def meet(
     kind: int, size: float, frame: Frame, place: FloatArray, count: int, gap: FloatArray, facing: FloatArray
 ) -> None:
-    """Distances [m] and facing of points (3, count), into ``gap`` and ``facing``: see :func:`meet_point`."""
+    """Fill in distances [m] and facing of points (3, count): see :func:`meet_point`."""
     for i in range(count):
         gap[i], facing[i] = meet_point(kind, size, frame, place[0, i], place[1, i], place[2, i])
 
 
+def cast(
+    kind: int, size: float, direction: FloatArray, points: FloatArray, gap: FloatArray, facing: FloatArray
+) -> None:
+    """Fill in distances [m] and facing of points (3, N) along a direction (3,), all in the indenter's frame."""
+    x, y, z = direction[0], direction[1], direction[2]
+    frame = (x, y, z, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    meet(kind, size, frame, points, points.shape[1], gap, facing)
+    for i in range(points.shape[1]):
+        facing[i] = facing[i] if gap[i] < MISSED else 0.0
+
+
 @device
 def paraboloid(kind: int, size: float, frame: Frame) -> tuple[float, float, float, float, float, float]:
-    """What the indenter lies behind: a point of its axis from the origin (3), ``nearest``, ``bend`` and ``reach``.
+    """Return a bound of the indenter: a point of its axis from the origin (3), ``nearest``, ``bend`` and ``reach``.
 
     No point of the indenter that lies by r beside the axis, which runs along the contact normal, is nearer along it
     than ``nearest`` + ``bend`` r², and none lies beside it by more than ``reach`` [m, 1/m, m].
@@ -62,15 +64,10 @@ def paraboloid(kind: int, size: float, frame: Frame) -> tuple[float, float, floa
 
 @device
 def bound_tile(
-    tiles: FloatArray,
-    b: int,
-    normal: tuple[float, float, float],
-    axis: tuple[float, float, float],
-    nearest: float,
-    bend: float,
-    reach: float,
-) -> tuple[float, float, float]:
-    """The distance before which no point of tile b meets a paraboloid, that at its middle, and its area along n_c.
+    tiles: FloatArray, b: int, normal: tuple[float, float, float], axis: tuple[float, float, float],
+    nearest: float, bend: float, reach: float,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Return the distance before which no point of a tile meets a paraboloid, that at its middle, and its area.
 
     Args:
         tiles: see :class:`skincal.model.press.points.TiledPoints`.
@@ -82,8 +79,8 @@ def bound_tile(
         reach: the same.
 
     Returns:
-        Where it begins [m], inf where it is not met at all; distance at its middle [m] and area [m²], ``FAR`` and 0
-        where that is not met.
+        Where it begins [m], inf where it is not met at all; distance at its middle [m] and area along the normal [m²],
+        ``FAR`` and 0 where that is not met.
     """
     nx, ny, nz = normal
     x = tiles[0, b] - axis[0]

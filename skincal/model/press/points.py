@@ -51,7 +51,7 @@ class TiledPoints:
         return cls(*_placed(points_m, normals, areas_m2, slots), *fixed)
 
     def moved(self, points_m: FloatArray, normals: FloatArray, areas_m2: FloatArray) -> TiledPoints:
-        """The same tiles where their points (N, 3) have gone elsewhere."""
+        """Return the same tiles where their points (N, 3) have gone elsewhere."""
         points, tiles = _placed(points_m, normals, areas_m2, self.slots)
         return replace(self, points=points, tiles=tiles)
 
@@ -59,7 +59,7 @@ class TiledPoints:
 def _placed(
     points_m: FloatArray, normals: FloatArray, areas_m2: FloatArray, slots: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Points and tiles as the attributes of :class:`TiledPoints` of these names, for slots (B, M)."""
+    """Return ``points`` and ``tiles`` of :class:`TiledPoints` for slots (B, M)."""
     count = len(points_m)
     index = slots.ravel() % max(count, 1)
     points, tiles = np.empty((6, index.size)), np.empty((11, len(slots)))
@@ -81,7 +81,7 @@ def _placed(
 
 
 def grouped(points: FloatArray) -> IntArray:
-    """Slots (B, M) in groups of neighbours, B a power of two; slot s holds point s mod N.
+    """Return slots (B, M) in groups of neighbours, B a power of two; slot s holds point s mod N.
 
     All groups are halved across their longest side at once, again and again.
     """

@@ -17,23 +17,21 @@ from typing import NamedTuple
 import numpy as np
 
 from skincal.model.arrays import FloatArray, IntArray
-from skincal.model.press.balance import linear_depth, power_depth
+from skincal.model.press.balance import Law, depth_of
 from skincal.model.press.jit import device, plain_device
 from skincal.model.press.meet import FAR, Frame, bound_tile, meet, paraboloid
 from skincal.model.press.status import Status
 
 AHEAD = 1.15
-"""How much deeper than the guess is looked at once. A guess that was too low costs a second look, no more."""
+"""Limit of the first look over the guessed depth. A guess that was too low costs a second look, no more."""
 SKIN_BEND = 40.0
 """Curvature over two of a fingertip of 12 mm [1/m]: where Newton's method starts, no more."""
 _CELL = 0.75
 """Parts of a cell's area that its furthest corner lies from its middle, squared: a half for a square, 5/8 for 2 : 1."""
-Law = tuple[float, float, float]
-"""E [Pa/m], the exponent (1: linear) and the reference [m] of the law."""
 
 
 class Ground(NamedTuple):
-    """What is pressed on: ``points`` (6, N), ``taxel`` (N,) and ``border`` (N,) of :func:`press`."""
+    """The patch: ``points`` (6, N), ``taxel`` (N,) and ``border`` (N,) of :func:`press`."""
 
     points: FloatArray
     taxel: IntArray
@@ -53,7 +51,7 @@ class Scratch(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What the routine fills: ``loads`` (K, J), ``info`` (K, 7), ``entry`` (K,), ``entries`` (n,) and theirs (n,)."""
+    """Arrays to be filled: ``loads`` (K, J), ``info`` (K, 7), ``entry`` (K,), ``entries`` (n,) and theirs (n,)."""
 
     loads: FloatArray
     info: FloatArray
@@ -68,29 +66,12 @@ NOT_TOUCHED, FINER_THAN_POINTS = int(Status.NOT_TOUCHED), int(Status.FINER_THAN_
 
 
 @device
-def depth_of(
-    gap: FloatArray,
-    weight: FloatArray,
-    count: int,
-    load: float,
-    start: float,
-    exponent: float,
-    reference: float,
-) -> float:
-    """The depth at which points carry a load under the law; see :mod:`skincal.model.press.balance`."""
-    depth = linear_depth(gap, weight, count, load, start)
-    if exponent == 1.0:
-        return depth
-    return power_depth(gap, weight, count, load, depth, exponent, reference)
-
-
-@device
 def frame_of(row: FloatArray, turned: bool) -> Frame:
-    """Contact normal and the axes of the indenter's frame; as :func:`skincal.model.contact_rotations`.
+    """Return the contact normal and the axes of the indenter's frame, as :func:`skincal.model.contact_rotations`.
 
     Args:
         row: (18,) normal, origin, rotation row by row, point of contact.
-        turned: whether the rotation is given.
+        turned: True if the rotation is given.
     """
     nx, ny, nz = row[0], row[1], row[2]
     if turned:
@@ -118,16 +99,10 @@ def frame_of(row: FloatArray, turned: bool) -> Frame:
 
 @device
 def guess(
-    middle: FloatArray,
-    weight: FloatArray,
-    gap: FloatArray,
-    area: FloatArray,
-    load: float,
-    bend: float,
-    exponent: float,
-    reference: float,
-) -> tuple[float, float]:
-    """The level if the indenter filled its bound and tiles were points, and the nearest of them [m].
+    middle: FloatArray, weight: FloatArray, gap: FloatArray, area: FloatArray, load: float, bend: float,
+    exponent: float, reference: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Return the level if the indenter filled its bound and tiles were points, and the nearest of them [m].
 
     Args:
         middle: (B,) distances of the bound at the tiles' middles [m].
@@ -161,43 +136,23 @@ def guess(
             gap[count] = middle[b] - first
             area[count] = weight[b]
             count += 1
-    depth = depth_of(gap, area, count, load, depth, exponent, reference)
+    depth = depth_of(gap, area, count, load, depth, (1.0, exponent, reference))
     return first + depth, first
 
 
 @device
 def gather(
-    kind: int,
-    size: float,
-    frame: Frame,
-    origin: tuple[float, float, float],
-    points: FloatArray,
-    begin: FloatArray,
-    each: int,
-    limit: float,
-    gap: FloatArray,
-    weight: FloatArray,
-    facing: FloatArray,
-    which: IntArray,
-    place: FloatArray,
-) -> tuple[int, float]:
-    """The points of the tiles that begin before a limit, in their order: how many, and the smallest distance [m].
+    kind: int, size: float, frame: Frame, origin: tuple[float, float, float], points: FloatArray,
+    begin: FloatArray, each: int, limit: float, scratch: Scratch,
+) -> tuple[int, float]:  # fmt: skip
+    """Collect the points of tiles that begin before a limit; return how many, and the smallest distance [m].
 
-    Args:
-        kind: of closed form.
-        size: of the indenter [m].
-        frame: see :func:`frame_of`.
-        origin: of the indenter's frame [m].
-        points: (6, N) position [m] and normal times area [m²].
-        begin: (B,) of :func:`skincal.model.press.meet.bound_tile`.
-        each: points of a tile.
-        limit: [m].
-        gap: filled with distances beyond the smallest; about ``FAR`` where nothing is met [m].
-        weight: filled with areas along the normal; 0 where nothing is met [m²].
-        facing: filled with max(-n_s . n_c, 0).
-        which: filled with the numbers of the points.
-        place: (3, room) scratch.
+    Tiles begin at ``begin`` (B,) of :func:`~skincal.model.press.meet.bound_tile`, and have ``each`` points. Filled are
+    of each point its gap (distance beyond the smallest, about ``FAR`` where nothing is met [m]), weight (area along the
+    normal, 0 where nothing is met [m²]), facing (max(-n_s . n_c, 0)) and number.
     """
+    gap, weight, facing = scratch.found[0], scratch.found[1], scratch.found[2]
+    which, place = scratch.which[0], scratch.active
     nx, ny, nz = frame[0], frame[1], frame[2]
     ox, oy, oz = origin
     count = 0
@@ -225,7 +180,7 @@ def gather(
 
 @device
 def over_cell(points: FloatArray, k: int, frame: Frame, axis: tuple[float, float, float]) -> bool:
-    """Whether an axis along the contact normal goes through the cell of point k, which faces it."""
+    """Return True if an axis along the contact normal goes through the cell of point k, which faces it."""
     nx, ny, nz = frame[0], frame[1], frame[2]
     x = points[0, k] - axis[0]
     y = points[1, k] - axis[1]
@@ -237,24 +192,15 @@ def over_cell(points: FloatArray, k: int, frame: Frame, axis: tuple[float, float
 
 
 @device
-def falls_between(points: FloatArray, frame: Frame, axis: tuple[float, float, float]) -> bool:
-    """Whether an indenter that touches no point lies over a cell: then it is finer than the points."""
+def untouched(
+    points: FloatArray, frame: Frame, axis: tuple[float, float, float], samples: tuple[int, int],
+    info: FloatArray,
+) -> None:  # fmt: skip
+    """Set the status of samples at a place where no point is touched: an indenter over a cell is finer than points."""
     over = False
     for k in range(points.shape[1]):
         over = over or over_cell(points, k, frame, axis)
-    return over
-
-
-@device
-def untouched(
-    points: FloatArray,
-    frame: Frame,
-    axis: tuple[float, float, float],
-    samples: tuple[int, int],
-    info: FloatArray,
-) -> None:
-    """Say of samples at a place that no point is touched there, and why."""
-    status = FINER_THAN_POINTS if falls_between(points, frame, axis) else NOT_TOUCHED
+    status = FINER_THAN_POINTS if over else NOT_TOUCHED
     for s in range(samples[0], samples[1]):
         if info[s, 6] == PRESSES:
             info[s, 6] = status
@@ -262,27 +208,20 @@ def untouched(
 
 @device
 def room_for(count: int, sums: FloatArray) -> Scratch:
-    """Room for so many points."""
+    """Allocate room for so many points."""
     return Scratch(np.empty((3, count)), np.empty((3, count)), np.empty((2, count), np.int64), sums)
 
 
 @device
 def settle(
-    ground: Ground,
-    scratch: Scratch,
-    count: int,
-    depth: float,
-    load: float,
-    law: Law,
-    through: float,
-    told: Told,
-    s: int,
-) -> None:
-    """Loads and sums of one force, from the points nearer than its level; the level is found again from those alone.
+    ground: Ground, scratch: Scratch, count: int, depth: float, load: float, law: Law, through: float,
+    told: Told, s: int,
+) -> None:  # fmt: skip
+    """Fill in the loads and sums of one force, from the points nearer than its level, found again from those alone.
 
     Args:
         ground: the patch.
-        scratch: what :func:`gather` has found, and room.
+        scratch: result of :func:`gather`, and room.
         count: number of points found.
         depth: of :func:`depth_of` [m].
         load: F / E [m³].
@@ -305,7 +244,7 @@ def settle(
         active[2, some] = found[2, i]
         which[1, some] = which[0, i]
         some += 1 if found[0, i] <= depth and found[1, i] > 0 else 0
-    depth = depth_of(active[0], active[1], some, load, depth, exponent, reference)
+    depth = depth_of(active[0], active[1], some, load, depth, law)
     force = 0.0
     touched = 0
     for i in range(some):
@@ -346,25 +285,15 @@ def settle(
 
 @device
 def carry(
-    ground: Ground,
-    scratch: Scratch,
-    count: int,
-    first: float,
-    start: float,
-    limit: float,
-    most: float,
-    law: Law,
-    through: float,
-    samples: tuple[int, int],
-    force: FloatArray,
-    told: Told,
-) -> float:
-    """The level of the largest force of a place [m]; every force is settled if points were looked at as far as that.
+    ground: Ground, scratch: Scratch, count: int, first: float, start: float, limit: float, most: float,
+    law: Law, through: float, samples: tuple[int, int], force: FloatArray, told: Told,
+) -> float:  # fmt: skip
+    """Return the level of the largest force of a place [m]; settle every force if points were looked at that far.
 
     Beyond what :func:`settle` takes: the smallest distance, where the depth is thought to lie and how far points were
     looked at [m]; the largest force over E [m³]; first and last sample of the place, and the forces of all [N].
     """
-    deepest = depth_of(scratch.found[0], scratch.found[1], count, most, start, law[1], law[2])
+    deepest = depth_of(scratch.found[0], scratch.found[1], count, most, start, law)
     if first + deepest <= limit:
         for s in range(samples[0], samples[1]):
             if told.info[s, 6] != PRESSES:
@@ -372,14 +301,14 @@ def carry(
             load = force[s] / law[0]
             depth = deepest
             if load != most:
-                depth = depth_of(scratch.found[0], scratch.found[1], count, load, depth, law[1], law[2])
+                depth = depth_of(scratch.found[0], scratch.found[1], count, load, depth, law)
             settle(ground, scratch, count, depth, load, law, through, told, s)
     return first + deepest
 
 
 @device
 def largest(force: FloatArray, info: FloatArray, first: int, last: int) -> float:
-    """The largest force of samples that press [N]."""
+    """Return the largest force of samples that press [N]."""
     most = 0.0
     for s in range(first, last):
         if info[s, 6] == PRESSES:
@@ -389,7 +318,7 @@ def largest(force: FloatArray, info: FloatArray, first: int, last: int) -> float
 
 @plain_device
 def unknown(row: FloatArray, force: float, turned: bool) -> bool:
-    """Whether a force or what says where it acts is NaN or infinite."""
+    """Return True if a force, or a number of the place where it acts, is NaN or infinite."""
     known = abs(force) < math.inf
     for i in range(18):
         if turned or not 6 <= i < 15:
@@ -399,25 +328,14 @@ def unknown(row: FloatArray, force: float, turned: bool) -> bool:
 
 @device
 def group(
-    rows: FloatArray,
-    turned: bool,
-    force: FloatArray,
-    loads: FloatArray,
-    info: FloatArray,
-    starts: IntArray,
-    at: IntArray,
-) -> int:
-    """Samples that follow each other at one place, to the last bit, are cast once: the number of places.
+    rows: FloatArray, turned: bool, force: FloatArray, loads: FloatArray, info: FloatArray,
+    starts: IntArray, at: IntArray,
+) -> int:  # fmt: skip
+    """Group samples that follow each other at one place, to the last bit; return the number of places.
 
-    Args:
-        rows: see :func:`press`.
-        turned: the same.
-        force: the same.
-        loads: NaN is filled in where a sample is not known.
-        info: the status is filled in: ``PRESSES``, or why a sample does not.
-        starts: (K + 1,) filled: place p has the samples from ``starts[p]`` to ``starts[p + 1]``, some of which may
-            not press.
-        at: (K,) filled: the row of place p.
+    For ``rows``, ``turned`` and ``force`` see :func:`press`. ``loads`` is NaN where a sample is not known, and ``info``
+    gets its status: ``PRESSES``, or why it does not. Filled are also ``starts`` (K + 1,), place p having the samples
+    from ``starts[p]`` to ``starts[p + 1]``, some of which may not press, and ``at`` (K,), the row of place p.
     """
     places = 0
     for s in range(force.shape[0]):
@@ -447,32 +365,18 @@ def group(
 
 
 def press(
-    points: FloatArray,
-    taxel: IntArray,
-    border: FloatArray,
-    tiles: FloatArray,
-    kind: int,
-    size: float,
-    through: float,
-    rows: FloatArray,
-    turned: bool,
-    force: FloatArray,
-    elasticity: float,
-    exponent: float,
-    reference: float,
-    loads: FloatArray,
-    info: FloatArray,
-    entry: IntArray,
-    entries: IntArray,
-    entry_loads: FloatArray,
-) -> None:
+    points: FloatArray, taxel: IntArray, border: FloatArray, tiles: FloatArray, kind: int, size: float,
+    through: float, rows: FloatArray, turned: bool, force: FloatArray, elasticity: float,
+    exponent: float, reference: float, loads: FloatArray, info: FloatArray, entry: IntArray,
+    entries: IntArray, entry_loads: FloatArray,
+) -> None:  # fmt: skip
     """Press a closed form on a patch.
 
     Args:
-        points: (6, N) position [m] and normal times area [m²], tile by tile.
-        taxel: (N,) flat index; -1: none.
-        border: (N,) 1 where the patch ends, 0 elsewhere.
-        tiles: (11, B) see :class:`skincal.model.press.points.TiledPoints`.
+        points: see :class:`skincal.model.press.points.TiledPoints`, as the next three.
+        taxel: the same.
+        border: the same.
+        tiles: the same.
         kind: of closed form.
         size: of the indenter [m].
         through: penetration from which on a press is through [m].
@@ -518,11 +422,7 @@ def press(
                 need += each if begin[b] <= limit else 0
             if need > scratch.found.shape[1]:
                 scratch = room_for(need, sums)
-            found = scratch.found
-            count, first = gather(
-                kind, size, frame, origin, points, begin, each, limit,
-                found[0], found[1], found[2], scratch.which[0], scratch.active,
-            )  # fmt: skip
+            count, first = gather(kind, size, frame, origin, points, begin, each, limit, scratch)
             if first < FAR:
                 start = max(min(level, limit) - first, 0.0)
                 level = carry(

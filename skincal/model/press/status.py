@@ -1,4 +1,4 @@
-"""How a press came out."""
+"""Outcomes of a press."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """How a press came out."""
+    """Outcome of a press."""
 
     OK = 0
     """The patch carries the force, and the press stays inside it."""

@@ -30,26 +30,23 @@ class Cylinder(Surface):
 
     @property
     def depth_m(self) -> float:
-        """See :attr:`Surface.depth_m`: to the axis."""
+        """Penetration that reaches the axis [m]."""
         return self.radius_m
 
     @property
     def arc_radius_m(self) -> float:
-        """See :attr:`Surface.arc_radius_m`: the cylinder's own."""
+        """The cylinder's own R [m]."""
         return self.radius_m
 
     def arc_radius_at(self, pose: SensorPose) -> float:
-        """See :meth:`Surface.arc_radius_at`."""
-        del pose
         return self.radius_m
 
     def unrolled(self, points_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """See :meth:`Surface.unrolled`; arcs within half a turn of beta = 0."""
+        # Arcs within half a turn of beta = 0. A point on the axis counts as lying there.
         points = as_floats(points_m)
         return self.radius_m * self._beta(points), points[:, 1]
 
     def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Lay points of the patch on the cylinder; exact, as a cylinder can be unrolled. See :meth:`Surface.wrap`."""
         across, along = turned(pose, uv_m)
         turn = np.where(np.abs(across) <= np.pi * self.radius_m, across / self.radius_m, np.nan)
         normals = _radial(pose.beta_rad + turn)
@@ -59,15 +56,12 @@ class Cylinder(Surface):
         return points, normals
 
     def normal_at(self, points_m: ArrayLike) -> FloatArray:
-        """See :meth:`Surface.normal_at`. A point on the axis counts as lying at beta = 0."""
         return _radial(self._beta(floats("points_m", points_m, (None, 3), finite=False)))
 
     def project(self, points_m: ArrayLike) -> FloatArray:
-        """See :meth:`Surface.project`. A point on the axis goes to beta = 0."""
         return self.offset(points_m, 0.0, 0.0)
 
     def offset(self, points_m: ArrayLike, across_m: ArrayLike, along_m: ArrayLike) -> FloatArray:
-        """See :meth:`Surface.offset`."""
         points = floats("points_m", points_m, (None, 3), finite=False)
         moved = self.radius_m * _radial(self._beta(points) + as_floats(across_m) / self.radius_m)
         moved[:, 1] = points[:, 1] + as_floats(along_m)
@@ -79,5 +73,5 @@ class Cylinder(Surface):
 
 
 def _radial(beta: FloatArray) -> FloatArray:
-    """Outward normals (N, 3) at angles (N,) round the axis [rad]."""
+    """Return outward normals (N, 3) at angles (N,) round the axis [rad]."""
     return np.column_stack([np.sin(beta), np.zeros_like(beta), np.cos(beta)])

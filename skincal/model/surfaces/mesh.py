@@ -80,7 +80,7 @@ class MeshSurface(Surface):
         return laid.points_m, laid.normals
 
     def cell_areas(self, pose: SensorPose, uv_m: ArrayLike, size_m: ArrayLike) -> FloatArray:
-        """Areas (N,) [m²] of the cells whose corners are laid on the mesh. See :meth:`Surface.cell_areas`."""
+        """Return areas (N,) [m²] of the cells whose corners are laid on the mesh. See :meth:`Surface.cell_areas`."""
         uv, half = (
             floats("uv_m", uv_m, (None, 2)),
             floats("size_m", size_m, (None, 2)) / 2,
@@ -92,11 +92,9 @@ class MeshSurface(Surface):
         return np.linalg.norm(np.cross(c - a, d - b), axis=1) / 2
 
     def normal_at(self, points_m: ArrayLike) -> FloatArray:
-        """See :meth:`Surface.normal_at`."""
         return self._nearest(points_m).normals
 
     def project(self, points_m: ArrayLike) -> FloatArray:
-        """See :meth:`Surface.project`."""
         return self._nearest(points_m).points_m
 
     def offset(self, points_m: ArrayLike, across_m: ArrayLike, along_m: ArrayLike) -> FloatArray:
@@ -118,7 +116,7 @@ class MeshSurface(Surface):
         return self._walker.walk(start, np.arange(count), length).points_m
 
     def _centre(self, pose: SensorPose) -> Stand:
-        """The patch's centre, met from outside on the way to the axis, heading along v."""
+        """Return the patch's centre, met from outside on the way to the axis, heading along v."""
         radial = np.array([[np.sin(pose.beta_rad), 0.0, np.cos(pose.beta_rad)]])
         axis = np.array([[0.0, pose.y_m, 0.0]])
         far = 2 * (float(np.linalg.norm(self._mesh.centre_m - axis)) + self._mesh.radius_m)
@@ -139,7 +137,7 @@ class MeshSurface(Surface):
         return Stand(points, normals, heading)
 
     def _nearest(self, points_m: ArrayLike) -> Stand:
-        """Nearest points of the mesh, their outward normals, and no heading; NaN for points with NaN."""
+        """Return nearest points of the mesh, their outward normals, and no heading; NaN for points with NaN."""
         from trimesh import triangles  # half a second, which only meshes need
 
         points = floats("points_m", points_m, (None, 3), finite=False)
@@ -158,14 +156,14 @@ class MeshSurface(Surface):
         return Stand(nearest, normals, np.full(points.shape, np.nan))
 
     def _candidates(self, point: FloatArray) -> IntArray:
-        """Every face that may hold the nearest point: none further than the nearest centroid plus a face's reach."""
+        """Return every face that may hold the nearest point: none beyond the nearest centroid plus a face's reach."""
         distance, _ = self._centroids.query(point)
         reach = (float(distance) + self._face_reach_m) * (1 + 1e-9)
         return np.asarray(self._centroids.query_ball_point(point, reach), dtype=np.int64)
 
 
 def _walk_both_ways(walker: Walker, start: Stand, which: IntArray, length_m: FloatArray) -> Stand:
-    """Walks of signed lengths: negative ones go backwards, and still head forwards at their end."""
+    """Walk signed lengths: negative ones backwards, still heading forwards at the end."""
     count = len(start.points_m)
     both = Stand(
         np.concatenate([start.points_m] * 2),
@@ -178,6 +176,6 @@ def _walk_both_ways(walker: Walker, start: Stand, which: IntArray, length_m: Flo
 
 
 def _outward_sign(mesh: TriangleMesh) -> float:
-    """+1 where the faces' normals point out of the finger, -1 where into it (for a closed mesh: the volume's sign)."""
+    """Return +1 where the faces' normals point out of the finger, -1 where into it (the volume's sign)."""
     middle = mesh.vertices_m[mesh.faces].mean(axis=1) - mesh.centre_m
     return 1.0 if np.sum(mesh.areas_m2 * np.einsum("ij,ij->i", middle, mesh.normals)) >= 0 else -1.0

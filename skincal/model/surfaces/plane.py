@@ -19,33 +19,24 @@ class Plane(Surface):
     is_uniform: ClassVar[bool] = True
 
     def arc_radius_at(self, pose: SensorPose) -> None:
-        """See :meth:`Surface.arc_radius_at`: positions across are x."""
-        del pose
+        return None
 
     def unrolled(self, points_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """See :meth:`Surface.unrolled`."""
         points = as_floats(points_m)
         return points[:, 0], points[:, 1]
 
     def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Lay points of the patch on the plane. See :meth:`Surface.wrap`."""
         across, along = turned(pose, uv_m)
         points = np.column_stack([pose.x_m + across, pose.y_m + along, np.zeros_like(along)])
         return points, self.normal_at(points)
 
     def normal_at(self, points_m: ArrayLike) -> FloatArray:
-        """See :meth:`Surface.normal_at`."""
-        return np.tile(
-            [0.0, 0.0, 1.0],
-            (len(floats("points_m", points_m, (None, 3), finite=False)), 1),
-        )
+        return np.tile([0.0, 0.0, 1.0], (len(floats("points_m", points_m, (None, 3), finite=False)), 1))
 
     def project(self, points_m: ArrayLike) -> FloatArray:
-        """See :meth:`Surface.project`."""
         return self.offset(points_m, 0.0, 0.0)
 
     def offset(self, points_m: ArrayLike, across_m: ArrayLike, along_m: ArrayLike) -> FloatArray:
-        """See :meth:`Surface.offset`."""
         points = floats("points_m", points_m, (None, 3), finite=False)
         return np.column_stack(
             [points[:, 0] + as_floats(across_m), points[:, 1] + as_floats(along_m), np.zeros(len(points))]

@@ -12,7 +12,7 @@ _FAN = 256
 
 
 def corner_normals(mesh: TriangleMesh, crease_rad: float) -> FloatArray:
-    """A normal for each corner of each face, averaged over the faces that continue it smoothly.
+    """Return a normal for each corner of each face, averaged over the faces that continue it smoothly.
 
     At a corner the normals of the faces round the vertex are added, each with its angle there as weight, as far
     as they differ from the corner's own face by less than ``crease_rad``. Linear interpolation over a face then
@@ -43,7 +43,7 @@ def corner_normals(mesh: TriangleMesh, crease_rad: float) -> FloatArray:
 
 
 def interpolated(mesh: TriangleMesh, corners: FloatArray, face: IntArray, points_m: FloatArray) -> FloatArray:
-    """Unit normals (N, 3) at points (N, 3) of given faces (N,), linear in between the corners' normals (F, 3, 3)."""
+    """Return unit normals (N, 3) at points (N, 3) of faces (N,), linear between the corners' normals (F, 3, 3)."""
     a, b, c = (mesh.vertices_m[mesh.faces[face, i]] for i in range(3))
     normal, doubled = mesh.normals[face], 2 * mesh.areas_m2[face]
     share_b = np.einsum("ij,ij->i", np.cross(points_m - a, c - a), normal) / doubled
@@ -54,7 +54,7 @@ def interpolated(mesh: TriangleMesh, corners: FloatArray, face: IntArray, points
 
 
 def _corner_angles(mesh: TriangleMesh) -> FloatArray:
-    """(F, 3) inner angles [rad]."""
+    """Return inner angles (F, 3) [rad]."""
     corner = mesh.vertices_m[mesh.faces]
     to_next = np.roll(corner, -1, axis=1) - corner
     to_last = np.roll(corner, 1, axis=1) - corner
@@ -63,7 +63,7 @@ def _corner_angles(mesh: TriangleMesh) -> FloatArray:
 
 
 def _pairs(vertex: IntArray) -> tuple[IntArray, IntArray]:
-    """All ordered pairs of corners that share a vertex, but not at vertices with too many."""
+    """Return all ordered pairs of corners that share a vertex, but not at vertices with too many."""
     order = np.argsort(vertex, kind="stable")
     _, start, count = np.unique(vertex[order], return_index=True, return_counts=True)
     keep = count <= _FAN
@@ -74,6 +74,6 @@ def _pairs(vertex: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _counting(lengths: IntArray) -> IntArray:
-    """0, 1, ... up to each length, one after the other."""
+    """Return 0, 1, ... up to each length, one after the other."""
     ends = np.cumsum(lengths)
     return np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - lengths, lengths)

@@ -1,4 +1,4 @@
-"""What a fingertip surface must be able to do, and where the sensor sits on it."""
+"""Interface of fingertip surfaces, and the pose of the sensor on them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skincal.model.arrays import FloatArray, floats
 
 @dataclass(frozen=True)
 class SensorPose:
-    """Where the centre of the patch lies and how the patch is turned (paper, section II-B).
+    """Place and turn of the patch on the surface (paper, section II-B).
 
     Attributes:
         y_m: position of the centre along the axis [m].
@@ -46,7 +46,7 @@ class Surface(ABC):
     """
 
     is_uniform: ClassVar[bool] = False
-    """Whether it is the same everywhere, so that it can be unrolled and moving the patch is moving the presses."""
+    """True if it is the same everywhere: it can be unrolled, and moving the patch is moving the presses."""
 
     @property
     def arc_radius_m(self) -> float | None:
@@ -54,19 +54,19 @@ class Surface(ABC):
         return None
 
     def arc_radius_at(self, pose: SensorPose) -> float | None:
-        """R of arc = R beta at the patch's centre [m], its distance from the axis; None on a plane."""
+        """Return R of arc = R beta at the patch's centre [m], its distance from the axis; None on a plane."""
         centre = self.wrap(replace(pose, alpha_rad=0.0), np.zeros((1, 2)))[0][0]
         return float(np.hypot(centre[0], centre[2]))
 
     def moved_pose(self, pose: SensorPose, across_m: float) -> SensorPose:
-        """A pose moved along growing beta, on a plane along x, by a length [m]."""
+        """Return a pose moved along growing beta, on a plane along x, by a length [m]."""
         radius = self.arc_radius_at(pose)
         if radius is None:
             return replace(pose, x_m=pose.x_m + across_m)
         return replace(pose, beta_rad=pose.beta_rad + across_m / max(radius, _ON_AXIS_M))
 
     def unrolled(self, points_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Positions across, (K,) arcs from beta = 0 (on a plane x), and along, (K,) y, of points (K, 3) [m].
+        """Return positions across, (K,) arcs from beta = 0 (on a plane x), and along, (K,) y, of points (K, 3) [m].
 
         Raises:
             TypeError: the surface is not uniform: it cannot be unrolled as a whole.
@@ -93,11 +93,11 @@ class Surface(ABC):
 
     @abstractmethod
     def normal_at(self, points_m: ArrayLike) -> FloatArray:
-        """Outward unit normals (K, 3) at the points of the surface nearest to ``points_m`` (K, 3) [m]."""
+        """Return outward unit normals (K, 3) at the points of the surface nearest to ``points_m`` (K, 3) [m]."""
 
     @abstractmethod
     def project(self, points_m: ArrayLike) -> FloatArray:
-        """The points of the surface (K, 3) [m] nearest to ``points_m`` (K, 3) [m]."""
+        """Return the points of the surface (K, 3) [m] nearest to ``points_m`` (K, 3) [m]."""
 
     @abstractmethod
     def offset(self, points_m: ArrayLike, across_m: ArrayLike, along_m: ArrayLike) -> FloatArray:
@@ -113,7 +113,7 @@ class Surface(ABC):
         """
 
     def cell_areas(self, pose: SensorPose, uv_m: ArrayLike, size_m: ArrayLike) -> FloatArray:
-        """Areas of the cells of the patch around its points, on the surface.
+        """Return areas of the cells of the patch around its points, on the surface.
 
         Args:
             pose: where the patch is.
@@ -123,12 +123,11 @@ class Surface(ABC):
         Returns:
             (N,) areas [m²]. Wrapping keeps them on a surface that can be unrolled; others override this.
         """
-        del pose, uv_m
         return floats("size_m", size_m, (None, 2)).prod(axis=1)
 
 
 def turned(pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Arc lengths across and along the finger of points of the patch (contract: u cos a - v sin a, u sin a + v cos a).
+    """Return arc lengths across and along the finger of points of the patch (u cos a - v sin a, u sin a + v cos a).
 
     Args:
         pose: its ``alpha_rad`` is used.

@@ -29,11 +29,11 @@ class Stand:
     heading: FloatArray
 
     def __getitem__(self, rows: IntArray | BoolArray) -> Stand:
-        """Some of the places."""
+        """Return some of the places."""
         return Stand(self.points_m[rows], self.normals[rows], self.heading[rows])
 
     def turned_right(self) -> Stand:
-        """The same places, heading to the right: u where the heading was v."""
+        """Return the same places, heading to the right: u where the heading was v."""
         return Stand(self.points_m, self.normals, np.cross(self.heading, self.normals))
 
 
@@ -56,7 +56,7 @@ class Walker:
     step_m: float
 
     def walk(self, start: Stand, walker: IntArray, length_m: FloatArray) -> Stand:
-        """Where walks of given lengths end.
+        """Return the ends of walks of given lengths.
 
         Args:
             start: W places to start from.
@@ -91,7 +91,7 @@ class Walker:
             here = there
 
     def step(self, here: Stand, length_m: float | FloatArray) -> Stand:
-        """One step along the heading; NaN where there is no mesh under its end.
+        """Take one step along the heading; NaN where there is no mesh under its end.
 
         Args:
             here: W places.
@@ -108,13 +108,13 @@ class Walker:
         return Stand(points, np.where(lost[:, None], np.nan, normals), heading)
 
     def normals(self, face: IntArray, points_m: FloatArray, against: FloatArray) -> FloatArray:
-        """Smooth normals (N, 3) at points of faces, on the side that faces against ``against`` (N, 3)."""
+        """Return smooth normals (N, 3) at points of faces, on the side that faces against ``against`` (N, 3)."""
         normals = interpolated(self.mesh, self.corners, face, points_m)
         return normals * -np.sign(np.einsum("ij,ij->i", normals, against))[:, None]
 
 
 def _transported(heading: FloatArray, old: FloatArray, new: FloatArray) -> FloatArray:
-    """Headings (W, 3) turned by the smallest rotation that takes the old normals to the new."""
+    """Turn headings (W, 3) by the smallest rotation that takes the old normals to the new."""
     along = np.einsum("ij,ij->i", heading, new) / (1 + np.einsum("ij,ij->i", old, new))
     turned = heading - along[:, None] * (old + new)
     return turned / np.linalg.norm(turned, axis=1, keepdims=True)
