@@ -1,45 +1,61 @@
-"""Parts shared by the verbs: options, JSON on standard output, messages on standard error."""
+"""What the verbs share: their options, results on standard output, messages on standard error."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
+import shlex
 import sys
-from collections.abc import Generator, Iterable, Mapping
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Annotated, Any, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
-from skincal.errors import Problem
+from skincal.errors import InputError, Problem
 
-DatasetArgument = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a dataset.")]
-CalibrationArgument = Annotated[Path, typer.Argument(metavar="CAL", help="Folder of a calibration.")]
-OutOption = Annotated[
-    Path,
-    typer.Option("--out", help="Folder to write; it appears complete or not at all."),
-]
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print one JSON object, and nothing else, on standard output.")
-]
-ForceOption = Annotated[bool, typer.Option("--force", help="Replace an earlier output of skincal.")]
-SeedOption = Annotated[
-    int, typer.Option("--seed", min=0, help="Seed of all randomness; the same seed gives the same result.")
-]
+if TYPE_CHECKING:
+    from rich.table import Table
 
-WorkersOption = Annotated[
-    int | None,
-    typer.Option("--workers", min=1, max=1024, help="Number of processes.", show_default="one per core"),
+
+def option(text: str, *names: str, **settings: Any) -> Any:
+    """Return an option with its help text; without names it is called as its parameter."""
+    return typer.Option(*names, help=text, **settings)
+
+
+def argument(metavar: str | None, text: str, **settings: Any) -> Any:
+    """Return an argument with its help text."""
+    return typer.Argument(metavar=metavar, help=text, **settings)
+
+
+def find_modules_here(driver: str) -> str:
+    """Let ``module:Class`` name a module of the working folder, which comes last so that it hides nothing installed."""
+    here = str(Path.cwd())
+    if ":" in driver and here not in sys.path:
+        sys.path.append(here)
+    return driver
+
+
+Pair = tuple[float, float]
+DatasetArgument = Annotated[Path, argument("DATASET", "Folder of a dataset.")]
+CalibrationArgument = Annotated[Path, argument("CAL", "Folder of a calibration.")]
+OutOption = Annotated[Path, option("Folder to write; it appears complete or not at all.", "--out")]
+JsonOption = Annotated[bool, option("Print one JSON object, and nothing else, on standard output.", "--json")]
+ForceOption = Annotated[bool, option("Replace an earlier output of skincal.", "--force")]
+ReportOption = Annotated[bool, option("Write the report: HTML page and pictures.")]
+SeedOption = Annotated[int, option("Seed of all randomness; the same seed gives the same result.", min=0)]
+DriverOption = Annotated[
+    str,
+    option("Driver of the hand: a name of `skincal hand list`, or module:Class.", callback=find_modules_here),
 ]
-SchedulerOption = Annotated[
-    str | None,
-    typer.Option(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="Use the workers of a Dask cluster, tcp://HOST:8786, instead of processes on this machine.",
-    ),
+_OPTIONS = "An option of the driver; may be repeated. `skincal hand list` shows them."
+DriverOptionsOption = Annotated[list[str] | None, option(_OPTIONS, "--driver-option", metavar="KEY=VALUE")]
+_EFFECT = "Effect of a simulated skin; strength 1 is a typical case. May be repeated."
+EffectOption = Annotated[list[str] | None, option(_EFFECT, metavar="NAME=STRENGTH")]
+BeyondLimitsOption = Annotated[
+    bool, option("Accept limits in hand.toml that are beyond those of any finger.", "--beyond-limits")
 ]
 
 
@@ -47,6 +63,75 @@ def example(*commands: str) -> str:
     """Return the epilog of a verb's help: commands as a person types them."""
     # The first line tells click to keep the line breaks.
     return "\b\nExample:\n" + "\n".join(f"  {command}" for command in commands)
+
+
+def wrong(place: str, expected: str, got: object, fix: str = "") -> InputError:
+    """Return the error of one wrong option or input."""
+    return InputError([Problem(place, expected, str(got), fix)])
+
+
+def numbers_by_name(name: str, given: Iterable[str] | None, metavar: str = "NAME=VALUE") -> dict[str, float]:
+    """Return the numbers of a repeated option ``NAME=VALUE``.
+
+    Raises:
+        InputError: one is no number, or is given twice.
+    """
+    found: dict[str, float] = {}
+    for text in given or ():
+        key, _, value = text.partition("=")
+        if key.strip() in found:
+            raise wrong(name, "each name once", f"{key.strip()} twice")
+        try:
+            found[key.strip()] = float(value)
+        except ValueError:
+            raise wrong(name, f"{metavar} with a number", repr(text)) from None
+    return found
+
+
+def command_line() -> str:
+    """Return the command that is running, for the provenance of its output."""
+    return shlex.join(["skincal", *sys.argv[1:]])
+
+
+def answer(as_json: bool, content: Mapping[str, Any], *shown: object) -> None:
+    """Print the result of a verb on standard output.
+
+    Args:
+        as_json: whether to print one JSON object, and nothing else.
+        content: the object.
+        shown: lines and tables for a person.
+    """
+    if as_json:
+        print_json(content)
+        return
+    for part in shown:
+        if isinstance(part, str):
+            typer.echo(part)
+        else:
+            from rich.console import Console
+
+            Console().print(part)
+
+
+def table(
+    columns: Iterable[str], rows: Iterable[Sequence[Any]], *, right: bool = False, **look: Any
+) -> Table:
+    """Return a table for the terminal.
+
+    Args:
+        columns: titles.
+        rows: cells of each row.
+        right: whether all columns but the first are numbers.
+        look: settings of :class:`rich.table.Table`.
+    """
+    from rich.table import Table
+
+    made = Table(**{"box": None, "padding": (0, 2, 0, 0), **look})
+    for number, title in enumerate(columns):
+        made.add_column(title, justify="right" if right and number else "left", no_wrap=not number)
+    for row in rows:
+        made.add_row(*row)
+    return made
 
 
 def print_json(content: Mapping[str, Any]) -> None:
@@ -134,3 +219,25 @@ def warn(problems: Iterable[Problem]) -> None:
     """Print warnings on standard error."""
     for problem in problems:
         say(f"skincal: {problem.severity}: {problem}")
+
+
+def note(texts: Iterable[str]) -> None:
+    """Print notes on standard error."""
+    for text in texts:
+        say(f"skincal: note: {text}")
+
+
+def shape(kind: str, radius_m: float | None) -> str:
+    """Return a surface or an indenter in a few words."""
+    return kind if radius_m is None else f"{kind} of radius {radius_m * 1e3:g} mm"
+
+
+def first_of(items: Sequence[object], most: int = 8) -> str:
+    """Return a list in one line, cut after so many."""
+    more = f" and {len(items) - most} more" if len(items) > most else ""
+    return ", ".join(map(str, items[:most])) + more
+
+
+def say_calibration(out: Path, report: bool) -> None:
+    """Print where a calibration and its report were written."""
+    say(f"calibration: {out}" + (f"   report: {out / 'report.html'}" if report else ""))

@@ -22,6 +22,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from skincal.errors import InputError, Problem
+from skincal.files import whole_file
 from skincal.units import in_unit
 
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY, BLACK = (
@@ -150,6 +151,12 @@ def save(figure: Figure, path: str | Path) -> None:
     dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with style():
         figure.savefig(path, dpi=DPI, metadata=dates.get(suffix))
+
+
+def save_whole(figure: Figure, path: Path, *, force: bool) -> None:
+    """Write a figure that appears complete or not at all, and replaces only an earlier figure."""
+    with whole_file(path, force=force, mark=PICTURE_MARK) as temporary:
+        save(figure, temporary)
 
 
 def png_bytes(figure: Figure) -> bytes:

@@ -17,7 +17,7 @@ from report.diagnosis_cases import LOOP, calibration, session, without_frames
 from rich.console import Console
 
 from skincal.calibration import read_calibration, write_calibration
-from skincal.cli.diagnose import _stages
+from skincal.cli.diagnose import stage_shown
 from skincal.dataset import dataset_hash, read_dataset, write_dataset
 
 
@@ -209,8 +209,8 @@ def test_a_terminal_shows_the_stage_and_how_long_it_all_has_been(monkeypatch: py
     shown = StringIO()
     terminal = Console(file=shown, force_terminal=True, color_system=None, width=40)
     monkeypatch.setattr("rich.console.Console", lambda **_: terminal)
-    with _stages() as heard:
-        heard("null sessions: layer 1 mm, layer 1.8 mm, layer 3 mm, [layer] 5 mm")
+    with stage_shown() as show_stage:
+        show_stage("null sessions: layer 1 mm, layer 1.8 mm, layer 3 mm, [layer] 5 mm")
     lines = shown.getvalue()
     assert "0:00:00 null sessions: layer 1 mm" in lines
     assert "[layer] 5 mm" not in lines

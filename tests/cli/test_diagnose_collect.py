@@ -66,7 +66,7 @@ def test_a_round_is_pressed_once_and_joins_the_session(run: Dataset, tmp_path: P
     monkeypatch.setattr("skincal.cli.diagnose_collect.press_plan", never)
     again = rounds(tmp_path / "new", run)
     assert again.press(run, plan(2, 4), 1).presses.press.tolist() == both.presses.press.tolist()
-    assert "1 rounds" in again.kept()
+    assert "1 rounds" in again.saved()
     again.keep_in(tmp_path, 2, 1)
     assert len(read_dataset(tmp_path / SESSION).presses) == 5
     again.done()

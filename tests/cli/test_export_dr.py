@@ -3,6 +3,7 @@
 import json
 from functools import partial
 from pathlib import Path
+from typing import get_args
 
 import commands
 import pytest
@@ -142,7 +143,7 @@ def test_a_cloud_that_is_not_there(cal, tmp_path, capsys):
 
 
 def test_the_choices_are_the_presets():
-    assert {choice.value for choice in export_dr.Preset} == set(PRESETS)
+    assert set(get_args(export_dr.Preset)) == set(PRESETS)
 
 
 def test_an_unknown_scale_is_refused_unless_assumed(tmp_path, capsys):

@@ -140,7 +140,7 @@ def test_a_full_disk_keeps_what_was_evaluated_and_says_so(
     kept = tmp_path / ".cal.fit"
     assert status == 1 and "No space left" in err
     assert kept.exists() == (turns > 0)
-    assert (f"its grid so far is saved in {kept}; give the same command again to continue" in err) == (
+    assert (f"The grid so far is saved in {kept}; give the same command again to continue" in err) == (
         turns > 0
     )
 
