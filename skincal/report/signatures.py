@@ -18,7 +18,7 @@ from skincal.effects import EffectSkin, Samples, effect
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.model import Contacts, Cylinder, Patch, SensorPose, Skin, SkinParameters, Sphere, TaxelLayout
 from skincal.model.arrays import FloatArray
-from skincal.report.style import BLACK, BLUE, DIVERGING, GREY, ORANGE, new_figure, style
+from skincal.report.style import BLACK, BLUE, DIVERGING, GREY, ORANGE, new_figure, styled
 
 FEW = 16
 """Most values that are drawn as bars."""
@@ -113,6 +113,7 @@ def signature(name: str, strength: float = STRENGTH) -> Signature:
     return Signature(name, view.x_label, view.y_label, curves, image.reshape(4, 4), place)
 
 
+@styled
 def signature_figure(name: str, strength: float = STRENGTH) -> Figure:
     """Return the figure of an effect: curves without and with it, and a map of the largest change.
 
@@ -124,11 +125,10 @@ def signature_figure(name: str, strength: float = STRENGTH) -> Figure:
         InputError: there is no such effect.
     """
     found = signature(name, strength)
-    with style():
-        figure = new_figure(7.6, 2.6)
-        left, right = figure.subplots(1, 2, width_ratios=(1.7, 1.0))
-        _draw_curves(left, found)
-        _draw_change(figure, right, found)
+    figure = new_figure(7.6, 2.6)
+    left, right = figure.subplots(1, 2, width_ratios=(1.7, 1.0))
+    _draw_curves(left, found)
+    _draw_change(figure, right, found)
     return figure
 
 

@@ -7,13 +7,27 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
+from matplotlib.patches import Rectangle
 
 from skincal.model import TaxelLayout
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 from skincal.report.style import BLACK, DIVERGING, GREY, LIGHT
 
 MOST_LABELLED = 36
 """Largest number of taxels whose values are written on them."""
+
+
+def draw_outlines(axes: Axes, layout: TaxelLayout, edge: str = GREY) -> None:
+    """Draw the taxels as light boxes over (u, v) [mm]."""
+    for centre, size in zip(1e3 * layout.centres_m, 1e3 * layout.sizes_m, strict=True):
+        corner = (float(centre[0] - size[0] / 2), float(centre[1] - size[1] / 2))
+        axes.add_patch(Rectangle(corner, *size, facecolor=LIGHT, edgecolor=edge, linewidth=0.6))
+
+
+def near_patch(uv: FloatArray, bounds: FloatArray) -> BoolArray:
+    """Return which points (N, 2) lie within a patch's size of the patch; a stray press must not shrink the others."""
+    size = float(np.ptp(bounds, axis=0).max())
+    return np.asarray((np.abs(uv - bounds.mean(axis=0)) <= 1.5 * size).all(axis=1))
 
 
 def draw_taxels(
