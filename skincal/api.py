@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -196,13 +196,11 @@ def plot(
     if isinstance(result, Outcome):
         if dataset is None:
             raise InputError([Problem("plot", "the dataset that was fitted", "none", "give dataset=")])
-        figures = {one.stem: one.draw for one in fit_report.SECTIONS}
-        return _chosen(figures, figure)(result.result, dataset)
-    figures = {stem: draw for stem, _, _, draw in diagnosis_report.SECTIONS}
-    return _chosen(figures, figure)(result, dataset or result.observed.dataset)
+        return _chosen(fit_report.FIGURES, figure)(result.result, dataset)
+    return _chosen(diagnosis_report.FIGURES, figure)(result, dataset or result.observed.dataset)
 
 
-def _chosen(figures: dict[str, Callable[..., Figure]], name: str | None) -> Callable[..., Figure]:
+def _chosen(figures: Mapping[str, Callable[..., Figure]], name: str | None) -> Callable[..., Figure]:
     if name is None:
         return next(iter(figures.values()))
     if name not in figures:

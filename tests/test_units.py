@@ -45,8 +45,8 @@ def test_findings_figures_and_pages_have_the_unit(tmp_path: Path):
         axes.plot(np.arange(3), label="2 counts")
         axes.set(xlabel="simulated [counts]", ylabel="count")
         axes.legend()
-    shown = picture(figure, "a", "Title", "More counts.", tmp_path, "V")
-    assert shown.caption == "More V."
+    shown = picture(figure, "answers", tmp_path, "V")
+    assert shown.file == "answers.png"
     assert axes.get_xlabel() == "simulated [V]" and axes.get_ylabel() == "count"
     assert axes.get_legend().get_texts()[0].get_text() == "2 V"
     head = {"tone": "", "source": escape("counts"), "headline": "a gap of 3 counts", "verdict": ""}

@@ -5,19 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from skincal.cli.common import (
-    ForceOption,
-    JsonOption,
-    SeedOption,
-    answer,
-    argument,
-    example,
-    first_of,
-    option,
-    say,
-    warn,
-    wrong,
-)
+from skincal.cli import options
+from skincal.cli.options import argument, example, option, wrong
+from skincal.cli.terminal import answer, first_of, picked, say, warn
 
 if TYPE_CHECKING:
     from skincal.diagnosis.audit import AuditReport
@@ -39,9 +29,9 @@ def audit(
         str | None, option("For a plan: the hand that would press, its name or hand.toml.")
     ] = None,
     out: Annotated[Path | None, option(f"Folder for a picture, {PICTURE}.")] = None,
-    seed: SeedOption = 0,
-    as_json: JsonOption = False,
-    force: ForceOption = False,
+    seed: options.Seed = 0,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Show which effects the presses can reveal, how strong they must be, and which look the same.
 
@@ -92,20 +82,13 @@ def _audited(source: Path, calibration: Path | None, hand: str | None, seed: int
 
 
 def _as_json(report: AuditReport, picture: Path | None) -> dict[str, Any]:
-    options = ("false_alarm", "power", "alike", "position_sigma_m", "force_sigma", "shape_sigma")
     return {
-        "presses": report.presses,
-        "observations": report.observations,
-        "taxels": report.taxels,
+        **picked(report, "presses observations taxels"),
         "frames": report.has_frames,
-        "planned": report.planned,
-        "calibrated": report.calibrated,
-        "left_out": report.left_out,
-        "visible": report.visible,
-        "cannot_see": report.cannot_see,
+        **picked(report, "planned calibrated left_out visible cannot_see"),
         "effects": report.rows,
         "noise": vars(report.floor),
-        **{name: getattr(report.options, name) for name in options},
+        **picked(report.options, "false_alarm power alike position_sigma_m force_sigma shape_sigma"),
         "picture": picture,
     }
 
@@ -113,7 +96,7 @@ def _as_json(report: AuditReport, picture: Path | None) -> dict[str, Any]:
 def _lines(report: AuditReport, unit: str) -> list[str]:
     """Return the audit for a person, line by line."""
     what, of = "planned presses" if report.planned else "presses", "hold means"
-    floor, options = report.floor, report.options
+    floor, settings = report.floor, report.options
     frame, mean = (
         f"({low:.3g} to {high:.3g}, from " for low, high in (floor.frame_interval, floor.mean_interval)
     )
@@ -141,7 +124,7 @@ def _lines(report: AuditReport, unit: str) -> list[str]:
     return [
         *lines,
         "",
-        f"Strength 1 is a typical case. The smallest strength is detected in {100 * options.power:.0f} % of cases at "
-        f"{100 * options.false_alarm:.0f} % false",
+        f"Strength 1 is a typical case. The smallest strength is detected in {100 * settings.power:.0f} % of cases at "
+        f"{100 * settings.false_alarm:.0f} % false",
         "alarms over all effects, if the base model fits to the noise; if its contact law does not, more is needed.",
     ]

@@ -8,24 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import (
-    BeyondLimitsOption,
-    DriverOption,
-    DriverOptionsOption,
-    EffectOption,
-    ForceOption,
-    JsonOption,
-    OutOption,
-    SeedOption,
-    answer,
-    example,
-    numbers_by_name,
-    option,
-    say,
-    warn,
-    wrong,
-)
+from skincal.cli import options
 from skincal.cli.interrupt import AGAIN, moving
+from skincal.cli.options import example, numbers_by_name, option, wrong
+from skincal.cli.terminal import answer, say, warn
 
 if TYPE_CHECKING:
     from skincal.collect import Collected, Need, Plan
@@ -48,25 +34,24 @@ PLAN_ONLY = "Move nothing; write the plan and its picture, as OUT-plan.toml and 
 SECOND = (
     "Radius of a second sphere: the full protocol ends with presses with it; you are asked to change the cap."
 )
-HandOption = Annotated[str | None, option("Name of the hand, or its hand.toml, for drivers that take one.")]
 
 
 def collect(
-    out: OutOption,
-    driver: DriverOption = "sim",
-    seed: SeedOption = 0,
+    out: options.Out,
+    driver: options.Driver = "sim",
+    seed: options.Seed = 0,
     protocol: Annotated[str | None, option(PROTOCOL, show_default="full")] = None,
     plan: Annotated[Path | None, option("A plan of your own, TOML or CSV, instead of a protocol.")] = None,
     plan_only: Annotated[bool, option(PLAN_ONLY, "--plan-only")] = False,
     second_indenter_mm: Annotated[float | None, option(SECOND, min=0.5, max=50.0)] = None,
-    effect: EffectOption = None,
+    effect: options.Effects = None,
     truth: Annotated[Path | None, option("File for the simulated hand's hidden truth (JSON).")] = None,
-    hand: HandOption = None,
-    driver_option: DriverOptionsOption = None,
-    beyond_limits: BeyondLimitsOption = False,
+    hand: options.Hand = None,
+    driver_option: options.DriverOptions = None,
+    beyond_limits: options.BeyondLimits = False,
     restart: Annotated[bool, option("Discard an interrupted session and start over.", "--restart")] = False,
-    as_json: JsonOption = False,
-    force: ForceOption = False,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Press the skin with the hand's own indenter, at a regulated force, and write the dataset.
 
@@ -82,8 +67,8 @@ def collect(
     from skincal.progress import stage_bars
     from skincal.robot import check_limits
 
-    options = options_of(driver, seed, effect, truth, hand, driver_option)
-    rig = create_rig(driver, **options)
+    settings = options_of(driver, seed, effect, truth, hand, driver_option)
+    rig = create_rig(driver, **settings)
     inputs = [Path(one) for one in (plan, hand) if one is not None]
     if isinstance(rig, StageDriver):
         if second_indenter_mm is not None:
@@ -113,7 +98,7 @@ def collect(
                 chosen,
                 lambda: rig,
                 out,
-                **session_settings(driver, options, seed, source, beyond_limits),
+                **session_settings(driver, settings, seed, source, beyond_limits),
                 **output,
                 watch=lambda done, total: progress("presses", done, total),
             )
@@ -121,18 +106,18 @@ def collect(
         simulated = f", seed {seed}" if driver == "sim" else ""
         effects = f", effects {', '.join(effect)}" if effect else ""
         source = f"driver {driver}{simulated}{effects}, plan {chosen.name}, {rig.description.name}"
-        session = session_settings(driver, options, seed, f"skincal collect: {source}", beyond_limits)
-        found = press_plan(chosen, rig.description, driver, options, out, session, **output)
+        session = session_settings(driver, settings, seed, f"skincal collect: {source}", beyond_limits)
+        found = press_plan(chosen, rig.description, driver, settings, out, session, **output)
     _conclude(found, out, as_json)
 
 
 def session_settings(
-    driver: str, options: dict[str, Any], seed: int, source: str, beyond_limits: bool
+    driver: str, settings: dict[str, Any], seed: int, source: str, beyond_limits: bool
 ) -> dict[str, Any]:
     """Return what a session on a hand and one on a stage have in common."""
     from skincal.hand import GuardOptions
 
-    key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(options.items())}}
+    key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(settings.items())}}
     return {"key": key, "guard": GuardOptions(beyond_limits=beyond_limits), "source": source}
 
 
@@ -140,7 +125,7 @@ def press_plan(
     plan: Plan,
     description: HandDescription,
     driver: str,
-    options: dict[str, Any],
+    settings: dict[str, Any],
     out: Path,
     session: dict[str, Any],
     *,
@@ -153,7 +138,7 @@ def press_plan(
         plan: the presses.
         description: the hand.
         driver: name of its driver.
-        options: of the driver.
+        settings: options of the driver.
         out: folder of the dataset.
         session: key, guard and source of the session.
         start_s: clock of a simulated hand at the beginning [s].
@@ -163,7 +148,7 @@ def press_plan(
     from skincal.collect import collect as run
 
     with SessionProgress(len(plan), description.meta.sensor) as progress, moving(lambda: saved(out)):
-        make = _maker(driver, options, out, progress.pause, start_s)
+        make = _maker(driver, settings, out, progress.pause, start_s)
         return run(plan, description, make, out, **session, **output, watch=progress)
 
 
@@ -210,14 +195,14 @@ def options_of(
     own = {n: v for n, v in {"effects": effects, "truth_path": truth, "hand": hand}.items() if v}
     if "seed" in {option.name for option in driver_options(driver)}:
         own["seed"] = seed
-    options: dict[str, Any] = dict(parse_options(given or []))
-    if twice := [name for name in own if name in options]:
+    settings: dict[str, Any] = dict(parse_options(given or []))
+    if twice := [name for name in own if name in settings]:
         raise wrong("--driver-option", "options without an own command-line option", ", ".join(twice))
-    return {**options, **own}
+    return {**settings, **own}
 
 
 def _maker(
-    driver: str, options: dict[str, Any], out: Path, pause: Callable[[], None], start_s: float
+    driver: str, settings: dict[str, Any], out: Path, pause: Callable[[], None], start_s: float
 ) -> Callable[[Need], HandDriver]:
     """Return a factory of drivers for the point that the session has reached; it asks for another cap where needed.
 
@@ -242,8 +227,8 @@ def _maker(
             "indenter_radius_m": radius_m,
             "memory_path": journal_folder(out) / MEMORY,
         }
-        own = {n: v for n, v in later.items() if n in known and n not in options and v is not None}
-        return create_driver(driver, **options, **own)
+        own = {n: v for n, v in later.items() if n in known and n not in settings and v is not None}
+        return create_driver(driver, **settings, **own)
 
     return make
 

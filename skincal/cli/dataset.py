@@ -7,16 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import (
-    DatasetArgument,
-    ForceOption,
-    JsonOption,
+from skincal.cli import options
+from skincal.cli.options import example, option
+from skincal.cli.terminal import (
     answer,
-    example,
     findings_json,
     first_of,
     note,
-    option,
+    picked,
     print_json,
     problems_json,
     say,
@@ -45,7 +43,7 @@ _THRESHOLD = (
     short_help="Check every file and report all problems.",
     epilog=example("skincal dataset check data/paper-like", "skincal dataset check data/paper-like --json"),
 )
-def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
+def check(dataset: options.Dataset, as_json: options.Json = False) -> None:
     """Check every file of a dataset, and report every problem with file, column and row.
 
     A note states a limit of good data. Exit status 0: usable, perhaps with warnings; 2: not usable.
@@ -84,11 +82,11 @@ def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
     epilog=example("skincal dataset show data/paper-like --out paper.png"),
 )
 def show(
-    dataset: DatasetArgument,
+    dataset: options.Dataset,
     out: Annotated[Path | None, option(_OUT)] = None,
     threshold: Annotated[float | None, option(_THRESHOLD, min=0.0)] = None,
-    as_json: JsonOption = False,
-    force: ForceOption = False,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Show the content of a dataset: a summary, and a picture of the presses, forces and images."""
     from rich.text import Text
@@ -126,14 +124,10 @@ def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
         "sha256": data.sha256,
         "source": data.meta.source,
         "assumed": data.meta.assumed,
-        "sensor": {"rows": sensor.rows, "cols": sensor.cols},
+        "sensor": picked(sensor, "rows cols"),
         "surface": data.meta.surface.kind,
         "indenter": data.meta.indenter.kind,
-        "presses": summary.presses,
-        "sites": summary.sites,
-        "frames": summary.frames,
-        "phases": summary.phases,
-        "session_s": summary.session_s,
+        **picked(summary, "presses sites frames phases session_s"),
         "force_n": {"min": low, "median": median, "max": high},
         "active_taxels": {
             "threshold_counts": summary.threshold_counts,
@@ -142,8 +136,7 @@ def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
         },
         "silent_taxels": summary.silent,
         "dead_taxels": summary.dead,
-        "labels": summary.labels,
-        "columns": summary.columns,
+        **picked(summary, "labels columns"),
         "warnings": problems_json(data.warnings),
         "findings": findings_json(data.warnings),
     }

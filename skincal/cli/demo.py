@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-from skincal.cli.common import example, option
+from skincal.cli.options import example, option
 from skincal.files import refuse_existing
 from skincal.files.manifest import write_manifest
 

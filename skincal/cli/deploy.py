@@ -6,25 +6,11 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from skincal.cli.common import (
-    BeyondLimitsOption,
-    DriverOption,
-    DriverOptionsOption,
-    EffectOption,
-    ForceOption,
-    JsonOption,
-    OutOption,
-    SeedOption,
-    answer,
-    argument,
-    example,
-    numbers_by_name,
-    option,
-    plain,
-    wrong,
-)
+from skincal.cli import options
 from skincal.cli.eval import read_targets
 from skincal.cli.interrupt import moving
+from skincal.cli.options import argument, example, numbers_by_name, option, wrong
+from skincal.cli.terminal import answer, plain
 from skincal.train.settings import Task
 
 if TYPE_CHECKING:
@@ -58,11 +44,11 @@ _DRAWS = "Draws the way as the skin felt it: a file of `train estimator`, or one
 def deploy(
     task: Annotated[Task, argument(None, "Object to roll.")],
     policy: Annotated[str, argument("POLICY", "A policy file, or the name of a bundled policy.")],
-    out: OutOption,
-    driver: DriverOption = "reference",
-    driver_option: DriverOptionsOption = None,
-    seed: SeedOption = 0,
-    effect: EffectOption = None,
+    out: options.Out,
+    driver: options.Driver = "reference",
+    driver_option: options.DriverOptions = None,
+    seed: options.Seed = 0,
+    effect: options.Effects = None,
     pinch: Annotated[Path | None, option(_PINCH, "--hand", show_default="the bundled hand")] = None,
     trajectory: Annotated[str, option(_TRAJECTORY)] = "circle",
     write: Annotated[str | None, option("Letters that the marble draws, such as DLR.")] = None,
@@ -77,9 +63,9 @@ def deploy(
     estimator: Annotated[
         str | None, option(_DRAWS, show_default=f"{ESTIMATOR}, of the marble on the bundled hand")
     ] = None,
-    beyond_limits: BeyondLimitsOption = False,
-    as_json: JsonOption = False,
-    force: ForceOption = False,
+    beyond_limits: options.BeyondLimits = False,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Run a policy on a hand: grasp the object, act at 10 Hz, let go.
 
@@ -105,8 +91,8 @@ def deploy(
         fix = f"skincal deploy {chosen.description.task} {policy}"
         raise wrong(policy, f"a policy for {task.value}", f"one for {chosen.description.task}", fix)
     targets = targets_of(task, trajectory, write, frequency_hz, duration_s)
-    options = _driver_options(driver, driver_option, seed, effect, task, pinch)
-    made = create_driver(driver, **options)
+    settings = _driver_options(driver, driver_option, seed, effect, task, pinch)
+    made = create_driver(driver, **settings)
     hand, width = read_pinch(pinch), 1e-3 * width_mm
     sensor = hand.description.meta.sensor
     speed = _speed(chosen, task, float(hand.description.limits.velocity_rad_per_s.min()))
@@ -121,7 +107,7 @@ def deploy(
         "session": str(out / SESSION),
         "asked": {
             "trajectory": trajectory, "write": write, "frequency_hz": frequency_hz, "duration_s": duration_s,
-            "speed_rad_per_s": speed, "orientation_deg": float(options.get("orientation_deg", 0.0)),
+            "speed_rad_per_s": speed, "orientation_deg": float(settings.get("orientation_deg", 0.0)),
         },
     }  # fmt: skip
     felt = None if places is None else estimated_places(found.record, places, hand, width)
@@ -181,12 +167,12 @@ def _driver_options(
     from skincal.hand.registry import driver_options, parse_options
 
     known = {option.name for option in driver_options(driver)}
-    options: dict[str, Any] = dict(parse_options(given or []))
+    settings: dict[str, Any] = dict(parse_options(given or []))
     effects = numbers_by_name("--effect", effect, "NAME=STRENGTH")
     if effects and "effects" not in known:
         raise wrong("--effect", "a simulated hand, such as --driver reference", driver)
     own = {"seed": seed, "effects": effects or None, "task": task.value, "hand": pinch}
-    return options | {n: v for n, v in own.items() if n in known and n not in options and v is not None}
+    return settings | {n: v for n, v in own.items() if n in known and n not in settings and v is not None}
 
 
 def _estimator(task: Task, name: str | None, pinch: Path | None, hand: HandDescription) -> Estimator | None:

@@ -9,54 +9,37 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
-from skincal.cli.collect import HandOption
-from skincal.cli.common import (
-    BeyondLimitsOption,
-    CalibrationArgument,
-    DatasetArgument,
-    DriverOption,
-    DriverOptionsOption,
-    EffectOption,
-    ForceOption,
-    JsonOption,
-    OutOption,
-    ReportOption,
-    SeedOption,
-    answer,
-    command_line,
-    example,
-    option,
-    plain,
-    say,
-    say_calibration,
-    warn,
-)
+from skincal.cli import options
+from skincal.cli.options import command_line, example, option
+from skincal.cli.terminal import answer, plain, say, say_calibration, warn
 
 EPILOG = example(
     "skincal diagnose run cal --out cal-2",
     "skincal diagnose run cal --out cal-2 --collect --driver sim --seed 7",
 )
 
-COLLECT = "Where an effect has several names, make the presses that tell, up to 12, and diagnose again."
+COLLECT = (
+    "Where an effect has several names, make presses that distinguish them, up to 12, and diagnose again."
+)
 
 
 def diagnose(
-    dataset: DatasetArgument,
-    calibration: CalibrationArgument,
-    out: OutOption,
+    dataset: options.Dataset,
+    calibration: options.Calibration,
+    out: options.Out,
     thorough: Annotated[bool, option("Five times as many null sessions.", "--thorough")] = False,
-    seed: SeedOption = 0,
+    seed: options.Seed = 0,
     workers: Annotated[int | None, option("Ignored: one process is enough.", min=1, hidden=True)] = None,
     cache: Annotated[bool, option("Ignored: no stage takes long enough to cache.", hidden=True)] = True,
     collect: Annotated[bool, option(COLLECT, "--collect")] = False,
-    driver: DriverOption = "sim",
-    effect: EffectOption = None,
-    hand: HandOption = None,
-    driver_option: DriverOptionsOption = None,
-    beyond_limits: BeyondLimitsOption = False,
-    report: ReportOption = True,
-    as_json: JsonOption = False,
-    force: ForceOption = False,
+    driver: options.Driver = "sim",
+    effect: options.Effects = None,
+    hand: options.Hand = None,
+    driver_option: options.DriverOptions = None,
+    beyond_limits: options.BeyondLimits = False,
+    report: options.Report = True,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Find where simulation and data disagree, name what is missing, and add it to the model.
 

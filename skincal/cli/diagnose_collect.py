@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skincal.cli.collect import options_of, press_plan, session_settings
-from skincal.cli.common import wrong
 from skincal.cli.interrupt import AGAIN
+from skincal.cli.options import wrong
 
 if TYPE_CHECKING:
     from skincal.collect import Plan

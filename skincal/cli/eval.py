@@ -9,20 +9,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from skincal.cli.common import (
-    ForceOption,
-    JsonOption,
-    SeedOption,
-    answer,
-    argument,
-    example,
-    numbers_by_name,
-    option,
-    plain,
-    table,
-    warn,
-    wrong,
-)
+from skincal.cli import options
+from skincal.cli.options import argument, example, numbers_by_name, option, wrong
+from skincal.cli.terminal import answer, picked, plain, table, warn
 from skincal.progress import stage_bars
 from skincal.train.settings import Task
 
@@ -71,7 +60,7 @@ def evaluate(
     policies: Annotated[list[str], argument("POLICY…", "Policy files, or names of bundled policies.")],
     out: Annotated[Path | None, option(_OUT)] = None,
     episodes: Annotated[int, option("Runs of each policy.", min=1, max=1_000_000)] = 100,
-    seed: SeedOption = 0,
+    seed: options.Seed = 0,
     duration_s: Annotated[
         float | None, option("Length of a run [s].", min=0.1, max=3600.0, show_default="8 marble, 24 bolt")
     ] = None,
@@ -87,8 +76,8 @@ def evaluate(
     gif: Annotated[
         bool, option("With --out: also write an animation of one run of each policy.", "--gif")
     ] = False,
-    as_json: JsonOption = False,
-    force: ForceOption = False,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Evaluate policies as published: joint offsets are drawn, everything else is nominal.
 
@@ -111,7 +100,7 @@ def evaluate(
     if calibration is not None:
         if ranges is not None or randomize:
             given = "--ranges" if ranges is not None else "--randomize"
-            raise wrong("--calibration", "neither --ranges nor --randomize beside it", given)
+            raise wrong("--calibration", "neither --ranges nor --randomize", given)
         randomize = ["all"]
     drawn = {"all": None, "none": ()}
     whole = numbers_by_name("--environment", environment)
@@ -242,22 +231,19 @@ def _entry(one: Evaluated, trial: Trial, *, predicted: bool) -> dict[str, Any]:
     from skincal.train.scores import rolling
 
     entry: dict[str, Any] = {"file": one.policy.file, "policy": str(one.policy.description.policy)}
-    for name in (
-        "episodes", "drops", "time_s", "error_m", "error_settled_m", "error_end_m", "success", "error_low_m",
-        "error_high_m", "error_settled_interval_m", "reward",
-    ):  # fmt: skip
-        entry[name] = getattr(one.score, name)
+    entry |= picked(
+        one.score, "episodes drops time_s error_m error_settled_m error_end_m success error_low_m"
+    )
+    entry |= picked(one.score, "error_high_m error_settled_interval_m reward")
     entry["time_s"] = [round(float(t), 6) for t in one.score.time_s]
     if predicted:
         entry["prediction"] = asdict(fare(one.runs))
     if trial.task is Task.bolt:
-        own = ("direction_right", "held_to_end", "held_s", "angle_error_rad")
+        own = "direction_right held_to_end held_s angle_error_rad"
         whole = rolling(one.runs)
-        entry |= {name: getattr(whole, name) for name in own}
-        entry["by_orientation_deg"] = {
-            angle: {name: getattr(part, name) for name in (*own, "drops", "episodes")}
-            for angle, part in whole.by_orientation_deg.items()
-        }
+        entry |= picked(whole, own)
+        parts = whole.by_orientation_deg.items()
+        entry["by_orientation_deg"] = {angle: picked(part, f"{own} drops episodes") for angle, part in parts}
     return entry
 
 

@@ -5,19 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from skincal.cli.common import (
-    CalibrationArgument,
-    ForceOption,
-    JsonOption,
-    Pair,
-    answer,
-    example,
-    option,
-    problems_json,
-    say,
-    table,
-    warn,
-)
+from skincal.cli import options
+from skincal.cli.options import Pair, example, option
+from skincal.cli.terminal import answer, problems_json, say, table, warn
 
 Preset = Literal["iros24", "icra26"]
 """The presets, listed here so that help need not import them."""
@@ -35,14 +25,14 @@ _ASSUME = "S [counts per N] to assume where the calibration leaves it open; requ
 
 
 def export_dr(
-    cal: CalibrationArgument,
+    cal: options.Calibration,
     out: Annotated[Path, option("File to write: .toml, .json or .yaml.")],
     preset: Annotated[Preset, option("Published ranges for what the calibration does not know.")] = "iros24",
     joint: Annotated[bool, option(_JOINT, "--joint")] = False,
     draws: Annotated[int, option("With --joint: write at most this many draws.", min=1)] = 500,
     assume_scale: Annotated[Pair | None, option(_ASSUME, metavar="LOW HIGH")] = None,
-    as_json: JsonOption = False,
-    force: ForceOption = False,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Write the ranges that a policy should be trained over.
 

@@ -8,25 +8,10 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
-from skincal.cli.common import (
-    DatasetArgument,
-    ForceOption,
-    JsonOption,
-    OutOption,
-    Pair,
-    ReportOption,
-    SeedOption,
-    answer,
-    command_line,
-    example,
-    option,
-    say,
-    say_calibration,
-    table,
-    warn,
-    wrong,
-)
+from skincal.cli import options
 from skincal.cli.interrupt import AGAIN, resumable
+from skincal.cli.options import Pair, command_line, example, option, wrong
+from skincal.cli.terminal import answer, say, say_calibration, table, warn
 from skincal.fitting.fit_options import PAPER_BOUND_COUNTS2, STEPS, FitOptions, GridSteps
 from skincal.progress import stage_bars
 from skincal.units import deg, rad
@@ -78,8 +63,8 @@ _E_RANGE = "Low and high of E [MPa/m]."
 
 
 def fit(
-    dataset: DatasetArgument,
-    out: OutOption,
+    dataset: options.Dataset,
+    out: options.Out,
     y_range_mm: Annotated[Pair | None, _range("y [mm]")] = None,
     beta_range_deg: Annotated[Pair | None, _range("beta [°] (cylinder, mesh)")] = None,
     x_range_mm: Annotated[Pair | None, _range("x [mm] (plane)")] = None,
@@ -107,10 +92,10 @@ def fit(
         int | None, option("Number of processes.", min=1, max=1024, show_default="one per core")
     ] = None,
     scheduler: Annotated[str | None, option(SCHEDULER, metavar="ADDRESS")] = None,
-    seed: SeedOption = 0,
-    report: ReportOption = True,
-    as_json: JsonOption = False,
-    force: ForceOption = False,
+    seed: options.Seed = 0,
+    report: options.Report = True,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Fit pose, elasticity and scale of the skin model to the presses of a dataset.
 
@@ -145,7 +130,7 @@ def fit(
             )
         steps = _steps(STEPS[way.method], y_step_mm, arc_step_mm, alpha_step_deg, e_count)
         box = search_box(data, y_range_mm, x_range_mm, beta_range_deg, alpha_range_deg, e_range_mpa_per_m)
-    options = FitOptions(
+    settings = FitOptions(
         active_counts=active_counts, min_active=min_active, bound_counts2=bound_counts2, level=level, draws=draws,
         per_taxel=per_taxel, steps=steps,
     )  # fmt: skip
@@ -154,7 +139,7 @@ def fit(
     checkpoint = out.parent / f".{out.name}.fit"
     with _resumable(checkpoint), stage_bars() as progress:
         found = api.fit(
-            data, options=options, box=box, method=cast("Method", method), effects=known, seed=seed, workers=workers,
+            data, options=settings, box=box, method=cast("Method", method), effects=known, seed=seed, workers=workers,
             scheduler=scheduler, checkpoint=checkpoint, command=command_line(), progress=progress,
         )  # fmt: skip
         progress("report", 0, 1)
@@ -178,7 +163,10 @@ def fit(
         about = in_unit(why_dropped(found.result.problem), data.meta.sensor.unit)
         if found.resumed:
             say(f"{found.resumed} turn{'s' * (found.resumed > 1)} of the grid taken from an interrupted run")
-    answer(as_json, _as_json(found.calibration, out), _table(found.calibration, presses))
+    rmse = f"{found.calibration.loss.mse_counts2**0.5:.3g} {data.meta.sensor.unit_label} per taxel"
+    answer(
+        as_json, _as_json(found.calibration, out), f"{presses}, rmse {rmse}", _parameters(found.calibration)
+    )
     if not as_json:
         if about:
             say(about)
@@ -320,7 +308,7 @@ def _as_json(calibration: Calibration, out: Path) -> dict[str, object]:
     }
 
 
-def _table(calibration: Calibration, presses: str) -> Any:
+def _parameters(calibration: Calibration) -> Any:
     best: dict[str, Any] = {**calibration.model.best(), "rest_counts": calibration.model.rest_counts}
     rows: list[tuple[str, ...]] = []
     for name, (low, high) in calibration.intervals.items():
@@ -331,6 +319,4 @@ def _table(calibration: Calibration, presses: str) -> Any:
             numbers = [x for x in (effect.parameters[name], low, high) if isinstance(x, float | int)]
             if len(numbers) == 3:
                 rows.append((f"{effect.name}: {name}", *(f"{x:.4g}" for x in numbers)))
-    rmse = calibration.loss.mse_counts2**0.5
-    title = f"{presses}, rmse {rmse:.3g} {calibration.sensor.unit_label} per taxel"
-    return table(("parameter", "best", "low", "high"), rows, right=True, title=title)
+    return table(("parameter", "best", "low", "high"), rows, right=True)

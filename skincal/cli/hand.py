@@ -9,21 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import (
-    BeyondLimitsOption,
-    DriverOptionsOption,
-    ForceOption,
-    JsonOption,
-    answer,
-    argument,
-    example,
-    find_modules_here,
-    option,
-    say,
-    shape,
-    table,
-)
+from skincal.cli import options
 from skincal.cli.interrupt import moving
+from skincal.cli.options import argument, example, find_modules_here, option
+from skincal.cli.terminal import answer, picked, say, shape, table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -41,7 +30,7 @@ app = typer.Typer(
 
 
 @app.command("list", epilog=example("skincal hand list", "skincal hand list --json"))
-def list_drivers(as_json: JsonOption = False) -> None:
+def list_drivers(as_json: options.Json = False) -> None:
     """List the installed drivers with their options."""
     from skincal.errors import SkincalError
     from skincal.hand.convert import is_text
@@ -51,9 +40,9 @@ def list_drivers(as_json: JsonOption = False) -> None:
     for name in driver_names():
         try:
             made = driver_class(name)
-            options = [_option(one) for one in driver_options(name) if is_text(one.kind)]
+            taken = [_option(one) for one in driver_options(name) if is_text(one.kind)]
             place = f"{made.__module__}:{getattr(made, '__qualname__', made)}"
-            drivers.append({"name": name, "class": place, "options": options, "error": None})
+            drivers.append({"name": name, "class": place, "options": taken, "error": None})
         except SkincalError as error:
             drivers.append({"name": name, "class": None, "options": [], "error": str(error)})
     lines: list[str] = []
@@ -85,8 +74,8 @@ def _option(one: DriverOption) -> dict[str, Any]:
 )
 def show(
     hand: Annotated[str, argument("[HAND]", "Name of a hand, or its hand.toml.")] = "dlr_hand_2",
-    beyond_limits: BeyondLimitsOption = False,
-    as_json: JsonOption = False,
+    beyond_limits: options.BeyondLimits = False,
+    as_json: options.Json = False,
 ) -> None:
     """Show a hand's description: joints, limits, fingers, sensor."""
     from skincal.hand.hands import hand_named
@@ -94,21 +83,17 @@ def show(
 
     description = hand_named(hand)
     check_limits(description, beyond=beyond_limits)
-    limits, sensor = description.limits, description.meta.sensor
+    limits = description.limits
     content = {
         "name": description.name,
         "urdf": description.urdf,
         "sha256": description.digest,
         "joints": description.joints,
-        "lower_rad": limits.lower_rad,
-        "upper_rad": limits.upper_rad,
-        "velocity_rad_per_s": limits.velocity_rad_per_s,
-        "torque_nm": limits.torque_nm,
-        "home_rad": description.home_rad,
-        "max_force_n": description.max_force_n,
+        **picked(limits, "lower_rad upper_rad velocity_rad_per_s torque_nm"),
+        **picked(description, "home_rad max_force_n"),
         "skin_finger": description.skin_finger.name,
         "indenter_finger": description.indenter_finger.name,
-        "sensor": {"rows": sensor.rows, "cols": sensor.cols},
+        "sensor": picked(description.meta.sensor, "rows cols"),
     }
     answer(as_json, content, _joints(description), *_fingers(description))
 
@@ -160,11 +145,11 @@ def test(
     driver: Annotated[
         str, argument("DRIVER", "A driver's name, or module:Class.", callback=find_modules_here)
     ],
-    driver_option: DriverOptionsOption = None,
+    driver_option: options.DriverOptions = None,
     step_deg: Annotated[float, option("Largest motion of a joint [°].", min=0.1, max=5.0)] = 1.0,
     move: Annotated[bool, option("Move the hand, or only observe it.")] = True,
-    beyond_limits: BeyondLimitsOption = False,
-    as_json: JsonOption = False,
+    beyond_limits: options.BeyondLimits = False,
+    as_json: options.Json = False,
 ) -> None:
     """Check a driver against the contract that skincal expects of a hand.
 
@@ -184,12 +169,12 @@ def test(
             say(f"{result.status:8s}{result.name}")
 
     def another() -> StageDriver:
-        made = create_rig(driver, **options)
+        made = create_rig(driver, **settings)
         assert isinstance(made, StageDriver)
         return made
 
-    options = parse_options(driver_option or [])
-    first = create_rig(driver, **options)  # A wrong name or option is not a failed check.
+    settings = parse_options(driver_option or [])
+    first = create_rig(driver, **settings)  # A wrong name or option is not a failed check.
     if not isinstance(first, StageDriver):
         check_limits(first.description, beyond=beyond_limits)
     with moving():
@@ -198,10 +183,8 @@ def test(
             report = run_stage_checks(driver, another, move=move, guard=guard, told=show_check)
         else:
             limits = ContractOptions(step_rad=math.radians(step_deg), move=move, beyond_limits=beyond_limits)
-            report = run_contract(driver, lambda: create_driver(driver, **options), limits, show_check)
-    checks = [
-        {"name": r.name, "status": r.status, "expected": r.expected, "got": r.got} for r in report.results
-    ]
+            report = run_contract(driver, lambda: create_driver(driver, **settings), limits, show_check)
+    checks = [picked(result, "name status expected got") for result in report.results]
     counts = {status: report.count(status) for status in ("passed", "failed", "skipped")}
     content = {"driver": report.driver, "ok": report.ok, **counts, "checks": checks}
     summary = f"{driver}: {counts['passed']} passed, {counts['failed']} failed"
@@ -227,8 +210,8 @@ def _checks(report: ContractReport) -> Table:
 )
 def keys(
     out: Annotated[Path, option("Folder for the keys.")],
-    as_json: JsonOption = False,
-    force: ForceOption = False,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Make the key pairs of a remote hand: hand/ for its computer, client/ for the one that moves it."""
     from skincal.hand.sockets import make_keys

@@ -8,20 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import (
-    ForceOption,
-    JsonOption,
-    OutOption,
-    answer,
-    argument,
-    example,
-    findings_json,
-    note,
-    option,
-    problems_json,
-    say,
-    warn,
-)
+from skincal.cli import options
+from skincal.cli.options import argument, example, option
+from skincal.cli.terminal import answer, findings_json, note, picked, problems_json, say, warn
 
 if TYPE_CHECKING:
     from skincal.imports import Imported
@@ -78,10 +67,10 @@ TopicsOption = Annotated[Path | None, option(_TOPICS, is_eager=True, callback=_p
 )
 def import_csv(
     mapping: MappingArgument,
-    out: OutOption,
+    out: options.Out,
     files: Annotated[list[Path] | None, _files("FILES", "The recording's files")] = None,
-    force: ForceOption = False,
-    as_json: JsonOption = False,
+    force: options.Force = False,
+    as_json: options.Json = False,
     template: Annotated[bool, _template("csv")] = False,
 ) -> None:
     """Make a dataset from text files: presses row by row, or a time series that is cut into presses."""
@@ -113,10 +102,10 @@ def import_template(name: Annotated[str, argument("NAME", "csv, rosbag or eflesh
 )
 def import_rosbag(
     mapping: MappingArgument,
-    out: OutOption,
+    out: options.Out,
     bags: Annotated[list[Path] | None, _files("BAGS", "ROS 1 files or ROS 2 folders")] = None,
-    force: ForceOption = False,
-    as_json: JsonOption = False,
+    force: options.Force = False,
+    as_json: options.Json = False,
     template: Annotated[bool, _template("rosbag")] = False,
     topics: TopicsOption = None,
 ) -> None:
@@ -157,18 +146,14 @@ def _report(done: Imported, as_json: bool) -> None:
         say(f"assumed, not measured: {', '.join(done.assumed)}")
     warn(done.warnings)
     clocks = [
-        {"file": clock.name}
-        | {n: getattr(clock, n) for n in ("offset_s", "sigma_s", "rate", "estimated", "by", "correlation")}
-        for clock in done.clocks
+        {"file": c.name, **picked(c, "offset_s sigma_s rate estimated by correlation")} for c in done.clocks
     ]
     content = {
         "dataset": done.folder,
-        "presses": done.presses,
-        "frames": done.frames,
-        "read": [{"file": file.file, "rows": file.rows} for file in done.read],
-        "dropped": [{"count": d.count, "what": d.what, "why": d.why} for d in done.dropped],
-        "assumed": done.assumed,
-        "notes": done.notes,
+        **picked(done, "presses frames"),
+        "read": [picked(file, "file rows") for file in done.read],
+        "dropped": [picked(dropped, "count what why") for dropped in done.dropped],
+        **picked(done, "assumed notes"),
         "clocks": clocks,
         "picture": picture,
         "warnings": problems_json(done.warnings),

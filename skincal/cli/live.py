@@ -6,7 +6,7 @@ import time
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any, Self
 
-from skincal.cli.common import say
+from skincal.cli.terminal import say
 
 if TYPE_CHECKING:
     import numpy as np

@@ -17,8 +17,9 @@ import typer
 
 from skincal import compiling
 from skincal.cli import verbs
-from skincal.cli.common import example, json_alone, say, wrong
 from skincal.cli.interrupt import interruptible
+from skincal.cli.options import example, wrong
+from skincal.cli.terminal import json_alone, say
 from skincal.errors import SkincalError
 from skincal.version import __version__
 

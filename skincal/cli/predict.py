@@ -5,18 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from skincal.cli.common import (
-    CalibrationArgument,
-    DatasetArgument,
-    ForceOption,
-    JsonOption,
-    OutOption,
-    example,
-    option,
-    print_json,
-    say,
-    warn,
-)
+from skincal.cli import options
+from skincal.cli.options import example, option
+from skincal.cli.terminal import print_json, say, warn
 from skincal.progress import stage_bars
 
 if TYPE_CHECKING:
@@ -33,12 +24,12 @@ _SLACK = "Move every press to the best position within its slack, and write that
 
 
 def predict(
-    cal: CalibrationArgument,
-    dataset: DatasetArgument,
-    out: OutOption,
+    cal: options.Calibration,
+    dataset: options.Dataset,
+    out: options.Out,
     slack: Annotated[bool, option(_SLACK, "--slack")] = False,
-    as_json: JsonOption = False,
-    force: ForceOption = False,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Write a dataset as a calibration predicts it, effects included.
 

@@ -6,19 +6,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from skincal.cli.common import (
-    CalibrationArgument,
-    ForceOption,
-    JsonOption,
-    SeedOption,
-    answer,
-    argument,
-    example,
-    option,
-    warn,
-    wrong,
-)
+from skincal.cli import options
 from skincal.cli.deploy import MARKER, SESSION, targets_of
+from skincal.cli.options import argument, example, option, wrong
+from skincal.cli.terminal import answer, warn
 from skincal.train.settings import Task
 
 if TYPE_CHECKING:
@@ -40,13 +31,13 @@ _BOUNDS = {
 
 
 def rescale(
-    cal: CalibrationArgument,
+    cal: options.Calibration,
     rolled: Annotated[Path, argument("ROLLED", "Output of `skincal deploy` on it now.")],
     out: Annotated[Path | None, option("Folder for the calibration with the factor in its scale.")] = None,
     hands: Annotated[int, option("Simulated hands, drawn from the calibration.", min=3)] = 19,
-    seed: SeedOption = 0,
-    as_json: JsonOption = False,
-    force: ForceOption = False,
+    seed: options.Seed = 0,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Find one overall factor for lost sensitivity, from rolling an object on the hand and in simulation.
 
@@ -70,7 +61,7 @@ def rescale(
 
 
 def read_deployed(rolled: Path) -> dict[str, Any]:
-    """Return what a run was: the file that `deploy` leaves beside the session.
+    """Return what a run was: the file that `deploy` writes next to the session.
 
     Raises:
         InputError: it is no run that `deploy` can have made, or its trajectory lies outside the working folder.

@@ -6,8 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from skincal.cli.common import ForceOption, JsonOption, answer, argument, example, option, say, wrong
+from skincal.cli import options
 from skincal.cli.interrupt import resumable
+from skincal.cli.options import argument, example, option, wrong
+from skincal.cli.terminal import answer, picked, say
 from skincal.errors import InputError, Problem
 from skincal.train.settings import PUBLISHED_STEPS, BackendName, PolicyKind, PpoSettings, Settings, Task, Work
 
@@ -26,7 +28,7 @@ EPILOG = example(
 )
 
 LATE_ENTROPY = 4e-4
-"""Entropy coefficient of a run that goes on from a policy: with about this the published runs end."""
+"""Entropy coefficient of a run that continues from a policy: the published runs end with about this."""
 
 _TASK = (
     "`marble`, `bolt`: a policy that rolls it; `pellets`: one that lets go of them one by one; `estimator`: where the "
@@ -70,8 +72,8 @@ def train(
     ] = None,
     engine: Annotated[Engine | None, option("Physics to learn in.", show_default="pybullet")] = None,
     resume: Annotated[bool, option(_RESUME, "--resume")] = False,
-    as_json: JsonOption = False,
-    force: ForceOption = False,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Learn a policy with the published soft actor-critic; for pellets with proximal policy optimisation.
 
@@ -79,7 +81,7 @@ def train(
     `curve.png`), the last checkpoint, and the policy as it is at that checkpoint: an ONNX file with its normalisation
     and a description, and no code.
 
-    With `--from`, the critics alone learn for the first 6000 steps, then the policy too; its normalisation goes on.
+    With `--from`, the critics alone learn for the first 6000 steps, then the policy too; its normalisation continues.
 
     An estimator finds the marble's place from one tactile image; it is learned in about a minute and needs no torch.
     """
@@ -185,10 +187,7 @@ def _report(done: Trained, as_json: bool) -> None:
         "policy": done.policy,
         "task": str(about.task),
         "kind": str(about.policy),
-        "seed": about.seed,
-        "steps": about.steps,
-        "backend": about.backend,
-        "wall_time_s": about.wall_time_s,
+        **picked(about, "seed steps backend wall_time_s"),
         "last_reward": None if last is None else last.reward,
         "last_error_m": None if last is None else last.error_m,
     }

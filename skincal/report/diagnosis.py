@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,49 +17,19 @@ from skincal.report.diagnosis_words import tone
 from skincal.report.page import picture, span, write_page
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from skincal.dataset import Dataset
     from skincal.diagnosis.diagnosis import Diagnosis
 
 SUMMARY = "diagnosis.json"
-SECTIONS = (
-    (
-        "gap",
-        "The gap before and after",
-        "Test presses, which neither the fit nor the selection of effects has used. The contact of "
-        "a press may move within the "
-        "uncertainty of its measured position, before and after alike. The bar is the noise alone.",
-        gap_figure,
-    ),
-    (
-        "signature",
-        "Counts over time, measured and simulated",
-        "The presses that tell most: those that gain most by what was named, else those whose base model errs most; "
-        "each on the taxel that tells most. With what is missing in the model, its line goes through the points.",
-        curves_figure,
-    ),
-    (
-        "where",
-        "Where simulation and data disagree",
-        "Maps: taxels on the patch, u to the right, v up. Right: parts of the session that hold more of the "
-        "excess residual than their size suggests.",
-        where_figure,
-    ),
-    (
-        "candidates",
-        "What was tried",
-        "Logarithm of the likelihood that each effect gains on presses that its fit has "
-        "not seen, with its standard error. Grey: what it seldom exceeds in simulated sessions of these presses with "
-        "nothing hidden, under several contact laws; the line is what is asked for: a quarter more, 8 nats at least. "
-        "An effect is named beyond it; the search begins again with it in the model.",
-        candidates_figure,
-    ),
-)
-
-
-_AUDIT = (
-    "By an ideal test, before any fit (`skincal audit`). Left: the smallest strength at which each effect is visible. "
-    "Right: the similarity of two effects; those framed in red cannot be distinguished."
-)
+FIGURES: Mapping[str, Callable[[Diagnosis, Dataset], Figure]] = {
+    "gap": gap_figure,
+    "signature": curves_figure,
+    "where": where_figure,
+    "candidates": candidates_figure,
+}
+"""Figures of the page, by the name of their file."""
 
 
 def write_diagnosis_report(
@@ -93,11 +63,8 @@ def write_diagnosis_report(
         presses=len(np.unique(session.press[session.press >= 0])),
         held=int(held.sum()),
         laws=list(dict.fromkeys(found.found.null.laws)),
-        figures=[
-            picture(draw(found, dataset), stem, title, caption, folder, unit)
-            for stem, title, caption, draw in SECTIONS
-        ],
-        last=picture(audit_figure(found.audit), "audit", "What these presses can show", _AUDIT, folder),
+        figures=[picture(draw(found, dataset), stem, folder, unit) for stem, draw in FIGURES.items()],
+        last=picture(audit_figure(found.audit), "audit", folder),
     )
 
 

@@ -23,7 +23,7 @@ _SHOWN, _LATER = 4, 8
 
 @styled
 def gap_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Return the error before and after, and the noise, of every test press."""
+    """Draw the error before and after, and the noise, of every test press."""
     sums = found.gap.errors
     rms = np.sqrt(sums[:, :3] / np.maximum(sums[:, 3:], 1.0)) if len(sums) else np.zeros((0, 3))
     figure = new_figure(11, 3.6, f"Error on {len(sums)} test presses, used by neither fit nor selection")
@@ -45,7 +45,7 @@ def gap_figure(found: Diagnosis, dataset: Dataset) -> Figure:
 
 @styled
 def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Counts over time, measured and simulated, of the presses that tell most, on the taxel that they tell most on.
+    """Draw counts over time, measured and simulated, of the most informative presses and taxels.
 
     These are the presses that gain most by what was named; where nothing was, those whose base model errs most.
     """
@@ -62,7 +62,7 @@ def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
     own = np.flatnonzero(session.observation >= 0)
     time = np.zeros(len(session))
     time[session.observation[own]] = session.samples.elapsed_s[own]
-    figure = new_figure(13, 3.2, "Counts over time, measured and simulated, of the presses that tell most")
+    figure = new_figure(13, 3.2, "Counts over time, measured and simulated, of the most informative presses")
     for axes, p in zip(np.ravel(figure.subplots(1, max(len(worst), 1), squeeze=False)), worst, strict=False):
         rows = np.flatnonzero(session.press == p)
         j = int(np.argmax(off[rows].sum(axis=0)))
@@ -81,7 +81,7 @@ def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
 
 @styled
 def where_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Return each taxel's residual over the noise (rms), and parts of the session with more than their share."""
+    """Draw each taxel's residual over the noise (rms), and parts of the session with more than their share."""
     fitter = found.observed.fitter
     from skincal.inference.start import raw_residual
 
@@ -109,7 +109,7 @@ def where_figure(found: Diagnosis, dataset: Dataset) -> Figure:
 
 @styled
 def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Gain of every candidate with its standard error, the null's quantile, and the limit that is asked for."""
+    """Draw the gain of every candidate with its standard error, the null's quantile, and the required gain."""
     del dataset
     rounds = [r if number == 0 else r[:_LATER] for number, r in enumerate(found.found.rounds) if r]
     null, names = found.found.null, {n for e in found.effects for n in e.consistent_with}
@@ -121,10 +121,10 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
         rows = np.arange(len(tried))
         quantiles = [max(null.quantile(t.name), 0.0) for t in tried]
         axes.barh(rows, quantiles, color=LIGHT, height=0.8, label="99 % of sessions with nothing hidden")
-        axes.plot([t.limit for t in tried], rows, "|", color=BLACK, markersize=9, label="asked for")
+        axes.plot([t.limit for t in tried], rows, "|", color=BLACK, markersize=9, label="required")
         for colour, what, own in (
             (BLUE, "named", [t.name in firsts for t in tried]),
-            (GREEN, "cannot be told from it", [t.name in names - firsts for t in tried]),
+            (GREEN, "not distinguishable from it", [t.name in names - firsts for t in tried]),
             (GREY, "others", [t.name not in names for t in tried]),
         ):
             k = np.flatnonzero(own)
@@ -134,8 +134,8 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
             axes.errorbar(gain, k, xerr=error, fmt="o", color=colour, markersize=4, label=what)
         axes.set_yticks(rows, [t.name for t in tried])
         axes.set_ylim(len(tried) - 0.4, -0.6)
-        beside = "the base model" if number == 0 else f"what was added up to round {number}"
-        axes.set_title(f"round {number + 1}: beside {beside}")
+        model = "the base model" if number == 0 else f"the model of round {number}"
+        axes.set_title(f"round {number + 1}: added to {model}")
     panels[0].set_xscale("symlog", linthresh=1.0)
     figure.legend(*_legend(panels), loc="upper right", ncols=5, fontsize=7)
     panels[-1].set_xlabel("logarithm of the likelihood [nats], with its standard error")

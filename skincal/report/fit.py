@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -25,68 +24,15 @@ EXPLAINED = 1.5
 """Residuals up to this multiple of the noise count as explained."""
 
 
-@dataclass(frozen=True)
-class _Section:
-    """A figure of the report."""
-
-    stem: str
-    title: str
-    caption: str
-    draw: Callable[[FitResult, Dataset], Figure]
-
-
-SECTIONS = (
-    _Section(
-        "valley",
-        "The valley over the macro variables",
-        "Diagonal: the paper's loss along one variable. Below: over two of them. It is always minimised over all other "
-        "variables, with the scale by least squares and every press placed by its normalised image. The ratios of two "
-        "or three taxels do not determine a position, so this loss stays above the noise and its valley is wide. By "
-        "default the fit continues with the absolute images, which are more informative; the draws (black) show its "
-        "valley.",
-        lambda result, _: valley_figure(result),
-    ),
-    _Section(
-        "draws",
-        "Draws from the valley",
-        "Draws of all five parameters, as written by `export-dr --joint`. Lines: best value and interval of each. "
-        "Above the diagonal, their correlations: where one is large, the box of the intervals is wider than the draws.",
-        lambda result, _: draws_figure(result),
-    ),
-    _Section(
-        "images",
-        "Measured against simulated images",
-        "Three maps per press: measured, simulated, difference; u to the right, v up, taxels as on the patch. "
-        "Green frame: a match within the noise. Red, thick frame: a worse match. Presses that were left out as "
-        "outliers come first; their differences may exceed the scale.",
-        images_figure,
-    ),
-    _Section(
-        "slack",
-        "Contact positions",
-        "Left: from the measured (black) to the estimated position (red), on the patch at its best pose. Right: the "
-        "same shifts from one point. Numbers are press numbers. A mean far from zero, or shifts that crowd at "
-        "the bound, mean that the position errors exceed the slack.",
-        slack_figure,
-    ),
-    _Section(
-        "residuals",
-        "Residuals",
-        "The position of every press is fitted, so small residuals alone prove little; look for patterns. By taxel: "
-        "unequal gains. Against force or value: a nonlinear law. Over the session: drift. A taxel of a press is "
-        "included where it is measured or simulated above the noise; the others are left out here, but count in "
-        "the rmse of a press.",
-        residuals_figure,
-    ),
-    _Section(
-        "scatter",
-        "Measured against simulated values",
-        "Left: all taxels above the noise. Right: their differences. These are smaller than the "
-        "curves suggest if a press touches so few taxels that its position explains most of them; the estimated "
-        "scatter allows for that.",
-        lambda result, _: scatter_figure(result),
-    ),
-)
+FIGURES: Mapping[str, Callable[[FitResult, Dataset], Figure]] = {
+    "valley": lambda result, _: valley_figure(result),
+    "draws": lambda result, _: draws_figure(result),
+    "images": images_figure,
+    "slack": slack_figure,
+    "residuals": residuals_figure,
+    "scatter": lambda result, _: scatter_figure(result),
+}
+"""Figures of the page, by the name of their file."""
 
 
 def write_fit_report(
@@ -124,10 +70,7 @@ def write_fit_report(
         level=f"{100 * float(level):g} %" if isinstance(level, int | float) else "part",
         declared_m=declared_m if np.isfinite(declared_m) else None,
         presses=_presses(result, dataset),
-        figures=[
-            picture(section.draw(result, dataset), section.stem, section.title, section.caption, folder, unit)
-            for section in SECTIONS
-        ],
+        figures=[picture(draw(result, dataset), stem, folder, unit) for stem, draw in FIGURES.items()],
     )
 
 

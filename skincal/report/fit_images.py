@@ -167,13 +167,8 @@ class _Tiles:
         """Return one map: one rectangle per taxel, u to the right and v up; grey where nothing was read."""
         left, bottom = self.corner(place)
         shift = np.array([left + number * (self.map_width + self.GAP), bottom])
-        look = PolyCollection(
-            list(self.corners + shift),
-            norm=norm,
-            cmap=mpl.colormaps[colours].with_extremes(bad=UNREAD),
-            edgecolors=UNREAD,
-            linewidths=0.3,
-        )
+        cmap, corners = mpl.colormaps[colours].with_extremes(bad=UNREAD), list(self.corners + shift)
+        look = PolyCollection(corners, norm=norm, cmap=cmap, edgecolors=UNREAD, linewidths=0.3)
         look.set_array(np.ma.masked_invalid(values))
         return look
 

@@ -30,25 +30,8 @@ def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str 
     """
     folder, calibration, unit = Path(folder), outcome.calibration, dataset.meta.sensor.unit
     figures = [
-        picture(
-            scales_figure(outcome),
-            "scales",
-            "The scale of each taxel",
-            "Left: on the patch; grey taxels do not respond. Right: the distribution of the scales, with the common "
-            "one.",
-            folder,
-            unit,
-        ),
-        picture(
-            answers_figure(outcome, dataset),
-            "answers",
-            "Responses of the taxels",
-            "Left: values above rest against the load of a taxel, with the line of the median scale. Right: the "
-            "residuals of each taxel's own line. A curve common to all means a nonlinear law, a difference "
-            "between rising and falling pressure means memory or a clock offset, a step means a taxel that fails.",
-            folder,
-            unit,
-        ),
+        picture(scales_figure(outcome), "scales", folder, unit),
+        picture(answers_figure(outcome, dataset), "answers", folder, unit),
     ]
     low, high = calibration.intervals["scale_per_n"]
     responding = outcome.scales.told

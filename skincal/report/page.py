@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import base64
 import re
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +16,9 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from skincal.calibration import Calibration
-from skincal.calibration.parts import Numbers
 from skincal.dataset import Dataset
 from skincal.report.style import png_bytes, relabel
 from skincal.units import in_unit
@@ -41,23 +43,27 @@ class Picture:
     data: str
 
 
-def picture(
-    figure: Figure, stem: str, title: str, caption: str, folder: Path, unit: str | None = None
-) -> Picture:
-    """Write a figure into a folder; return it for a page.
+@cache
+def _captions() -> dict[str, dict[str, str]]:
+    file = resources.files("skincal.report") / "templates" / "captions.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+def picture(figure: Figure, stem: str, folder: Path, unit: str | None = None) -> Picture:
+    """Write a figure into a folder; return it for a page, with its title and caption of ``captions.toml``.
 
     Args:
         figure: the figure; its texts may speak of counts.
         stem: name of its file without the suffix.
-        title: title above it.
-        caption: explanation.
         folder: an existing folder.
         unit: unit of the taxel values; None: counts.
     """
     relabel(figure, unit)
-    content, file = png_bytes(figure), f"{stem}.png"
-    (folder / file).write_bytes(content)
-    return Picture(title, in_unit(caption, unit), file, base64.b64encode(content).decode("ascii"))
+    content, words = png_bytes(figure), _captions()[stem]
+    (folder / f"{stem}.png").write_bytes(content)
+    data = base64.b64encode(content).decode("ascii")
+    caption = in_unit(" ".join(words["caption"].split()), unit)
+    return Picture(words["title"], caption, f"{stem}.png", data)
 
 
 def write_page(
@@ -130,7 +136,7 @@ def listed(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 
-def span(numbers: Numbers) -> str:
+def span(numbers: ArrayLike) -> str:
     """Return a number, or the least and the largest of several."""
     values = np.atleast_1d(np.asarray(numbers, dtype=np.float64))
     low, high = f"{values.min():.4g}", f"{values.max():.4g}"

@@ -116,7 +116,7 @@ def test_an_output_that_exists_is_left_alone(here: Path, capsys: pytest.CaptureF
     assert (Path("run") / "mine.txt").read_text() == "mine"
 
 
-def test_a_driver_that_goes_away_is_told_and_the_session_goes_on(
+def test_lost_driver_is_reported_and_session_resumes(
     here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     from skincal.hand.sim import SimDriver

@@ -108,7 +108,7 @@ def test_show_as_json(run: Run, folder: Path, tmp_path: Path) -> None:
     assert shown["picture"] == str(tmp_path / "p.svg")
 
 
-def test_show_writes_beside_the_user_by_default(
+def test_show_writes_to_working_folder(
     run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "work").mkdir()

@@ -172,7 +172,7 @@ def test_a_pressure_chamber_goes_the_whole_way(tmp_path: Path, capsys: pytest.Ca
 
 
 @pytest.mark.slow
-def test_memory_in_a_chamber_is_named_beside_the_level_at_rest(
+def test_memory_and_offsets_in_a_chamber(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     """What all taxels do alike is no error of the gauge."""
@@ -189,7 +189,7 @@ def test_memory_in_a_chamber_is_named_beside_the_level_at_rest(
     assert found["gap"]["closed"] > 0.8
 
 
-def test_a_chamber_without_frames_has_no_more_noise_than_its_plateaus_show(
+def test_noise_of_a_chamber_without_frames(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     """No taxel is untouched there, so what presses differ by is not taken for noise."""

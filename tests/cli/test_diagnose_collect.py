@@ -80,7 +80,7 @@ def test_another_hand_is_refused(run: Dataset, tmp_path: Path):
         rounds(tmp_path / "new", run, driver="stage-sim")
 
 
-def test_an_interrupted_run_of_another_command_is_not_gone_on_with(run: Dataset, tmp_path: Path):
+def test_interrupted_run_of_another_command(run: Dataset, tmp_path: Path):
     own = rounds(tmp_path / "new", run)
     own.folder.mkdir()
     (own.folder / "key.json").write_text('{"dataset": "another"}', encoding="utf-8")
@@ -93,7 +93,7 @@ def test_a_session_of_no_simulated_hand_is_not_compared(run: Dataset, tmp_path: 
     assert rounds(tmp_path / "new", other, seed=3).seed == 3
 
 
-def test_a_dataset_that_presses_cannot_join_is_refused_before_anything_moves(run: Dataset, tmp_path: Path):
+def test_unjoinable_dataset_is_refused_first(run: Dataset, tmp_path: Path):
     with pytest.raises(InputError, match="with frames"):
         rounds(tmp_path / "new", replace(run, frames=None))
     sensor = replace(run.meta.sensor, value_max=99)

@@ -130,7 +130,7 @@ def test_effects_are_included_and_one_that_abstains_is_said(
     assert "effects creep, contact positions as measured" in both.meta.source
 
 
-def test_an_effect_that_is_wrong_is_told(
+def test_wrong_effect_is_reported(
     cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with (cal / "calibration.toml").open("a") as file:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from report.diagnosis_cases import diagnosed
 
-from skincal.cli.common import plain
+from skincal.cli.terminal import plain
 from skincal.diagnosis.summary import summary
 from skincal.report.diagnosis import write_diagnosis_report
 from skincal.report.diagnosis_words import headline, tone, verdict_lines

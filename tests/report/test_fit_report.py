@@ -35,7 +35,7 @@ from skincal.fitting.observe import Readout
 from skincal.fitting.problem import PressTable, Rig, pose_problem
 from skincal.fitting.result import FitFinding, FitResult, GridResult, PressFit, Sigmas
 from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters
-from skincal.report.fit import SECTIONS, write_fit_report
+from skincal.report.fit import FIGURES, write_fit_report
 from skincal.report.fit_draws import draws_figure
 from skincal.report.fit_images import images_figure
 from skincal.report.fit_presses import PressView, chosen_presses, left_out, why_unused
@@ -225,7 +225,7 @@ class _Page(HTMLParser):
 @pytest.fixture
 def words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
     """The text of a page without its figures, with single spaces."""
-    monkeypatch.setattr("skincal.report.fit.SECTIONS", ())
+    monkeypatch.setattr("skincal.report.fit.FIGURES", {})
 
     def read(result: FitResult, dataset: Dataset, calibration: Calibration) -> str:
         write_fit_report(result, calibration, dataset, tmp_path)
@@ -244,12 +244,12 @@ def test_the_page_holds_its_pictures_and_needs_nothing_else(folder: Path) -> Non
     text = (folder / "report.html").read_text(encoding="utf-8")
     page = _Page(text)
     assert page.open == []
-    assert {file.name for file in folder.iterdir()} == {"report.html", *(f"{s.stem}.png" for s in SECTIONS)}
-    assert len(page.addresses) == len(SECTIONS)
-    for address, section in zip(page.addresses, SECTIONS, strict=True):
+    assert {file.name for file in folder.iterdir()} == {"report.html", *(f"{stem}.png" for stem in FIGURES)}
+    assert len(page.addresses) == len(FIGURES)
+    for address, stem in zip(page.addresses, FIGURES, strict=True):
         head, _, data = address.partition(",")
         assert head == "data:image/png;base64"
-        assert base64.b64decode(data) == (folder / f"{section.stem}.png").read_bytes()
+        assert base64.b64decode(data) == (folder / f"{stem}.png").read_bytes()
     assert not {"script", "link", "iframe", "object"} & set(page.tags)
     without = re.sub(r"data:image/png;base64,[^\"]*", "", text)
     assert "http" not in without
@@ -597,9 +597,8 @@ def test_odd_results_are_drawn_and_described_too(
     result, dataset, calibration = fitted
     changed = change(result)
     with caplog.at_level(logging.WARNING):
-        for section in SECTIONS:
-            if section.stem in stems.split():
-                section.draw(changed, dataset).draw_without_rendering()
+        for stem in stems.split():
+            FIGURES[stem](changed, dataset).draw_without_rendering()
     assert not caplog.records
     assert words(changed, dataset, calibration)
 

@@ -1,96 +1,22 @@
-"""What the verbs share: their options, results on standard output, messages on standard error."""
+"""Output of verbs: results on standard output, messages on standard error."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
-import shlex
 import sys
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import typer
 
-from skincal.errors import InputError, Problem
+from skincal.errors import Problem
 
 if TYPE_CHECKING:
     from rich.table import Table
-
-
-def option(text: str, *names: str, **settings: Any) -> Any:
-    """Return an option with its help text; without names it is called as its parameter."""
-    return typer.Option(*names, help=text, **settings)
-
-
-def argument(metavar: str | None, text: str, **settings: Any) -> Any:
-    """Return an argument with its help text."""
-    return typer.Argument(metavar=metavar, help=text, **settings)
-
-
-def find_modules_here(driver: str) -> str:
-    """Let ``module:Class`` name a module of the working folder, which comes last so that it hides nothing installed."""
-    here = str(Path.cwd())
-    if ":" in driver and here not in sys.path:
-        sys.path.append(here)
-    return driver
-
-
-Pair = tuple[float, float]
-DatasetArgument = Annotated[Path, argument("DATASET", "Folder of a dataset.")]
-CalibrationArgument = Annotated[Path, argument("CAL", "Folder of a calibration.")]
-OutOption = Annotated[Path, option("Folder to write; it appears complete or not at all.", "--out")]
-JsonOption = Annotated[bool, option("Print one JSON object, and nothing else, on standard output.", "--json")]
-ForceOption = Annotated[bool, option("Replace an earlier output of skincal.", "--force")]
-ReportOption = Annotated[bool, option("Write the report: HTML page and pictures.")]
-SeedOption = Annotated[int, option("Seed of all randomness; the same seed gives the same result.", min=0)]
-DriverOption = Annotated[
-    str,
-    option("Driver of the hand: a name of `skincal hand list`, or module:Class.", callback=find_modules_here),
-]
-_OPTIONS = "An option of the driver; may be repeated. `skincal hand list` shows them."
-DriverOptionsOption = Annotated[list[str] | None, option(_OPTIONS, "--driver-option", metavar="KEY=VALUE")]
-_EFFECT = "Effect of a simulated skin; strength 1 is a typical case. May be repeated."
-EffectOption = Annotated[list[str] | None, option(_EFFECT, metavar="NAME=STRENGTH")]
-BeyondLimitsOption = Annotated[
-    bool, option("Accept limits in hand.toml that are beyond those of any finger.", "--beyond-limits")
-]
-
-
-def example(*commands: str) -> str:
-    """Return the epilog of a verb's help: commands as a person types them."""
-    # The first line tells click to keep the line breaks.
-    return "\b\nExample:\n" + "\n".join(f"  {command}" for command in commands)
-
-
-def wrong(place: str, expected: str, got: object, fix: str = "") -> InputError:
-    """Return the error of one wrong option or input."""
-    return InputError([Problem(place, expected, str(got), fix)])
-
-
-def numbers_by_name(name: str, given: Iterable[str] | None, metavar: str = "NAME=VALUE") -> dict[str, float]:
-    """Return the numbers of a repeated option ``NAME=VALUE``.
-
-    Raises:
-        InputError: one is no number, or is given twice.
-    """
-    found: dict[str, float] = {}
-    for text in given or ():
-        key, _, value = text.partition("=")
-        if key.strip() in found:
-            raise wrong(name, "each name once", f"{key.strip()} twice")
-        try:
-            found[key.strip()] = float(value)
-        except ValueError:
-            raise wrong(name, f"{metavar} with a number", repr(text)) from None
-    return found
-
-
-def command_line() -> str:
-    """Return the command that is running, for the provenance of its output."""
-    return shlex.join(["skincal", *sys.argv[1:]])
 
 
 def answer(as_json: bool, content: Mapping[str, Any], *shown: object) -> None:
@@ -132,6 +58,11 @@ def table(
     for row in rows:
         made.add_row(*row)
     return made
+
+
+def picked(source: object, names: str) -> dict[str, Any]:
+    """Return some attributes of an object by name, for JSON."""
+    return {name: getattr(source, name) for name in names.split()}
 
 
 def print_json(content: Mapping[str, Any]) -> None:
