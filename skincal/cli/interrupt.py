@@ -57,10 +57,11 @@ def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
             yield
         except (KeyboardInterrupt, WorkError) as error:
             danger, notes = _danger_and_notes(error)
-            if isinstance(error, WorkError) and not danger:
+            if isinstance(error, WorkError):
                 if text := saved():
                     say(f"skincal: the session ended early. {text}")
-                raise
+                if not danger:
+                    raise
             # The command ends now; further signals must not suppress this message.
             for number in ENDING:
                 if signal.getsignal(number) is _interrupt:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from markupsafe import escape
 
 from skincal.diagnosis.next_presses import PLAN_FILE
 from skincal.effects import EFFECTS
@@ -53,6 +54,8 @@ def write_diagnosis_report(
         folder,
         dataset,
         found.calibration,
+        # A calibration that is written unchanged still has the name of the dataset that it was fitted to.
+        name=escape(dataset.folder.resolve().name if dataset.folder else "dataset"),
         found=found,
         known=EFFECTS,
         tone=tone(found),

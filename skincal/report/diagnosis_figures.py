@@ -114,7 +114,7 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
     rounds = [r if number == 0 else r[:_LATER] for number, r in enumerate(found.found.rounds) if r]
     null, names = found.found.null, {n for e in found.effects for n in e.consistent_with}
     firsts = {e.name for e in found.effects}
-    figure = new_figure(10, 1.2 + sum(0.22 * len(r) + 0.5 for r in rounds), "Gain on presses not fitted to")
+    figure = new_figure(10, 1.2 + sum(0.22 * len(r) + 0.5 for r in rounds), "Gain on held-out presses")
     heights = [len(r) for r in rounds] or [1]
     panels = np.ravel(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights))
     for number, (axes, tried) in enumerate(zip(panels, rounds, strict=False)):
@@ -138,7 +138,7 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
         axes.set_title(f"round {number + 1}: added to {model}")
     panels[0].set_xscale("symlog", linthresh=1.0)
     figure.legend(*_legend(panels), loc="upper right", ncols=5, fontsize=7)
-    panels[-1].set_xlabel("logarithm of the likelihood [nats], with its standard error")
+    panels[-1].set_xlabel("gain in log-likelihood [nats], with its standard error")
     return figure
 
 

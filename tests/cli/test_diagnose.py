@@ -111,23 +111,6 @@ def test_static_presses_say_what_they_lack(cal: Path, tmp_path: Path, capsys: py
     assert "no frames" in told["why_not"]["creep"]
 
 
-def test_refusals(cal: Path, looped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    (tmp_path / "new").mkdir()
-    (tmp_path / "new" / "calibration.toml").write_text("mine")
-    assert run("diagnose", looped, cal, "--out", tmp_path / "new") == 2
-    assert "--force" in capsys.readouterr().err
-    assert (tmp_path / "new" / "calibration.toml").read_text() == "mine"
-    assert run("diagnose", tmp_path / "nowhere", cal, "--out", tmp_path / "other") == 2
-    assert run("diagnose", looped, tmp_path / "nowhere", "--out", tmp_path / "other") == 2
-    assert "Traceback" not in capsys.readouterr().err
-    assert not (tmp_path / "other").exists()
-    content = (cal / "calibration.toml").read_text()
-    for given in (cal, cal / "calibration.toml"):
-        assert run("diagnose", looped, given, "--out", cal, "--force") == 2
-        assert "inputs are not replaced" in capsys.readouterr().err
-    assert (cal / "calibration.toml").read_text() == content
-
-
 def test_other_sensor_and_too_few_presses(
     cal: Path, looped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -172,9 +155,7 @@ def test_a_pressure_chamber_goes_the_whole_way(tmp_path: Path, capsys: pytest.Ca
 
 
 @pytest.mark.slow
-def test_memory_and_offsets_in_a_chamber(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_memory_and_offsets_in_a_chamber(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """What all taxels do alike is no error of the gauge."""
     chamber = Chamber.plain(memory=0.06, plateaus=16)
     chamber.rest[:] = np.linspace(10.0, 20.0, 16)
@@ -189,9 +170,7 @@ def test_memory_and_offsets_in_a_chamber(
     assert found["gap"]["closed"] > 0.8
 
 
-def test_noise_of_a_chamber_without_frames(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_noise_of_a_chamber_without_frames(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """No taxel is untouched there, so what presses differ by is not taken for noise."""
     chamber = Chamber.plain(plateaus=16)
     chamber.rest[:] = np.linspace(10.0, 20.0, 16)

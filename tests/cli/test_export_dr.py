@@ -89,16 +89,8 @@ def test_what_the_calibration_leaves_open_is_said(tmp_path, capsys):
     assert read_ranges(tmp_path / "r.json")[name] == preset("iros24")[name]
 
 
-def test_nothing_is_overwritten_without_force(cal, tmp_path, capsys):
+def test_earlier_ranges_are_replaced(cal, tmp_path):
     out = tmp_path / "ranges.toml"
-    out.write_text("mine")
-    assert run(cal, "--out", out) == 2
-    assert out.read_text() == "mine"
-    shown, said = capsys.readouterr()
-    assert shown == ""
-    assert "--force" in said
-    assert run(cal, "--out", out, "--force") == 2
-    assert out.read_text() == "mine"
     out.write_text('format = "skincal-ranges/1"')
     assert run(cal, "--out", out, "--force") == 0
     assert len(read_ranges(out)) == 30

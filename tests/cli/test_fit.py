@@ -83,17 +83,6 @@ def test_a_calibration_without_effects_is_refused_before_the_fit(
     assert [path.name for path in tmp_path.iterdir()] == ["plain"]
 
 
-def test_an_output_that_exists_is_left_alone(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "cal").mkdir()
-    (tmp_path / "cal" / "mine.txt").write_text("mine")
-    for force in ([], ["--force"]):
-        status, _, err = captured(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *force)
-        assert status == 2 and "cal" in err
-        assert (tmp_path / "cal" / "mine.txt").read_text() == "mine"
-
-
 def test_a_session_without_active_taxels_exits_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data, _ = make_session(np.random.default_rng(1), presses=10)
     presses = type(data.presses)(
