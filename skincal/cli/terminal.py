@@ -32,7 +32,7 @@ def answer(as_json: bool, content: Mapping[str, Any], *shown: object) -> None:
         return
     for part in shown:
         if isinstance(part, str):
-            typer.echo(part)
+            print(part, flush=True)  # typer would write UTF-8 to a terminal that lacks it
         else:
             from rich.console import Console
 
