@@ -146,23 +146,30 @@ class TrainingProgress(_Live):
         self._steps = steps
         self._first: int | None = None
 
+    def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            self._draw(0, "", "")
+        return self
+
     def __call__(self, row: Round) -> None:
         """Report the figures of a round."""
-        from rich.progress_bar import ProgressBar
-        from rich.table import Table
-
         self._first = row.steps if self._first is None else self._first
         figures = f"reward {row.reward:.3f}, error {1e3 * row.error_m:.2f} mm"
         now = time.monotonic()
         left_min = (now - self._began) / max(row.steps - self._first, 1) * (self._steps - row.steps) / 60
         if self._console.is_terminal:
-            head = Table.grid(padding=(0, 2))
-            bar = ProgressBar(self._steps, row.steps, width=40)
-            head.add_row(bar, f"{row.steps}/{self._steps}", figures, f"{left_min:.0f} min left")
-            self._show(head)
+            self._draw(row.steps, figures, f"{left_min:.0f} min left")
         elif now - self._drawn >= LINE_EVERY_S:
             self._drawn = now
             say(f"{row.steps} of {self._steps} steps, {figures}, about {left_min:.0f} min left")
+
+    def _draw(self, steps: int, figures: str, left: str) -> None:
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+
+        head = Table.grid(padding=(0, 2))
+        head.add_row(ProgressBar(self._steps, steps, width=40), f"{steps}/{self._steps}", figures, left)
+        self._show(head)
 
 
 def taxel_image(taxels: np.ndarray, sensor: SensorSpec) -> Text:
