@@ -156,7 +156,7 @@ def test_a_pressure_chamber_goes_the_whole_way(tmp_path: Path, capsys: pytest.Ca
 
 @pytest.mark.slow
 def test_memory_and_offsets_in_a_chamber(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    """What all taxels do alike is no error of the gauge."""
+    """A deviation that all taxels share is no error of the gauge."""
     chamber = Chamber.plain(memory=0.06, plateaus=16)
     chamber.rest[:] = np.linspace(10.0, 20.0, 16)
     data = chamber.write(tmp_path / "chamber")

@@ -103,7 +103,7 @@ def test_unjoinable_dataset_is_refused_first(run: Dataset, tmp_path: Path):
 
 @pytest.mark.slow
 def test_rounds_end_with_the_budget_and_are_one_session(tmp_path: Path, monkeypatch, capsys):
-    """Where nothing is told apart all twelve presses are made, and the calibration comes with all of them."""
+    """All twelve presses are made where they distinguish nothing, and the calibration uses them all."""
     hand = SimDriver(seed=SEED).description
     data = collect(
         plan(16),
