@@ -28,12 +28,12 @@ SOURCE = f"skincal collect: driver sim, seed {SEED}, plan few"
 
 
 def plan(count: int, first: int = 0) -> Plan:
-    """Quick presses at places of their own."""
+    """Quick presses at places of their own, with their pose: the search for poses takes longer than the presses."""
     own = [
         PlannedPress(1.5e-3 * (k % 4) - 2e-3, 2e-3 * (k // 4), 1.0, 4e-3, 0.3)
         for k in range(first, first + count)
     ]
-    return Plan("few", tuple(own))
+    return Plan("few", tuple(own), {"A": (0.0, 0.25, 0.83)})
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +106,7 @@ def test_rounds_end_with_the_budget_and_are_one_session(tmp_path: Path, monkeypa
     """All twelve presses are made where they distinguish nothing, and the calibration uses them all."""
     hand = SimDriver(seed=SEED).description
     data = collect(
-        plan(16),
+        Plan("few", plan(16).presses),
         hand,
         lambda _: SimDriver(seed=SEED, effects={"hysteresis": 1.0}),
         tmp_path / "run",
