@@ -340,8 +340,8 @@ DEPLOYED = {
 
 def _of_runs(scratch: Path) -> list[Reader]:
     from skincal.calibrate.checkpoint import Checkpoint
-    from skincal.cli.eval import _targets
-    from skincal.cli.rescale import _told
+    from skincal.cli.eval import read_targets
+    from skincal.cli.rescale import read_deployed
     from skincal.collect.journal import Journal
     from skincal.fitting.grid import GridSlab
     from skincal.sim.memory import SkinMemory
@@ -369,7 +369,7 @@ def _of_runs(scratch: Path) -> list[Reader]:
     return [
         Reader("policy", {"p.onnx": policy}, lambda f: read_policy(f / "p.onnx")(np.zeros(34))),
         Reader("estimator", {"e.npz": estimator}, lambda f: read_estimator(f / "e.npz")),
-        Reader("deployed", {"deploy.json": json.dumps(DEPLOYED).encode()}, _told),
+        Reader("deployed", {"deploy.json": json.dumps(DEPLOYED).encode()}, read_deployed),
         Reader(
             "run",
             {n: (run / n).read_bytes() for n in ("run.toml", "ranges.toml")},
@@ -381,7 +381,7 @@ def _of_runs(scratch: Path) -> list[Reader]:
         Reader("skin memory", {"memory.bin": b"skinmem1" + look * 2}, memory),
         Reader("curve", {"curve.csv": curve.encode()}, lambda f: read_curve(f / "curve.csv")),
         Reader(
-            "trajectory", {"t.csv": b"u_m,v_m\n0.0,0.001\n0.001,0.002\n"}, lambda f: _targets(f / "t.csv")
+            "trajectory", {"t.csv": b"u_m,v_m\n0.0,0.001\n0.001,0.002\n"}, lambda f: read_targets(f / "t.csv")
         ),
     ]
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,11 +17,14 @@ from skincal.progress import stage_bars
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from skincal.calibrate import Outcome, UniformOutcome
+    from skincal.calibrate import Method, Outcome, UniformOutcome
     from skincal.diagnosis.diagnosis import Diagnosis
-    from skincal.fitting.fit_options import FitOptions
+    from skincal.fitting.fit_options import FitOptions, SearchBox
     from skincal.prediction import Prediction
     from skincal.ranges import Ranges
+
+Progress = Callable[[str, int, int], None]
+"""Callback of a stage, how much of it is done, and of how much."""
 
 __all__ = [
     "Skin",
@@ -41,37 +45,64 @@ def fit(
     dataset: Dataset,
     *,
     options: FitOptions | None = None,
+    box: SearchBox | None = None,
+    method: Method = "auto",
+    effects: Calibration | None = None,
     seed: int = 0,
     workers: int | None = None,
-    progress: bool = False,
+    scheduler: str | None = None,
+    checkpoint: Path | None = None,
+    command: str = "",
+    progress: bool | Progress = False,
 ) -> Outcome | UniformOutcome:
     """Fit pose, elasticity and scale to a dataset, as ``skincal fit`` does.
 
     Args:
         dataset: of :func:`read_dataset`.
         options: settings; None for the defaults.
+        box: ranges to search; None for those of the dataset's ``[mount]``.
+        method: ``auto``, ``fast``, ``general`` or ``nlopt``.
+        effects: a calibration whose effects are refitted along with pose, elasticity and scale.
         seed: of the draws.
         workers: processes; None for one a core. The result does not depend on it.
-        progress: whether bars are shown.
+        scheduler: address of a Dask scheduler whose workers are used instead.
+        checkpoint: folder for the evaluated grid until the fit is done; None for none.
+        command: command line, for the provenance.
+        progress: whether bars are shown, or a callback (stage, done, total).
 
     Returns:
-        The fit; its ``calibration`` is what the other functions take. Of uniform pressure, which tells the scale of
-        each taxel and neither pose nor elasticity, what such data give.
+        The fit; its ``calibration`` is what the other functions take. Uniform pressure determines the scale of each
+        taxel, and neither pose nor elasticity.
 
     Raises:
         WorkError: the presses do not allow a fit; says why and what to do.
     """
     from skincal.calibrate import calibrate, calibrate_uniform
     from skincal.dataset.uniform_pressure import uniform_pressure
+    from skincal.fitting.fit_options import FitOptions
 
     if uniform_pressure(dataset):
-        return calibrate_uniform(dataset, seed=seed)
+        own = options or FitOptions()
+        return calibrate_uniform(
+            dataset, active_counts=own.active_counts, level=own.level, seed=seed, command=command
+        )
     with _bars(progress) as update:
-        return calibrate(dataset, options=options, seed=seed, workers=workers, progress=update)
+        found = calibrate(
+            dataset, options=options, box=box, seed=seed, workers=workers, scheduler=scheduler, checkpoint=checkpoint,
+            command=command, method=method, progress=update,
+        )  # fmt: skip
+        if effects is None:
+            return found
+        from skincal.diagnosis.workflow import refitted_effects
+
+        update("effects", 0, 1)
+        both = refitted_effects(dataset, found.calibration, effects, seed)
+        update("effects", 1, 1)
+        return replace(found, calibration=both)
 
 
 def predict(
-    calibration: Calibration, dataset: Dataset, *, slack: bool = False, progress: bool = False
+    calibration: Calibration, dataset: Dataset, *, slack: bool = False, progress: bool | Progress = False
 ) -> Prediction:
     """Predict the images of a dataset's presses, as ``skincal predict`` does.
 
@@ -79,7 +110,7 @@ def predict(
         calibration: the skin, effects included.
         dataset: contacts to predict.
         slack: whether each press is moved to the best position within its slack.
-        progress: whether bars are shown.
+        progress: whether bars are shown, or a callback (stage, done, total).
 
     Raises:
         InputError: the dataset is of another sensor.
@@ -114,11 +145,9 @@ def diagnose(
     """
     from skincal.diagnosis.workflow import diagnose as run
 
-    def announce(stage: str) -> None:
-        if progress:
-            print(stage, flush=True)
-
-    return run(dataset, calibration, seed=seed, heard=announce)
+    return run(
+        dataset, calibration, seed, (lambda stage: print(stage, flush=True)) if progress else (lambda _: None)
+    )
 
 
 def export_ranges(
@@ -167,13 +196,11 @@ def plot(
     if isinstance(result, Outcome):
         if dataset is None:
             raise InputError([Problem("plot", "the dataset that was fitted", "none", "give dataset=")])
-        figures = {one.stem: one.draw for one in fit_report.SECTIONS}
-        return _chosen(figures, figure)(result.result, dataset)
-    figures = {stem: draw for stem, _, _, draw in diagnosis_report.SECTIONS}
-    return _chosen(figures, figure)(result, dataset or result.observed.dataset)
+        return _chosen(fit_report.FIGURES, figure)(result.result, dataset)
+    return _chosen(diagnosis_report.FIGURES, figure)(result, dataset or result.observed.dataset)
 
 
-def _chosen(figures: dict[str, Callable[..., Figure]], name: str | None) -> Callable[..., Figure]:
+def _chosen(figures: Mapping[str, Callable[..., Figure]], name: str | None) -> Callable[..., Figure]:
     if name is None:
         return next(iter(figures.values()))
     if name not in figures:
@@ -181,9 +208,7 @@ def _chosen(figures: dict[str, Callable[..., Figure]], name: str | None) -> Call
     return figures[name]
 
 
-def _bars(shown: bool) -> AbstractContextManager[Callable[[str, int, int], None]]:
-    return stage_bars() if shown else nullcontext(_silent)
-
-
-def _silent(stage: str, done: int, total: int) -> None:
-    del stage, done, total
+def _bars(progress: bool | Progress) -> AbstractContextManager[Progress]:
+    if progress is True:
+        return stage_bars()
+    return nullcontext(progress or (lambda _stage, _done, _total: None))

@@ -45,22 +45,12 @@ def test_findings_figures_and_pages_have_the_unit(tmp_path: Path):
         axes.plot(np.arange(3), label="2 counts")
         axes.set(xlabel="simulated [counts]", ylabel="count")
         axes.legend()
-    shown = picture(figure, "a", "Title", "More counts.", tmp_path, "V")
-    assert shown.caption == "More V."
+    shown = picture(figure, "answers", tmp_path, "V")
+    assert shown.file == "answers.png"
     assert axes.get_xlabel() == "simulated [V]" and axes.get_ylabel() == "count"
     assert axes.get_legend().get_texts()[0].get_text() == "2 V"
-    values = dict.fromkeys(("fine", "tone", "source", "bound"), "")
-    lists = dict.fromkeys(
-        ("verdict", "findings", "effects", "parameters", "scatter", "figures", "presses", "provenance"), ()
+    head = {"tone": "", "source": escape("counts"), "headline": "a gap of 3 counts", "verdict": ""}
+    page = rendered("verdict.html", "V", findings=(found,), **head)
+    assert (
+        "a gap of 3 V" in page and '<p class="sub">counts</p>' in page and "Images differ by 0.02 V." in page
     )
-    page = rendered(
-        "fit.html",
-        "V",
-        name=escape("counts"),
-        headline="a gap of 3 counts",
-        rmse="2",
-        best={},
-        **values,
-        **lists,
-    )
-    assert "a gap of 3 V" in page and "rmse [V]" in page and "Fit report: counts" in page

@@ -19,7 +19,7 @@ from benchmarks.blind.quick import diagnosed
 from benchmarks.blind.truth.session import make_session
 from benchmarks.blind.truth.spec import Spec
 from benchmarks.blind.truth.writing import sealed, write_session
-from skincal.cli.common import plain
+from skincal.cli.terminal import plain
 
 Record = dict[str, Any]
 

@@ -7,21 +7,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import (
-    DatasetArgument,
-    ForceOption,
-    JsonOption,
-    example,
+from skincal.cli import options
+from skincal.cli.options import example, option
+from skincal.cli.terminal import (
+    answer,
     findings_json,
+    first_of,
+    note,
+    picked,
     print_json,
     problems_json,
     say,
+    shape,
+    table,
     warn,
 )
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from skincal.dataset import Dataset
     from skincal.dataset.summary import Summary
 
@@ -31,12 +33,17 @@ app = typer.Typer(
     epilog=example("skincal dataset check data/paper-like"),
 )
 
+_OUT = "Picture to write (PNG, PDF or SVG) [default: NAME.png here]"
+_THRESHOLD = (
+    "Counts above rest that make a taxel active [default: 5; by the noise where all values are smaller]"
+)
+
 
 @app.command(
     short_help="Check every file and report all problems.",
     epilog=example("skincal dataset check data/paper-like", "skincal dataset check data/paper-like --json"),
 )
-def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
+def check(dataset: options.Dataset, as_json: options.Json = False) -> None:
     """Check every file of a dataset, and report every problem with file, column and row.
 
     A note states a limit of good data. Exit status 0: usable, perhaps with warnings; 2: not usable.
@@ -48,15 +55,18 @@ def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
     found = check_dataset(dataset)
     warn(found.warnings)
     notes = () if found.dataset is None else notes_on(found.dataset)
-    _note(notes)
+    note(notes)
     if as_json:
-        found_out = {
-            "errors": problems_json(found.errors),
-            "warnings": problems_json(found.warnings),
-            "notes": notes,
-            "findings": findings_json((*found.errors, *found.warnings)),
-        }
-        print_json({"dataset": dataset, "ok": not found.errors, **found_out})
+        print_json(
+            {
+                "dataset": dataset,
+                "ok": not found.errors,
+                "errors": problems_json(found.errors),
+                "warnings": problems_json(found.warnings),
+                "notes": notes,
+                "findings": findings_json((*found.errors, *found.warnings)),
+            }
+        )
     if found.errors:
         # The user asked for all of them, however many.
         say(f"skincal: error: {InputError(found.errors)}")
@@ -72,57 +82,39 @@ def check(dataset: DatasetArgument, as_json: JsonOption = False) -> None:
     epilog=example("skincal dataset show data/paper-like --out paper.png"),
 )
 def show(
-    dataset: DatasetArgument,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", help="Picture to write (PNG, PDF or SVG) [default: NAME.png here]"),
-    ] = None,
-    threshold: Annotated[
-        float | None,
-        typer.Option(
-            "--threshold",
-            min=0.0,
-            help="Counts above rest that make a taxel active [default: 5; by the noise where all values are smaller]",
-        ),
-    ] = None,
-    as_json: JsonOption = False,
-    force: ForceOption = False,
+    dataset: options.Dataset,
+    out: Annotated[Path | None, option(_OUT)] = None,
+    threshold: Annotated[float | None, option(_THRESHOLD, min=0.0)] = None,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Show the content of a dataset: a summary, and a picture of the presses, forces and images."""
+    from rich.text import Text
+
     from skincal.dataset import read_dataset
     from skincal.dataset.rest import active_threshold
     from skincal.dataset.summary import summarise
     from skincal.dataset.uniform_pressure import notes_on
-    from skincal.files import refuse_existing, whole_file
+    from skincal.files import refuse_existing
     from skincal.report.dataset import dataset_figure
-    from skincal.report.style import PICTURE_MARK, checked_suffix, save
+    from skincal.report.style import PICTURE_MARK, checked_suffix, save_whole
 
     picture = checked_suffix(out or Path(f"{dataset.resolve().name}.png"))
     refuse_existing(picture, dataset, force=force, mark=PICTURE_MARK)
     data = read_dataset(dataset)
     threshold = active_threshold(data) if threshold is None else threshold
     summary = summarise(data, threshold)
-    with whole_file(picture, force=force, mark=PICTURE_MARK) as temporary:
-        save(dataset_figure(data, threshold), temporary)
+    save_whole(dataset_figure(data, threshold), picture, force=force)
     warn(data.warnings)
     notes = notes_on(data)
-    _note(notes)
-    if as_json:
-        print_json({"dataset": dataset, **_as_json(data, summary), "notes": notes, "picture": picture})
-        return
-    from rich.console import Console
-    from rich.text import Text
-
-    console = Console()
-    # A table title would be wrapped at the width of the table.
-    console.print(Text(str(dataset), "italic"), soft_wrap=True)
-    console.print(_table(data, summary))
-    say(f"picture: {picture}")
-
-
-def _note(notes: tuple[str, ...]) -> None:
-    for note in notes:
-        say(f"skincal: note: {note}")
+    note(notes)
+    content = {"dataset": dataset, **_as_json(data, summary), "notes": notes, "picture": picture}
+    # Text from the file is not markup.
+    rows = [(f"[bold]{name}[/]", Text(text)) for name, text in _lines(data, summary)]
+    # A title of the table would be wrapped at the width of the table.
+    answer(as_json, content, str(dataset), table(("", ""), rows, show_header=False))
+    if not as_json:
+        say(f"picture: {picture}")
 
 
 def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
@@ -132,14 +124,10 @@ def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
         "sha256": data.sha256,
         "source": data.meta.source,
         "assumed": data.meta.assumed,
-        "sensor": {"rows": sensor.rows, "cols": sensor.cols},
+        "sensor": picked(sensor, "rows cols"),
         "surface": data.meta.surface.kind,
         "indenter": data.meta.indenter.kind,
-        "presses": summary.presses,
-        "sites": summary.sites,
-        "frames": summary.frames,
-        "phases": summary.phases,
-        "session_s": summary.session_s,
+        **picked(summary, "presses sites frames phases session_s"),
         "force_n": {"min": low, "median": median, "max": high},
         "active_taxels": {
             "threshold_counts": summary.threshold_counts,
@@ -148,41 +136,25 @@ def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
         },
         "silent_taxels": summary.silent,
         "dead_taxels": summary.dead,
-        "labels": summary.labels,
-        "columns": summary.columns,
+        **picked(summary, "labels columns"),
         "warnings": problems_json(data.warnings),
         "findings": findings_json(data.warnings),
     }
 
 
-def _table(data: Dataset, summary: Summary) -> Table:
-    from rich.table import Table
-    from rich.text import Text
-
-    # Text from the file is not markup.
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    table.add_column(style="bold", no_wrap=True)
-    table.add_column()
-    for name, text in _lines(data, summary):
-        table.add_row(name, Text(text))
-    return table
-
-
 def _lines(data: Dataset, summary: Summary) -> list[tuple[str, str]]:
     meta, sensor = data.meta, data.meta.sensor
     low, median, high = summary.force_n
+    surface, least = shape(meta.surface.kind, meta.surface.radius_m), f"{summary.threshold_counts:.3g}"
     lines = [
         ("source", meta.source or "not said"),
-        (
-            "sensor",
-            f"{sensor.rows} x {sensor.cols} taxels on a {_shape(meta.surface.kind, meta.surface.radius_m)}",
-        ),
-        ("indenter", _shape(meta.indenter.kind, meta.indenter.radius_m)),
+        ("sensor", f"{sensor.rows} x {sensor.cols} taxels on a {surface}"),
+        ("indenter", shape(meta.indenter.kind, meta.indenter.radius_m)),
         ("presses", str(summary.presses) + ("" if summary.sites is None else f" at {summary.sites} targets")),
         ("force", f"{low:.3g} to {high:.3g} N, median {median:.3g} N"),
         (
             "answered",
-            f"{summary.usable} presses by two taxels or more (over {summary.threshold_counts:.3g} {sensor.unit_label})",
+            f"{summary.usable} presses by two taxels or more (over {least} {sensor.unit_label})",
         ),
     ]
     if summary.frames:
@@ -190,21 +162,9 @@ def _lines(data: Dataset, summary: Summary) -> list[tuple[str, str]]:
         lines.append(("frames", f"{summary.frames}: {phases}"))
     if summary.session_s is not None:
         lines.append(("session", f"{summary.session_s:.4g} s"))
-    lines += [(name, _counts(values)) for name, values in summary.labels.items()]
+    for name, values in summary.labels.items():
+        lines.append((name, first_of([f"{value}: {count}" for value, count in values.items()])))
     for name, taxels in (("silent", summary.silent), ("dead", summary.dead)):
         if taxels:
-            shown = ", ".join(taxels[:8]) + (f" and {len(taxels) - 8} more" if len(taxels) > 8 else "")
-            lines.append((f"{name} taxels", shown))
-    if meta.assumed:
-        lines.append(("assumed", ", ".join(meta.assumed)))
-    return lines
-
-
-def _shape(kind: str, radius_m: float | None) -> str:
-    return kind if radius_m is None else f"{kind} of radius {radius_m * 1e3:g} mm"
-
-
-def _counts(values: Any) -> str:
-    shown = list(values.items())[:8]
-    more = f" and {len(values) - 8} more" if len(values) > 8 else ""
-    return ", ".join(f"{value}: {count}" for value, count in shown) + more
+            lines.append((f"{name} taxels", first_of(taxels)))
+    return [*lines, *([("assumed", ", ".join(meta.assumed))] if meta.assumed else [])]

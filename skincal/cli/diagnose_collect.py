@@ -1,17 +1,17 @@
-"""``skincal diagnose --collect``: the hand that makes the presses, and what is kept of them until the end."""
+"""``skincal diagnose --collect``: the hand that makes the presses, and their session until the end."""
 
 from __future__ import annotations
 
 import json
 import re
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skincal.cli.collect import options_of, press_plan
-from skincal.cli.hand import find_modules_here
+from skincal.cli.collect import options_of, press_plan, session_settings
+from skincal.cli.interrupt import AGAIN
+from skincal.cli.options import wrong
 
 if TYPE_CHECKING:
     from skincal.collect import Plan
@@ -29,8 +29,8 @@ class Rounds:
     """Presses that one run of ``skincal diagnose --collect`` makes.
 
     Attributes:
-        folder: where rounds are kept until the run is over.
-        key: what must be the same to go on with an interrupted run.
+        folder: where rounds are saved until the run is over.
+        key: what must be equal to continue an interrupted run.
         driver: name of the hand's driver.
         options: of it.
         description: the hand.
@@ -62,26 +62,30 @@ class Rounds:
         """Take the command line, and find what an interrupted run has left.
 
         Raises:
-            InputError: the driver is no hand, a simulated hand is not the one of the dataset, or another run was
-                interrupted.
+            InputError: the driver is no hand, a simulated hand is not the one of the dataset, presses of the hand
+                cannot join the dataset, or another run was interrupted.
         """
-        from skincal.errors import InputError, Problem
+        from skincal.dataset.joined import check_same_rig
         from skincal.hand.registry import create_rig
         from skincal.hand.stage import StageDriver
         from skincal.robot import check_limits
 
-        find_modules_here(driver)
         options = options_of(driver, seed, effect, None, hand, given)
         rig = create_rig(driver, **options)
         if isinstance(rig, StageDriver):
             fix = "Collect next-presses.toml with it, and diagnose both sessions together."
-            raise InputError([Problem("--driver", "a hand", f"the stage {driver}", fix)])
+            raise wrong("--driver", "a hand", f"the stage {driver}", fix)
         check_limits(rig.description, beyond=beyond_limits)
-        _check_hand(dataset, rig.description)
-        said = _SEED.search(dataset.meta.source)
-        if driver == "sim" and said and int(said[1]) != options.get("seed"):
-            got, fix = f"--seed {options.get('seed')}", f"Give --seed {said[1]}."
-            raise InputError([Problem("--driver sim", f"the hand of the dataset, seed {said[1]}", got, fix)])
+        meta = rig.description.meta
+        raw = replace(meta, sensor=replace(meta.sensor, baseline="raw"))
+        check_same_rig(dataset.meta, raw, f"hand {rig.description.name}")
+        if dataset.frames is None:
+            fix = "A session of hold means alone cannot be continued."
+            raise wrong("--collect", "a dataset with frames", "one without", fix)
+        own = _SEED.search(dataset.meta.source)
+        if driver == "sim" and own and int(own[1]) != options.get("seed"):
+            got, fix = f"--seed {options.get('seed')}", f"Give --seed {own[1]}."
+            raise wrong("--driver sim", f"the hand of the dataset, seed {own[1]}", got, fix)
         folder = out.with_name(f".{out.name}.rounds")
         key = {
             "dataset": dataset.sha256, "driver": driver, "seed": seed,
@@ -103,15 +107,11 @@ class Rounds:
             source = (
                 f"skincal diagnose --collect: driver {self.driver}, round {number}, {self.description.name}"
             )
-            press_plan(
-                plan, self.description, self.driver, self.options, out, seed=self.seed, source=source,
-                beyond_limits=self.beyond_limits, start_s=end_s + GAP_S,
-            )  # fmt: skip
+            session = session_settings(self.driver, self.options, self.seed, source, self.beyond_limits)
+            press_plan(plan, self.description, self.driver, self.options, out, session, start_s=end_s + GAP_S)
         both = joined(dataset, read_dataset(out))
-        meta = replace(
-            both.meta, source=f"{dataset.meta.source}; round {number} of skincal diagnose --collect"
-        )
-        write_dataset(replace(both, meta=meta), whole, force=True)
+        source = f"{dataset.meta.source}; round {number} of skincal diagnose --collect"
+        write_dataset(replace(both, meta=replace(both.meta, source=source)), whole, force=True)
         return read_dataset(whole)
 
     def keep_in(self, folder: Path, made: int, rounds: int) -> None:
@@ -120,35 +120,17 @@ class Rounds:
             shutil.copytree(self.folder / f"session-{rounds}", folder / SESSION)
 
     def done(self) -> None:
-        """Remove what was kept for an interruption."""
+        """Remove what was saved for an interruption."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    @property
-    def kept(self) -> Callable[[], str]:
-        """What is saved, in words."""
-        return lambda: (
-            f"{len(list(self.folder.glob('round-*')))} rounds of presses are saved in {self.folder}; give the same "
-            "command again to continue."
-        )
-
-
-def _check_hand(dataset: Dataset, description: HandDescription) -> None:
-    """Check, before anything moves, that presses of a hand can join a dataset."""
-    from skincal.dataset.joined import check_same_rig
-    from skincal.errors import InputError, Problem
-
-    meta = description.meta
-    raw = replace(meta, sensor=replace(meta.sensor, baseline="raw"))
-    check_same_rig(dataset.meta, raw, f"hand {description.name}")
-    if dataset.frames is None:
-        fix = "A session of hold means alone is not gone on with."
-        raise InputError([Problem("--collect", "a dataset with frames", "one without", fix)])
+    def saved(self) -> str:
+        """Return a sentence about the rounds that are saved."""
+        count = len(list(self.folder.glob("round-*")))
+        return f"{count} rounds of presses are saved in {self.folder}; {AGAIN}."
 
 
 def _check_same(folder: Path, key: dict[str, Any]) -> None:
     """Check that an interrupted run, if there is one, is the same one."""
-    from skincal.errors import InputError, Problem
-
     file = folder / _KEY
     if not file.is_file():
         return
@@ -158,4 +140,4 @@ def _check_same(folder: Path, key: dict[str, Any]) -> None:
         before = None
     if before != json.loads(json.dumps(key)):
         fix = f"Give the command that was interrupted, or delete {folder} to start over."
-        raise InputError([Problem(str(folder), "rounds of this command", "those of another one", fix)])
+        raise wrong(str(folder), "rounds of this command", "those of another one", fix)

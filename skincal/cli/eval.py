@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-
-from skincal.cli.common import ForceOption, JsonOption, SeedOption, example, print_json
-from skincal.cli.eval_report import as_json, table_of
-from skincal.errors import InputError, Problem
-from skincal.progress import progress
+from skincal.cli import options
+from skincal.cli.options import argument, example, numbers_by_name, option, wrong
+from skincal.cli.terminal import answer, picked, plain, table, warn
+from skincal.progress import stage_bars
 from skincal.train.settings import Task
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from rich.table import Table
 
     from skincal.ranges import Ranges
     from skincal.report.evaluation import Evaluated
@@ -39,79 +40,44 @@ EPILOG = example(
     "skincal eval marble marble-tactile-1 --calibration cal",
 )
 
+MARKER = "eval.json"
+MOST_M = 0.5
+"""Largest distance of a target from the middle of a skin [m]."""
+
+_OUT = "Folder for figures and numbers; it appears complete or not at all."
+_ON = "The physics, or hands with a hidden truth through their driver (marble only)."
+_CALIBRATION = (
+    "Predict how policies will fare on the hand of a calibration: all is drawn, the skin from its cloud."
+)
+_RANDOMIZE = "What to draw from the ranges: names of parameters or tables, `all` or `none`; may be repeated."
+_SET = "A value of the simulation, such as `skin.y_m=0.0225`."
+_ENVIRONMENT = "An option of the task, such as `solver_iterations=50`."
+_TRAJECTORY = "Trajectory of the marble: `circle`, `random`, or a CSV file with u_m, v_m at 10 Hz."
+
 
 def evaluate(
-    task: Annotated[Task, typer.Argument(help="Object to roll.")],
-    policies: Annotated[
-        list[str],
-        typer.Argument(metavar="POLICY…", help="Policy files, or names of bundled policies."),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", help="Folder for figures and numbers; it appears complete or not at all."),
-    ] = None,
-    episodes: Annotated[
-        int, typer.Option("--episodes", min=1, max=1_000_000, help="Runs of each policy.")
-    ] = 100,
-    seed: SeedOption = 0,
+    task: Annotated[Task, argument(None, "Object to roll.")],
+    policies: Annotated[list[str], argument("POLICY…", "Policy files, or names of bundled policies.")],
+    out: Annotated[Path | None, option(_OUT)] = None,
+    episodes: Annotated[int, option("Runs of each policy.", min=1, max=1_000_000)] = 100,
+    seed: options.Seed = 0,
     duration_s: Annotated[
-        float | None,
-        typer.Option(
-            "--duration-s", min=0.1, max=3600.0, help="Length of a run [s].", show_default="8 marble, 24 bolt"
-        ),
+        float | None, option("Length of a run [s].", min=0.1, max=3600.0, show_default="8 marble, 24 bolt")
     ] = None,
-    on: Annotated[
-        Engine,
-        typer.Option(
-            "--on", help="The physics, or hands with a hidden truth through their driver (marble only)."
-        ),
-    ] = Engine.pybullet,
-    calibration: Annotated[
-        Path | None,
-        typer.Option(
-            "--calibration",
-            metavar="CAL",
-            help="Predict how policies will fare on the hand of a calibration: all is drawn, the skin from its cloud.",
-        ),
-    ] = None,
+    on: Annotated[Engine, option(_ON)] = Engine.pybullet,
+    calibration: Annotated[Path | None, option(_CALIBRATION, metavar="CAL")] = None,
     ranges: Annotated[
-        Path | None,
-        typer.Option("--ranges", help="Ranges whose middles are the nominal values.", show_default="iros24"),
+        Path | None, option("Ranges whose middles are the nominal values.", show_default="iros24")
     ] = None,
-    randomize: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--randomize",
-            help="What to draw from the ranges: names of parameters or tables, `all` or `none`; may be repeated.",
-            show_default="finger.joint_offset_rad",
-        ),
-    ] = None,
-    values: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="NAME=VALUE", help="A value of the simulation, such as `skin.y_m=0.0225`."
-        ),
-    ] = None,
-    environment: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--environment",
-            metavar="NAME=VALUE",
-            help="An option of the task, such as `solver_iterations=50`.",
-        ),
-    ] = None,
-    trajectory: Annotated[
-        str,
-        typer.Option(
-            "--trajectory",
-            help="Trajectory of the marble: `circle`, `random`, or a CSV file with u_m, v_m at 10 Hz.",
-        ),
-    ] = "circle",
+    randomize: Annotated[list[str] | None, option(_RANDOMIZE, show_default="finger.joint_offset_rad")] = None,
+    values: Annotated[list[str] | None, option(_SET, "--set", metavar="NAME=VALUE")] = None,
+    environment: Annotated[list[str] | None, option(_ENVIRONMENT, metavar="NAME=VALUE")] = None,
+    trajectory: Annotated[str, option(_TRAJECTORY)] = "circle",
     gif: Annotated[
-        bool, typer.Option("--gif", help="With --out: also write an animation of one run of each policy.")
+        bool, option("With --out: also write an animation of one run of each policy.", "--gif")
     ] = False,
-    to_json: JsonOption = False,
-    force: ForceOption = False,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Evaluate policies as published: joint offsets are drawn, everything else is nominal.
 
@@ -122,22 +88,32 @@ def evaluate(
     """
     from skincal.files import refuse_existing
     from skincal.train import policy_path, read_policy
-    from skincal.train.evaluate import check_task
+    from skincal.train.evaluate import RANDOMIZED, Trial, check_task
 
     if gif and out is None:
-        raise InputError([Problem("--gif", "--out, the folder for the film", "nothing")])
+        raise wrong("--gif", "--out, the folder for the film", "nothing")
     if gif and on is not Engine.pybullet:
-        raise InputError([Problem("--gif", "--on pybullet", f"--on {on}")])
+        raise wrong("--gif", "--on pybullet", f"--on {on}")
     if out is not None:
-        inputs = (ranges, calibration, Path(trajectory))
-        files = [policy_path(name) for name in policies] + [one for one in inputs if one]
-        refuse_existing(out, *files, force=force, marker=MARKER)
+        inputs = [one for one in (ranges, calibration, Path(trajectory)) if one]
+        refuse_existing(out, *map(policy_path, policies), *inputs, force=force, marker=MARKER)
     if calibration is not None:
         if ranges is not None or randomize:
             given = "--ranges" if ranges is not None else "--randomize"
-            raise InputError([Problem("--calibration", "neither --ranges nor --randomize beside it", given)])
+            raise wrong("--calibration", "neither --ranges nor --randomize", given)
         randomize = ["all"]
-    trial = _trial(task, episodes, seed, duration_s, randomize, values or [], trajectory, environment or [])
+    drawn = {"all": None, "none": ()}
+    whole = numbers_by_name("--environment", environment)
+    trial = Trial(
+        task,
+        episodes,
+        seed,
+        duration_s,
+        drawn[randomize[0]] if randomize in (["all"], ["none"]) else tuple(randomize or RANDOMIZED),
+        numbers_by_name("--set", values),
+        trajectory if trajectory in ("circle", "random", "still") else read_targets(Path(trajectory)),
+        {name: int(value) if value.is_integer() else value for name, value in whole.items()},
+    )
     if on is Engine.reference:
         from skincal.deploy.trials import check_trial
 
@@ -146,67 +122,20 @@ def evaluate(
     loaded = [read_policy(policy_path(name)) for name in policies]
     for policy in loaded:
         check_task(policy, trial.task)
-    found = _evaluated(loaded, trial, used, on)
-    content = as_json(found, trial, on=on.value, predicted=calibration is not None)
+    found, predicted = _evaluated(loaded, trial, used, on), calibration is not None
+    entries = [_entry(one, trial, predicted=predicted) for one in found]
+    content = {"task": str(trial.task), "on": on.value, "policies": entries}
     if out is not None:
         _write(found, trial, used, content, out, gif=gif, force=force)
-    if to_json:
-        print_json(content)
-        return
-    from rich.console import Console
-
-    Console().print(table_of(found, trial, predicted=calibration is not None))
+    answer(as_json, content, *([] if as_json else [_table(found, trial, predicted=predicted)]))
 
 
-MARKER = "eval.json"
+def read_targets(path: Path) -> list[list[float]]:
+    """Return the trajectory (T, 2) of a CSV file [m].
 
-
-def _trial(
-    task: Task,
-    episodes: int,
-    seed: int,
-    duration_s: float | None,
-    randomize: list[str] | None,
-    values: list[str],
-    trajectory: str,
-    environment: list[str],
-) -> Trial:
-    from skincal.train.evaluate import RANDOMIZED, Trial
-
-    drawn: tuple[str, ...] | None = RANDOMIZED if not randomize else tuple(randomize)
-    if drawn in (("all",), ("none",)):
-        drawn = None if drawn == ("all",) else ()
-    return Trial(
-        task,
-        episodes,
-        seed,
-        duration_s,
-        drawn,
-        dict(_assignment("--set", text) for text in values),
-        trajectory if trajectory in ("circle", "random", "still") else _targets(Path(trajectory)),
-        {name: _whole(value) for name, value in (_assignment("--environment", text) for text in environment)},
-    )
-
-
-def _assignment(option: str, text: str) -> tuple[str, float]:
-    name, _, value = text.partition("=")
-    try:
-        return name.strip(), float(value)
-    except ValueError:
-        raise InputError([Problem(option, "NAME=VALUE with a number", repr(text))]) from None
-
-
-def _whole(value: float) -> float:
-    """Return a whole number as an int, for options that are counts."""
-    return int(value) if value.is_integer() else value
-
-
-MOST_M = 0.5
-"""Largest distance of a target from the middle of a skin [m]."""
-
-
-def _targets(path: Path) -> list[list[float]]:
-    """Return the trajectory of a file."""
+    Raises:
+        InputError: it has no columns u_m and v_m, or a target that lies on no skin.
+    """
     from skincal.bounded import parse_csv, read_text
     from skincal.files import reason
 
@@ -222,18 +151,17 @@ def _targets(path: Path) -> list[list[float]]:
     except (OSError, ValueError, IndexError) as error:
         got = reason(error) if isinstance(error, OSError) else f"{error}"
         expected = "circle, random, still, or a CSV file with the columns u_m and v_m [m]"
-        raise InputError([Problem(f"--trajectory {path}", expected, got)]) from error
+        raise wrong(f"--trajectory {path}", expected, got) from error
 
 
 def _ranges(task: Task, ranges: Path | None, calibration: Path | None) -> Ranges | None:
-    """Ranges of a file, or of a calibration with its cloud of draws where it has one."""
+    """Return the ranges of a file, or of a calibration with its posterior draws where it has some."""
     from skincal.envs.needed import check_ranges, ranges_for
 
     kind: Literal["marble", "bolt"] = "bolt" if task is Task.bolt else "marble"  # pellets are small spheres
     if calibration is None:
         return None if ranges is None else ranges_for(kind, ranges)
     from skincal.calibration import read_calibration
-    from skincal.cli.common import warn
     from skincal.ranges import from_calibration
 
     known = read_calibration(calibration)
@@ -250,26 +178,26 @@ def _evaluated(policies: list[Policy], trial: Trial, ranges: Ranges | None, on: 
     from skincal.train.scores import score
 
     found: list[Evaluated] = []
-    with progress() as bars:
+    with stage_bars() as progress:
         for name, policy in zip(names_of(policies), policies, strict=True):
-            task = bars.add_task(name, total=trial.episodes)
-            runs = _runs(policy, trial, ranges, on, lambda n, t=task: bars.update(t, completed=n))
+            progress(name, 0, trial.episodes)
+            runs = _runs(policy, trial, ranges, on, lambda done, n=name: progress(n, done, trial.episodes))
             found.append(Evaluated(name, policy, runs, score(runs, np.random.default_rng(trial.seed))))
     return found
 
 
 def _runs(
-    policy: Policy, trial: Trial, ranges: Ranges | None, on: Engine, told: Callable[[int], None]
+    policy: Policy, trial: Trial, ranges: Ranges | None, on: Engine, progress: Callable[[int], None]
 ) -> Runs:
     from skincal.train.evaluate import environment_for, evaluate
 
     if on is Engine.reference:
         from skincal.deploy.trials import reference_runs
 
-        return reference_runs(policy, trial, ranges=ranges or "iros24", told=told)
+        return reference_runs(policy, trial, ranges=ranges or "iros24", told=progress)
     environment = environment_for(policy, trial, ranges, engine=on.value)
     try:
-        return evaluate(policy, environment, trial, told=told)
+        return evaluate(policy, environment, trial, told=progress)
     finally:
         environment.close()
 
@@ -284,9 +212,6 @@ def _write(
     gif: bool,
     force: bool,
 ) -> None:
-    import json
-
-    from skincal.cli.common import plain
     from skincal.files import whole_folder
     from skincal.report.evaluation import write_figures, write_runs
 
@@ -299,3 +224,57 @@ def _write(
 
             for one in found:
                 write_film(one.policy, trial, temporary / f"{one.name}.gif", ranges=ranges)
+
+
+def _entry(one: Evaluated, trial: Trial, *, predicted: bool) -> dict[str, Any]:
+    from skincal.train.fare import fare
+    from skincal.train.scores import rolling
+
+    entry: dict[str, Any] = {"file": one.policy.file, "policy": str(one.policy.description.policy)}
+    entry |= picked(
+        one.score, "episodes drops time_s error_m error_settled_m error_end_m success error_low_m"
+    )
+    entry |= picked(one.score, "error_high_m error_settled_interval_m reward")
+    entry["time_s"] = [round(float(t), 6) for t in one.score.time_s]
+    if predicted:
+        entry["prediction"] = asdict(fare(one.runs))
+    if trial.task is Task.bolt:
+        own = "direction_right held_to_end held_s angle_error_rad"
+        whole = rolling(one.runs)
+        entry |= picked(whole, own)
+        parts = whole.by_orientation_deg.items()
+        entry["by_orientation_deg"] = {angle: picked(part, f"{own} drops episodes") for angle, part in parts}
+    return entry
+
+
+def _table(found: list[Evaluated], trial: Trial, *, predicted: bool) -> Table:
+    from rich.markup import escape
+
+    from skincal.train.fare import fare
+    from skincal.train.scores import rolling
+
+    bolt = trial.task is Task.bolt
+    titles = ["policy", "sees", "held", "error settled [mm]", "at the end [mm]"]
+    titles += ["direction right", "angle error [°]"] if bolt else []
+    titles += ["will be held", "error on your hand [mm]"] if predicted else []
+    rows: list[list[str]] = []
+    for one in found:
+        score = one.score
+        low, high = (1e3 * end for end in score.error_settled_interval_m)
+        row = [
+            escape(one.name),
+            str(one.policy.description.policy),
+            f"{score.episodes - score.drops} of {score.episodes}",
+            f"{1e3 * score.error_settled_m:.2f} ({low:.2f} … {high:.2f})",
+            f"{1e3 * score.error_end_m:.2f}",
+        ]
+        if bolt:
+            whole = rolling(one.runs)
+            row += [f"{whole.direction_right:.0%}", f"{57.29578 * whole.angle_error_rad:.1f}"]
+        if predicted:
+            own = fare(one.runs)
+            low, high = (1e3 * end for end in own.error_interval_m)
+            least, most = own.success_interval
+            row += [f"{least:.0%} … {most:.0%}", f"{low:.2f} … {high:.2f} ({own.level:.0%})"]
+        rows.append(row)
+    return table(map(escape, titles), rows)

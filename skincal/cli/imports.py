@@ -8,17 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skincal.cli.common import (
-    ForceOption,
-    JsonOption,
-    OutOption,
-    example,
-    findings_json,
-    print_json,
-    problems_json,
-    say,
-    warn,
-)
+from skincal.cli import options
+from skincal.cli.options import argument, example, option
+from skincal.cli.terminal import answer, findings_json, note, picked, problems_json, say, warn
 
 if TYPE_CHECKING:
     from skincal.imports import Imported
@@ -31,21 +23,18 @@ app = typer.Typer(
 )
 
 
-def _printer(kind: str) -> Callable[[bool], None]:
+def _print_template(kind: str) -> Callable[[bool], None]:
     """Return a callback that prints a commented mapping file and exits, whatever else the command line says."""
 
     def show(wanted: bool) -> None:
         if wanted:
-            from skincal.imports import template
-
-            typer.echo(template(kind), nl=False)
+            import_template(kind)
             raise typer.Exit()
 
     return show
 
 
-def _topics(bag: Path | None) -> None:
-    """Print the topics of a bag and exit."""
+def _print_topics(bag: Path | None) -> None:
     if bag is not None:
         from skincal.imports import bag_topics
 
@@ -54,30 +43,18 @@ def _topics(bag: Path | None) -> None:
         raise typer.Exit()
 
 
-def _files(metavar: str, what: str) -> typer.models.ArgumentInfo:
-    help_ = f"{what}, in the order of the session [default: those that the mapping lists]."
-    return typer.Argument(metavar=metavar, help=help_)
+def _files(metavar: str, what: str) -> Any:
+    return argument(metavar, f"{what}, in the order of the session [default: those that the mapping lists].")
 
 
-def _template(kind: str) -> typer.models.OptionInfo:
-    help_ = "Print a mapping to start from, and exit."
-    return typer.Option("--template", is_eager=True, callback=_printer(kind), help=help_)
+def _template(kind: str) -> Any:
+    text = "Print a mapping to start from, and exit."
+    return option(text, "--template", is_eager=True, callback=_print_template(kind))
 
 
-MappingArgument = Annotated[
-    Path,
-    typer.Argument(metavar="MAPPING", help="Meaning of the source's columns (TOML)."),
-]
-TopicsOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--topics",
-        is_eager=True,
-        callback=_topics,
-        metavar="BAG",
-        help="Print the topics of a bag with their types, and exit.",
-    ),
-]
+_TOPICS = "Print the topics of a bag with their types, and exit."
+MappingArgument = Annotated[Path, argument("MAPPING", "Meaning of the source's columns (TOML).")]
+TopicsOption = Annotated[Path | None, option(_TOPICS, is_eager=True, callback=_print_topics, metavar="BAG")]
 
 
 @app.command(
@@ -90,16 +67,16 @@ TopicsOption = Annotated[
 )
 def import_csv(
     mapping: MappingArgument,
-    out: OutOption,
+    out: options.Out,
     files: Annotated[list[Path] | None, _files("FILES", "The recording's files")] = None,
-    force: ForceOption = False,
-    as_json: JsonOption = False,
+    force: options.Force = False,
+    as_json: options.Json = False,
     template: Annotated[bool, _template("csv")] = False,
 ) -> None:
     """Make a dataset from text files: presses row by row, or a time series that is cut into presses."""
     from skincal import imports
 
-    _report_import(imports.import_csv(mapping, out, files or (), force=force), as_json)
+    _report(imports.import_csv(mapping, out, files or (), force=force), as_json)
 
 
 @app.command(
@@ -107,9 +84,7 @@ def import_csv(
     short_help="Print a mapping to start from: for csv, rosbag, or a public data set.",
     epilog=example("skincal import template eflesh > mapping.toml"),
 )
-def import_template(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="csv, rosbag or eflesh.")],
-) -> None:
+def import_template(name: Annotated[str, argument("NAME", "csv, rosbag or eflesh.")]) -> None:
     """Print a commented mapping file: a general one, or that of a public data set."""
     from skincal.imports import template
 
@@ -127,32 +102,17 @@ def import_template(
 )
 def import_rosbag(
     mapping: MappingArgument,
-    out: OutOption,
+    out: options.Out,
     bags: Annotated[list[Path] | None, _files("BAGS", "ROS 1 files or ROS 2 folders")] = None,
-    force: ForceOption = False,
-    as_json: JsonOption = False,
+    force: options.Force = False,
+    as_json: options.Json = False,
     template: Annotated[bool, _template("rosbag")] = False,
     topics: TopicsOption = None,
 ) -> None:
     """Make a dataset from ROS 1 or ROS 2 bags: their streams on one clock, cut into presses."""
     from skincal import imports
 
-    _report_import(imports.import_rosbag(mapping, out, bags or (), force=force), as_json)
-
-
-def _draw_clocks(done: Imported) -> Path | None:
-    """Draw the alignment of the clocks into the dataset's folder; return None where no clocks were aligned."""
-    compared = [clock for clock in done.clocks if len(clock.time_s)]
-    if not compared:
-        return None
-    from skincal.files import whole_file
-    from skincal.report.clocks import clocks_figure
-    from skincal.report.style import save
-
-    picture = done.folder / "clocks.png"
-    with whole_file(picture, force=True) as temporary:
-        save(clocks_figure(compared), temporary)
-    return picture
+    _report(imports.import_rosbag(mapping, out, bags or (), force=force), as_json)
 
 
 def _offset(clock: JoinedClock) -> str:
@@ -165,45 +125,39 @@ def _offset(clock: JoinedClock) -> str:
     )
 
 
-def _clock_json(clock: JoinedClock) -> dict[str, Any]:
-    return {
-        "file": clock.name, "offset_s": clock.offset_s, "sigma_s": clock.sigma_s, "rate": clock.rate,
-        "estimated": clock.estimated, "by": clock.by, "correlation": clock.correlation,
-    }  # fmt: skip
-
-
-def _report_import(done: Imported, as_json: bool) -> None:
-    """Report what was read, left out and written."""
+def _report(done: Imported, as_json: bool) -> None:
+    """Report what was read, left out and written, and draw the alignment of clocks into the dataset's folder."""
     for file in done.read:
         say(f"read {file.rows} rows of {file.file}")
     for clock in done.clocks:
         say(f"clock of {clock.name}: {_offset(clock)}")
-    for note in done.notes:
-        say(f"skincal: note: {note}")
+    note(done.notes)
     for dropped in done.dropped:
         say(f"left out {dropped}")
-    picture = _draw_clocks(done)
-    if picture is not None:
+    picture = None
+    if compared := [clock for clock in done.clocks if len(clock.time_s)]:
+        from skincal.report.clocks import clocks_figure
+        from skincal.report.style import save_whole
+
+        picture = done.folder / "clocks.png"
+        save_whole(clocks_figure(compared), picture, force=True)
         say(f"picture of the clocks: {picture}")
     if done.assumed:
         say(f"assumed, not measured: {', '.join(done.assumed)}")
     warn(done.warnings)
-    if as_json:
-        print_json(
-            {
-                "dataset": done.folder,
-                "presses": done.presses,
-                "frames": done.frames,
-                "read": [{"file": file.file, "rows": file.rows} for file in done.read],
-                "dropped": [{"count": d.count, "what": d.what, "why": d.why} for d in done.dropped],
-                "assumed": done.assumed,
-                "notes": done.notes,
-                "clocks": [_clock_json(clock) for clock in done.clocks],
-                "picture": picture,
-                "warnings": problems_json(done.warnings),
-                "findings": findings_json(done.warnings),
-            }
-        )
-        return
+    clocks = [
+        {"file": c.name, **picked(c, "offset_s sigma_s rate estimated by correlation")} for c in done.clocks
+    ]
+    content = {
+        "dataset": done.folder,
+        **picked(done, "presses frames"),
+        "read": [picked(file, "file rows") for file in done.read],
+        "dropped": [picked(dropped, "count what why") for dropped in done.dropped],
+        **picked(done, "assumed notes"),
+        "clocks": clocks,
+        "picture": picture,
+        "warnings": problems_json(done.warnings),
+        "findings": findings_json(done.warnings),
+    }
     frames = f", {done.frames} frames" if done.frames else ""
-    typer.echo(f"{done.folder}: {done.presses} presses{frames}")
+    answer(as_json, content, f"{done.folder}: {done.presses} presses{frames}")

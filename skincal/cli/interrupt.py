@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from types import FrameType
 
-from skincal.cli.common import say
+from skincal.cli.terminal import say
 
 AGAIN_S = 0.02
 """Interval at which a held-back interrupt checks whether the modules have loaded [s]."""
@@ -17,26 +17,51 @@ REQUESTS = (signal.SIGTERM, signal.SIGHUP)
 """Signals besides Ctrl-C that ask a command to end. Unhandled, they kill the process with a finger on the skin."""
 
 
+AGAIN = "give the same command again to continue"
+
+
 @contextmanager
-def moving(kept: Callable[[], str] = lambda: "") -> Generator[None]:
+def resumable(saved: Callable[[], str]) -> Generator[None]:
+    """Say, when a verb ends early, what is saved of its work and how to continue.
+
+    Args:
+        saved: returns what to say; '' if nothing is saved.
+    """
+    try:
+        yield
+    except BaseException as error:
+        text, stopped = saved(), isinstance(error, KeyboardInterrupt)
+        if not text:
+            raise
+        say(f"skincal: {'interrupted' if stopped else 'the work ended early'}. {text}")
+        if stopped:
+            raise SystemExit(130) from None
+        raise
+
+
+@contextmanager
+def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
     """Keep signals from ending or suspending a verb that moves a hand before the hand has been stopped.
 
     Every signal that can be caught interrupts, Ctrl-Z too: a hand that nobody watches must not go on pressing.
 
     Args:
-        kept: returns what is saved of the work, for the message of an interrupted verb.
+        saved: returns what is saved of the work, for the message of a verb that ends early.
     """
-    from skincal.hand.errors import HandError
+    from skincal.errors import WorkError
     from skincal.hand.halt import ENDING
 
     # `interruptible` uses the alarm to check again.
     with interruptible(*(number for number in ENDING if number != signal.SIGALRM)):
         try:
             yield
-        except (KeyboardInterrupt, HandError) as error:
+        except (KeyboardInterrupt, WorkError) as error:
             danger, notes = _danger_and_notes(error)
-            if isinstance(error, HandError) and not danger:
-                raise
+            if isinstance(error, WorkError):
+                if text := saved():
+                    say(f"skincal: the session ended early. {text}")
+                if not danger:
+                    raise
             # The command ends now; further signals must not suppress this message.
             for number in ENDING:
                 if signal.getsignal(number) is _interrupt:
@@ -44,7 +69,7 @@ def moving(kept: Callable[[], str] = lambda: "") -> Generator[None]:
             if danger:
                 say(f"skincal: error: {danger}")
                 raise SystemExit(1) from None
-            say(" ".join(filter(None, ["skincal: interrupted.", *notes, kept()])))
+            say(" ".join(filter(None, ["skincal: interrupted.", *notes, saved()])))
             raise SystemExit(130) from None
 
 

@@ -17,9 +17,10 @@ import typer
 
 from skincal import compiling
 from skincal.cli import verbs
-from skincal.cli.common import example, json_alone, say
 from skincal.cli.interrupt import interruptible
-from skincal.errors import InputError, Problem, SkincalError
+from skincal.cli.options import example, wrong
+from skincal.cli.terminal import json_alone, say
+from skincal.errors import SkincalError
 from skincal.version import __version__
 
 app = typer.Typer(
@@ -60,7 +61,7 @@ def _refuse_settings_here() -> None:
     if file.exists():
         fix = "Remove it, or run from another folder."
         got = f"{file}, from which numba takes where compiled code is loaded from"
-        raise InputError([Problem(str(Path.cwd()), "a working folder without settings of numba", got, fix)])
+        raise wrong(str(Path.cwd()), "a working folder without settings of numba", got, fix)
 
 
 verbs.register(app)
@@ -80,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # `--debug` is accepted anywhere, so that it can be appended to a command that failed.
     arguments = [a for a in arguments if a != "--debug"]
     _write_any_text()
-    logging.getLogger("skincal").handlers[:] = [_Said()]
+    logging.getLogger("skincal").handlers[:] = [_LogMessages()]
     compiling.on_compile = lambda: say(compiling.NOTE)
     try:
         with json_alone("--json" in arguments), interruptible():
@@ -92,36 +93,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except USAGE_ERROR as error:
         error.show()
         status = 2
-    except (SkincalError, OSError) as error:
-        if debug:
-            raise
-        status = _report(error)
-    except UnicodeEncodeError as error:  # only file names can hold bytes that are not text
-        if debug:
-            raise
-        say(
-            f"skincal: error: {error.object}: expected names of files and folders in UTF-8; got other bytes. "
-            "Rename it."
-        )
-        status = 2
-    except KeyboardInterrupt:
-        if debug:
-            raise
-        say("skincal: interrupted")
-        status = 130
-    except MemoryError:
-        say("skincal: error: out of memory; use a coarser grid or fewer presses")
-        status = 1
     except SystemExit:
         raise
     except BaseException as error:  # CancelledError and others of a driver's library are no Exception
-        if debug:
+        if debug and not isinstance(error, MemoryError):
             raise
-        say(
-            f"skincal: internal error: {type(error).__name__}: {error}\n"
-            "This is a bug in skincal, not your mistake. Run again with --debug to see where, and report it."
-        )
-        status = 1
+        status = _report(error)
     if to_its_end and "--json" in arguments:
         atexit.register(_hush)
     sys.exit(status if isinstance(status, int) else 0)
@@ -134,7 +111,7 @@ def _hush() -> None:
         os.dup2(2, 1)
 
 
-class _Said(logging.Handler):
+class _LogMessages(logging.Handler):
     """Handler that prints the library's log messages on standard error."""
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -158,22 +135,37 @@ _NO_ROOM = {
 }
 
 
-def _report(error: SkincalError | OSError) -> int:
-    if isinstance(error, SkincalError):
-        lines = str(error).splitlines()
-        if len(lines) > MOST_LINES:
-            more = f"… and {len(lines) - MOST_LINES + 1} more; --debug shows all of them"
-            lines[MOST_LINES - 1 :] = [more]
-        say("skincal: error: " + "\n".join(lines))
-        return error.exit_status
-    if isinstance(error, BrokenPipeError):
-        # The reader (head, less) is gone; nothing more can be written, not even at interpreter exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    place = error.filename or "a file"
-    reason = error.strerror or str(error)
-    hint = "" if error.errno is None else _NO_ROOM.get(error.errno, "")
-    say(f"skincal: error: {place}: {reason}.{hint}")
+def _report(error: BaseException) -> int:
+    """Print an error in a few lines; return the exit status."""
+    match error:
+        case SkincalError():
+            lines = str(error).splitlines()
+            if len(lines) > MOST_LINES:
+                lines[MOST_LINES - 1 :] = [
+                    f"… and {len(lines) - MOST_LINES + 1} more; --debug shows all of them"
+                ]
+            say("skincal: error: " + "\n".join(lines))
+            return error.exit_status
+        case BrokenPipeError():
+            # The reader (head, less) is gone; nothing more can be written, not even at interpreter exit.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        case OSError():
+            hint = "" if error.errno is None else _NO_ROOM.get(error.errno, "")
+            say(f"skincal: error: {error.filename or 'a file'}: {error.strerror or str(error)}.{hint}")
+        case UnicodeEncodeError():  # only file names can hold bytes that are not text
+            expected = "expected names of files and folders in UTF-8; got other bytes. Rename it."
+            say(f"skincal: error: {error.object}: {expected}")
+            return 2
+        case KeyboardInterrupt():
+            say("skincal: interrupted")
+            return 130
+        case MemoryError():
+            say("skincal: error: out of memory; use a coarser grid or fewer presses")
+        case _:
+            say(
+                f"skincal: internal error: {type(error).__name__}: {error}\n"
+                "This is a bug in skincal, not your mistake. Run again with --debug to see where, and report it."
+            )
     return 1
 
 

@@ -5,19 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from skincal.cli.common import (
-    CalibrationArgument,
-    DatasetArgument,
-    ForceOption,
-    JsonOption,
-    OutOption,
-    example,
-    print_json,
-    say,
-    warn,
-)
+from skincal.cli import options
+from skincal.cli.options import example, option
+from skincal.cli.terminal import print_json, say, warn
 from skincal.progress import stage_bars
 
 if TYPE_CHECKING:
@@ -30,19 +20,16 @@ EPILOG = example(
     "skincal predict cal data/paper-like --out predicted --slack --json",
 )
 
+_SLACK = "Move every press to the best position within its slack, and write that position."
+
 
 def predict(
-    cal: CalibrationArgument,
-    dataset: DatasetArgument,
-    out: OutOption,
-    slack: Annotated[
-        bool,
-        typer.Option(
-            "--slack", help="Move every press to the best position within its slack, and write that position."
-        ),
-    ] = False,
-    as_json: JsonOption = False,
-    force: ForceOption = False,
+    cal: options.Calibration,
+    dataset: options.Dataset,
+    out: options.Out,
+    slack: Annotated[bool, option(_SLACK, "--slack")] = False,
+    as_json: options.Json = False,
+    force: options.Force = False,
 ) -> None:
     """Write a dataset as a calibration predicts it, effects included.
 
@@ -60,60 +47,51 @@ def predict(
     refuse_existing(out, dataset, cal, force=force, marker="dataset.toml")
     calibration, data = read_calibration(cal), read_dataset(dataset)
     warn((*calibration.warnings, *data.warnings))
-    with stage_bars() as reporter:
-        prediction = predict_dataset(calibration, data, slack=slack, progress=reporter)
-    write_dataset(
-        prediction.dataset,
-        out,
-        presses_as=_format(data, "presses", "csv"),
-        frames_as=_format(data, "frames", "parquet"),
-        force=force,
-    )
-    warn(prediction.warnings)
+    with stage_bars() as progress:
+        found = predict_dataset(calibration, data, slack=slack, progress=progress)
+    formats = _format(data, "presses", "csv"), _format(data, "frames", "parquet")
+    write_dataset(found.dataset, out, presses_as=formats[0], frames_as=formats[1], force=force)
+    warn(found.warnings)
     if as_json:
-        print_json(_as_json(out, prediction))
-        return
-    say(_summary_text(out, prediction))
+        print_json(_as_json(out, found))
+    else:
+        say("\n".join([*_lines(found), f"dataset: {out}"]))
 
 
 def _format(data: Dataset, stem: str, otherwise: Format) -> Format:
     """Return the format of a table of the dataset, or ``otherwise`` for a table that it lacks."""
-    folder = data.folder
-    if folder is None:
-        return otherwise
-    if (folder / f"{stem}.parquet").is_file():
-        return "parquet"
-    return "csv" if (folder / f"{stem}.csv").is_file() else otherwise
+    formats: tuple[Format, ...] = ("parquet", "csv")
+    if data.folder is not None:
+        for known in formats:
+            if (data.folder / f"{stem}.{known}").is_file():
+                return known
+    return otherwise
 
 
-def _as_json(out: Path, prediction: Prediction) -> dict[str, Any]:
-    frames, of_frames = prediction.dataset.frames, prediction.frames
+def _as_json(out: Path, found: Prediction) -> dict[str, Any]:
+    frames = found.frames
     return {
         "dataset": out,
-        "presses": len(prediction.dataset.presses),
-        "frames": 0 if frames is None else len(frames),
-        "rmse_counts": prediction.presses.rmse_counts,
-        "rmse_with_rest_counts": prediction.presses.rmse_with_rest_counts,
-        "frames_rmse_counts": None if of_frames is None else of_frames.rmse_counts,
-        "frames_rmse_with_rest_counts": None if of_frames is None else of_frames.rmse_with_rest_counts,
-        "slack_rms_m": prediction.slack_rms_m,
-        "abstaining": prediction.abstaining,
+        "presses": len(found.dataset.presses),
+        "frames": 0 if found.dataset.frames is None else len(found.dataset.frames),
+        "rmse_counts": found.presses.rmse_counts,
+        "rmse_with_rest_counts": found.presses.rmse_with_rest_counts,
+        "frames_rmse_counts": None if frames is None else frames.rmse_counts,
+        "frames_rmse_with_rest_counts": None if frames is None else frames.rmse_with_rest_counts,
+        "slack_rms_m": found.slack_rms_m,
+        "abstaining": found.abstaining,
     }
 
 
-def _summary_text(out: Path, prediction: Prediction) -> str:
-    data, rmse = prediction.dataset, prediction.presses
-    unit = data.meta.sensor.unit_label
+def _lines(found: Prediction) -> list[str]:
+    data, rmse, frames = found.dataset, found.presses, found.frames
     lines = [
-        f"{len(data.presses)} presses predicted: measured images differ by {rmse.rmse_with_rest_counts:.3g} {unit} rms "
-        f"per taxel ({rmse.rmse_counts:.3g} without the level at rest)"
+        f"{len(data.presses)} presses predicted: measured images differ by {rmse.rmse_with_rest_counts:.3g} "
+        f"{data.meta.sensor.unit_label} rms per taxel ({rmse.rmse_counts:.3g} without the level at rest)"
     ]
-    if data.frames is not None and prediction.frames is not None:
-        of_frames = prediction.frames
-        lines.append(
-            f"{len(data.frames)} frames predicted: those with contact differ by {of_frames.rmse_with_rest_counts:.3g} "
-            f"({of_frames.rmse_counts:.3g})"
-        )
-    if prediction.slack_rms_m is not None:
-        lines.append(f"presses moved by {1e3 * prediction.slack_rms_m:.2f} mm rms along each direction")
-    return "\n".join([*lines, f"dataset: {out}"])
+    if data.frames is not None and frames is not None:
+        error = f"{frames.rmse_with_rest_counts:.3g} ({frames.rmse_counts:.3g})"
+        lines.append(f"{len(data.frames)} frames predicted: those with contact differ by {error}")
+    if found.slack_rms_m is not None:
+        lines.append(f"presses moved by {1e3 * found.slack_rms_m:.2f} mm rms along each direction")
+    return lines

@@ -7,10 +7,9 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from skincal.cli.common import JsonOption, example, print_json, say
-from skincal.cli.hand import BeyondLimitsOption, DriverOptionsOption, RigOption, find_modules_here
+from skincal.cli import options
+from skincal.cli.options import example, option
+from skincal.cli.terminal import print_json, say
 
 if TYPE_CHECKING:
     from skincal.hand.serve import HandServer
@@ -21,36 +20,22 @@ EPILOG = example(
 )
 
 
+_BIND = "Address to listen at; port * takes any free port."
+_KEYS = "Folder hand/ of `skincal hand keys`; any address but loopback needs it."
+_WATCHDOG = "Time after which a silent client loses the hand."
+
+
 def serve_hand(
-    driver: RigOption,
-    driver_option: DriverOptionsOption = None,
-    bind: Annotated[
-        str, typer.Option("--bind", help="Address to listen at; port * takes any free port.")
-    ] = "tcp://127.0.0.1:5555",
-    keys: Annotated[
-        Path | None,
-        typer.Option(
-            "--keys", help="Folder hand/ of `skincal hand keys`; any address but loopback needs it."
-        ),
-    ] = None,
-    watchdog_s: Annotated[
-        float,
-        typer.Option(
-            "--watchdog-s", min=0.05, max=60.0, help="Time after which a silent client loses the hand."
-        ),
-    ] = 2.0,
-    timeout_s: Annotated[
-        float, typer.Option("--timeout-s", min=0.05, max=60.0, help="Longest time of a call to the driver.")
-    ] = 1.0,
-    force_check: Annotated[
-        bool,
-        typer.Option("--force-check/--no-force-check", help="Limit the contact force on this side, too."),
-    ] = True,
-    sessions: Annotated[
-        int | None, typer.Option("--sessions", min=1, help="End after this many clients.")
-    ] = None,
-    beyond_limits: BeyondLimitsOption = False,
-    as_json: JsonOption = False,
+    driver: options.Driver,
+    driver_option: options.DriverOptions = None,
+    bind: Annotated[str, option(_BIND)] = "tcp://127.0.0.1:5555",
+    keys: Annotated[Path | None, option(_KEYS)] = None,
+    watchdog_s: Annotated[float, option(_WATCHDOG, min=0.05, max=60.0)] = 2.0,
+    timeout_s: Annotated[float, option("Longest time of a call to the driver.", min=0.05, max=60.0)] = 1.0,
+    force_check: Annotated[bool, option("Limit the contact force on this side, too.")] = True,
+    sessions: Annotated[int | None, option("End after this many clients.", min=1)] = None,
+    beyond_limits: options.BeyondLimits = False,
+    as_json: options.Json = False,
 ) -> None:
     """Serve a hand to another computer, or to another program on this one.
 
@@ -63,10 +48,9 @@ def serve_hand(
     from skincal.hand.serve import HandServer, ServeOptions
     from skincal.hand.sockets import hand_keys
 
-    find_modules_here(driver)
-    options = parse_options(driver_option or [])
+    settings = parse_options(driver_option or [])
     server = HandServer(
-        lambda: create_driver(driver, **options),
+        lambda: create_driver(driver, **settings),
         bind,
         keys=None if keys is None else hand_keys(keys),
         options=ServeOptions(

@@ -11,7 +11,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
@@ -23,13 +22,14 @@ from skincal.report.style import (
     BLACK,
     BLUE,
     GREY,
-    LIGHT,
     ORANGE,
     SEQUENTIAL,
     equal_axes_mm,
+    legend_below,
     new_figure,
-    style,
-)  # fmt: skip
+    styled,
+)
+from skincal.report.taxel_map import draw_outlines, near_patch
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -42,27 +42,24 @@ MOST_LINE_POINTS = 20_000
 MOST_NAMED_TAXELS = 36
 
 
+@styled
 def dataset_figure(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> Figure:
-    """Draw a dataset.
+    """Draw a dataset: the patch, the forces, the number of active taxels, the session and the taxels.
 
     Args:
         dataset: the data.
         threshold_counts: threshold above the level at rest from which a taxel is active [counts].
-
-    Returns:
-        A figure with the patch, the forces, the number of active taxels, the session and the taxels.
     """
     active = active_taxels(dataset, threshold_counts)
-    with style():
-        name = dataset.folder.name if dataset.folder else "dataset"
-        figure = new_figure(11.5, 8.5, f"{name}: {len(dataset.presses)} presses")
-        grid = figure.add_gridspec(3, 3, width_ratios=(1.0, 1.0, 0.95), height_ratios=(1, 1, 0.9))
-        _draw_patch(figure, figure.add_subplot(grid[:2, :2]), dataset, active.sum(axis=1))
-        _draw_forces(figure.add_subplot(grid[0, 2]), dataset.presses.force_n)
-        unit = dataset.meta.sensor.unit_label
-        _draw_numbers(figure.add_subplot(grid[1, 2]), active.sum(axis=1), threshold_counts, unit)
-        _draw_session(figure.add_subplot(grid[2, :2]), dataset)
-        _draw_taxels(figure, figure.add_subplot(grid[2, 2]), dataset, active)
+    name = dataset.folder.name if dataset.folder else "dataset"
+    figure = new_figure(11.5, 8.5, f"{name}: {len(dataset.presses)} presses")
+    grid = figure.add_gridspec(3, 3, width_ratios=(1.0, 1.0, 0.95), height_ratios=(1, 1, 0.9))
+    _draw_patch(figure, figure.add_subplot(grid[:2, :2]), dataset, active.sum(axis=1))
+    _draw_forces(figure.add_subplot(grid[0, 2]), dataset.presses.force_n)
+    unit = dataset.meta.sensor.unit_label
+    _draw_numbers(figure.add_subplot(grid[1, 2]), active.sum(axis=1), threshold_counts, unit)
+    _draw_session(figure.add_subplot(grid[2, :2]), dataset)
+    _draw_taxels(figure, figure.add_subplot(grid[2, 2]), dataset, active)
     return figure
 
 
@@ -70,9 +67,13 @@ def _draw_patch(figure: Figure, axes: Axes, dataset: Dataset, number: NDArray[np
     pose, layout = dataset.nominal_pose(), dataset.layout()
     reach = 3 * float(np.abs(layout.bounds_m).max())
     uv = 1e3 * patch_coordinates(dataset.surface(), pose, dataset.presses.position_m, reach)
-    _draw_layout(axes, 1e3 * layout.centres_m, 1e3 * layout.sizes_m, dataset.meta.sensor.cols)
+    draw_outlines(axes, layout)
+    if layout.taxels <= MOST_NAMED_TAXELS:
+        for j, corner in enumerate(1e3 * (layout.centres_m - layout.sizes_m / 2)):
+            name = "{},{}".format(*divmod(j, dataset.meta.sensor.cols))
+            axes.annotate(name, corner, (2, 2), textcoords="offset points", fontsize=6, color=GREY)
     given = np.asarray(np.isfinite(uv).all(axis=1))
-    near = given & _near(1e3 * layout.bounds_m, uv)
+    near = given & near_patch(uv, 1e3 * layout.bounds_m)
     axes.update_datalim(1e3 * layout.bounds_m)
     axes.margins(0.06)
     equal_axes_mm(axes, "u", "v")
@@ -82,15 +83,6 @@ def _draw_patch(figure: Figure, axes: Axes, dataset: Dataset, number: NDArray[np
     if near.any():
         _draw_presses(figure, axes, uv[near], dataset.presses.force_n[near], number[near])
     axes.autoscale_view()
-
-
-def _draw_layout(axes: Axes, centres: FloatArray, sizes: FloatArray, cols: int) -> None:
-    for j, (centre, size) in enumerate(zip(centres, sizes, strict=True)):
-        corner = (float(centre[0] - size[0] / 2), float(centre[1] - size[1] / 2))
-        axes.add_patch(Rectangle(corner, *size, facecolor=LIGHT, edgecolor=GREY, linewidth=0.6))
-        if len(centres) <= MOST_NAMED_TAXELS:
-            name = f"{j // cols},{j % cols}"
-            axes.annotate(name, corner, (2, 2), textcoords="offset points", fontsize=6, color=GREY)
 
 
 def _nominal(dataset: Dataset) -> str:
@@ -108,12 +100,6 @@ def _notes(given: BoolArray, near: BoolArray, uv: FloatArray) -> list[str]:
     if near.sum() > 1 and np.ptp(uv[near], axis=0).max() < 1e-6:
         notes.append(f"{int(near.sum())} presses at one place")
     return notes
-
-
-def _near(patch: FloatArray, uv: FloatArray) -> BoolArray:
-    """Return which presses lie within a patch's size of the patch [mm]; a stray press must not shrink the others."""
-    size = float(np.ptp(patch, axis=0).max())
-    return np.asarray((np.abs(uv - patch.mean(axis=0)) <= 1.5 * size).all(axis=1))
 
 
 def _draw_presses(
@@ -143,8 +129,7 @@ def _explain_areas(axes: Axes, force: FloatArray, pt2_per_n: float) -> None:
         Line2D([], [], markersize=max(f * pt2_per_n, 4) ** 0.5, markeredgewidth=0.5, label=f"{f:g} N", **look)
         for f in _round_forces(force)
     ]
-    place: Any = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.1), "borderaxespad": 0.0}
-    axes.legend(handles=handles, ncols=len(handles), title="force", alignment="left", **place)
+    legend_below(axes, len(handles), handles=handles, title="force", alignment="left")
 
 
 def _colours(most: int) -> tuple[Colormap, Normalize]:
@@ -192,28 +177,23 @@ def _draw_numbers(axes: Axes, number: NDArray[np.int64], threshold: float, unit:
 
 
 def _draw_session(axes: Axes, dataset: Dataset) -> None:
-    times = session_times_s(dataset)
-    _draw_frames(axes, dataset)
+    times, frames, force_n = session_times_s(dataset), dataset.frames, dataset.presses.force_n
+    if frames is not None and times is not None:
+        step = max(len(frames) // MOST_LINE_POINTS, 1)
+        force = np.where(frames.phase == IDLE, np.nan, frames.force_n)[::step]
+        line: Any = {"color": GREY, "linewidth": 0.6, "alpha": 0.7, "label": "frames with contact"}
+        axes.plot(frames.time_s[::step], force, **line)
     x = np.arange(len(dataset.presses), dtype=float) if times is None else times
     axes.set_xlabel("press, in the order of the table" if times is None else "session time [s]")
     for label, marker, colour, rows in _branches(dataset):
-        axes.plot(x[rows], dataset.presses.force_n[rows], marker, color=colour, markersize=4, label=label)
+        axes.plot(x[rows], force_n[rows], marker, color=colour, markersize=4, label=label)
     axes.set_title("Session")
     axes.set_ylabel("force [N]")
-    axes.set_ylim(bottom=min(0.0, float(dataset.presses.force_n.min())))
+    axes.set_ylim(bottom=min(0.0, float(force_n.min())))
     axes.grid(axis="y")
     axes.margins(y=0.15)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.0)
-
-
-def _draw_frames(axes: Axes, dataset: Dataset) -> None:
-    frames = dataset.frames
-    if frames is None or session_times_s(dataset) is None:
-        return
-    step = max(len(frames) // MOST_LINE_POINTS, 1)
-    force = np.where(frames.phase == IDLE, np.nan, frames.force_n)[::step]
-    axes.plot(frames.time_s[::step], force, color=GREY, linewidth=0.6, alpha=0.7, label="frames with contact")
 
 
 def _branches(dataset: Dataset) -> list[tuple[str, str, str, BoolArray]]:
@@ -234,20 +214,17 @@ def _draw_taxels(figure: Figure, axes: Axes, dataset: Dataset, active: BoolArray
     """Draw the number of presses in which each taxel is active, arranged as in memory; a cross means none."""
     sensor = dataset.meta.sensor
     answers = active.sum(axis=0).reshape(sensor.rows, sensor.cols)
-    if sensor.rows > 1.5 * sensor.cols:
-        # A tall image is drawn lying down, to use the space.
-        image = axes.imshow(answers.T, origin="lower", cmap=SEQUENTIAL, vmin=0, aspect="auto")
-        axes.set(xlabel="row r", ylabel="column c")
-        silent = np.argwhere(answers == 0)
-    else:
-        image = axes.imshow(answers, origin="lower", cmap=SEQUENTIAL, vmin=0)
-        axes.set(xlabel="column c", ylabel="row r")
-        silent = np.argwhere(answers == 0)[:, ::-1]
+    # A tall image is drawn lying down, to use the space.
+    lying = sensor.rows > 1.5 * sensor.cols
+    shown, labels = (answers.T, ("row r", "column c")) if lying else (answers, ("column c", "row r"))
+    aspect = "auto" if lying else None
+    image = axes.imshow(shown, origin="lower", cmap=SEQUENTIAL, vmin=0, aspect=aspect)
+    axes.set(xlabel=labels[0], ylabel=labels[1])
+    silent = np.argwhere(shown == 0)[:, ::-1]
     if len(silent):
         axes.plot(*silent.T, "x", color="white", markersize=5, markeredgewidth=1.0)
     axes.set_anchor("W")
     axes.set_title("Presses per active taxel" + (f" (x: none, {len(silent)})" if len(silent) else ""))
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     bar = figure.colorbar(image, ax=axes, pad=0.02, label="presses")
-    bar.ax.yaxis.set_major_locator(MaxNLocator(integer=True))
+    for axis in (axes.xaxis, axes.yaxis, bar.ax.yaxis):
+        axis.set_major_locator(MaxNLocator(integer=True))

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from skincal.report.style import BLACK, BLUE, GREEN, GREY, LIGHT, ORANGE, SEQUENTIAL, new_figure, style
+from skincal.report.style import BLACK, BLUE, GREEN, GREY, LIGHT, ORANGE, SEQUENTIAL, new_figure, styled
 from skincal.report.taxel_map import draw_taxels
 
 if TYPE_CHECKING:
@@ -21,30 +21,31 @@ _SHOWN, _LATER = 4, 8
 """Presses whose counts are drawn over time, and candidates of each round after the first."""
 
 
+@styled
 def gap_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Return the error before and after, and the noise, of every test press."""
+    """Draw the error before and after, and the noise, of every test press."""
     sums = found.gap.errors
     rms = np.sqrt(sums[:, :3] / np.maximum(sums[:, 3:], 1.0)) if len(sums) else np.zeros((0, 3))
-    with style():
-        figure = new_figure(11, 3.6, f"Error on {len(sums)} test presses, used by neither fit nor selection")
-        axes = figure.subplots()
-        order = np.argsort(-rms[:, 0]) if len(rms) else np.zeros(0, dtype=int)
-        place = np.arange(len(rms))
-        axes.plot(place, rms[order, 0], "o", color=ORANGE, label="base model")
-        if found.effects:
-            axes.plot(place, rms[order, 1], "o", color=BLUE, label="with the named effects")
-        axes.plot(place, rms[order, 2], "_", color=BLACK, markersize=12, label="noise")
-        names = [str(dataset.presses.press[p]) for p in found.gap.presses[: len(rms)]]
-        axes.set_xticks(place, [names[k] for k in order] if len(names) == len(rms) else [])
-        axes.set_xlabel("press")
-        axes.set_ylabel("rms per taxel [counts]")
-        axes.set_ylim(bottom=0)
-        axes.legend()
+    figure = new_figure(11, 3.6, f"Error on {len(sums)} test presses, used by neither fit nor selection")
+    axes = figure.subplots()
+    order = np.argsort(-rms[:, 0]) if len(rms) else np.zeros(0, dtype=int)
+    place = np.arange(len(rms))
+    axes.plot(place, rms[order, 0], "o", color=ORANGE, label="base model")
+    if found.effects:
+        axes.plot(place, rms[order, 1], "o", color=BLUE, label="with the named effects")
+    axes.plot(place, rms[order, 2], "_", color=BLACK, markersize=12, label="noise")
+    names = [str(dataset.presses.press[p]) for p in found.gap.presses[: len(rms)]]
+    axes.set_xticks(place, [names[k] for k in order] if len(names) == len(rms) else [])
+    axes.set_xlabel("press")
+    axes.set_ylabel("rms per taxel [counts]")
+    axes.set_ylim(bottom=0)
+    axes.legend()
     return figure
 
 
+@styled
 def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Counts over time, measured and simulated, of the presses that tell most, on the taxel that they tell most on.
+    """Draw counts over time, measured and simulated, of the most informative presses and taxels.
 
     These are the presses that gain most by what was named; where nothing was, those whose base model errs most.
     """
@@ -61,90 +62,83 @@ def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
     own = np.flatnonzero(session.observation >= 0)
     time = np.zeros(len(session))
     time[session.observation[own]] = session.samples.elapsed_s[own]
-    with style():
-        figure = new_figure(
-            13, 3.2, "Counts over time, measured and simulated, of the presses that tell most"
-        )
-        for axes, p in zip(
-            np.ravel(figure.subplots(1, max(len(worst), 1), squeeze=False)), worst, strict=False
-        ):
-            rows = np.flatnonzero(session.press == p)
-            j = int(np.argmax(off[rows].sum(axis=0)))
-            x = time[rows] - time[rows[0]] if session.has_frames else np.arange(len(rows))
-            axes.plot(x, session.counts[rows, j], ".", color=BLACK, markersize=4, label="measured")
-            axes.plot(x, shown[0][rows, j], color=ORANGE, label="base model")
-            if found.effects:
-                axes.plot(x, shown[1][rows, j], color=BLUE, label="with the named effects")
-            row, col = divmod(j, dataset.layout().cols)
-            axes.set_title(f"press {dataset.presses.press[p]}, taxel_{row}_{col}")
-            axes.set_xlabel("time [s]")
-        figure.axes[0].set_ylabel("counts")
-        figure.axes[0].legend()
+    figure = new_figure(13, 3.2, "Counts over time, measured and simulated, of the most informative presses")
+    for axes, p in zip(np.ravel(figure.subplots(1, max(len(worst), 1), squeeze=False)), worst, strict=False):
+        rows = np.flatnonzero(session.press == p)
+        j = int(np.argmax(off[rows].sum(axis=0)))
+        x = time[rows] - time[rows[0]] if session.has_frames else np.arange(len(rows))
+        axes.plot(x, session.counts[rows, j], ".", color=BLACK, markersize=4, label="measured")
+        axes.plot(x, shown[0][rows, j], color=ORANGE, label="base model")
+        if found.effects:
+            axes.plot(x, shown[1][rows, j], color=BLUE, label="with the named effects")
+        row, col = divmod(j, dataset.layout().cols)
+        axes.set_title(f"press {dataset.presses.press[p]}, taxel_{row}_{col}")
+        axes.set_xlabel("time [s]")
+    figure.axes[0].set_ylabel("counts")
+    figure.axes[0].legend()
     return figure
 
 
+@styled
 def where_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Return each taxel's residual over the noise (rms), and parts of the session with more than their share."""
+    """Draw each taxel's residual over the noise (rms), and parts of the session with more than their share."""
     fitter = found.observed.fitter
     from skincal.inference.start import raw_residual
 
     models = [("base model", found.found.base)] + (
         [("with the named effects", found.found.fitted)] if found.effects else []
     )
-    with style():
-        figure = new_figure(12, 3.8)
-        panels = np.ravel(figure.subplots(1, 3, width_ratios=(1, 1, 1.6)))
-        maps = []
-        for _, fit in models:
-            residual = np.where(np.isfinite(fitter.counts), raw_residual(fitter, fit.state), np.nan)
-            maps.append(np.sqrt(np.nanmean(residual**2, axis=0)))
-        norm = Normalize(0, max(float(np.nanmax(maps[0])), 1.5))
-        for axes, (title, _), values in zip(panels, models, maps, strict=False):
-            draw_taxels(axes, dataset.layout(), np.arange(len(values)), values, norm, SEQUENTIAL)
-            axes.set_title(f"{title}: residual over noise")
-        if len(models) < 2:
-            panels[1].set_axis_off()
-        parts = found.depends[::-1]
-        panels[2].barh([s.meaning for s in parts], [s.times for s in parts], color=BLUE)
-        panels[2].axvline(1.0, color=BLACK, linewidth=1)
-        panels[2].set_xlabel("part of the excess over part of the values")
+    figure = new_figure(12, 3.8)
+    panels = np.ravel(figure.subplots(1, 3, width_ratios=(1, 1, 1.6)))
+    maps = []
+    for _, fit in models:
+        residual = np.where(np.isfinite(fitter.counts), raw_residual(fitter, fit.state), np.nan)
+        maps.append(np.sqrt(np.nanmean(residual**2, axis=0)))
+    norm = Normalize(0, max(float(np.nanmax(maps[0])), 1.5))
+    for axes, (title, _), values in zip(panels, models, maps, strict=False):
+        draw_taxels(axes, dataset.layout(), np.arange(len(values)), values, norm, SEQUENTIAL)
+        axes.set_title(f"{title}: residual over noise")
+    if len(models) < 2:
+        panels[1].set_axis_off()
+    parts = found.depends[::-1]
+    panels[2].barh([s.meaning for s in parts], [s.times for s in parts], color=BLUE)
+    panels[2].axvline(1.0, color=BLACK, linewidth=1)
+    panels[2].set_xlabel("part of the excess over part of the values")
     return figure
 
 
+@styled
 def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
-    """Gain of every candidate with its standard error, the null's quantile, and the limit that is asked for."""
+    """Draw the gain of every candidate with its standard error, the null's quantile, and the required gain."""
     del dataset
     rounds = [r if number == 0 else r[:_LATER] for number, r in enumerate(found.found.rounds) if r]
     null, names = found.found.null, {n for e in found.effects for n in e.consistent_with}
     firsts = {e.name for e in found.effects}
-    with style():
-        figure = new_figure(
-            10, 1.2 + sum(0.22 * len(r) + 0.5 for r in rounds), "Gain on presses not fitted to"
-        )
-        heights = [len(r) for r in rounds] or [1]
-        panels = np.ravel(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights))
-        for number, (axes, tried) in enumerate(zip(panels, rounds, strict=False)):
-            rows = np.arange(len(tried))
-            quantiles = [max(null.quantile(t.name), 0.0) for t in tried]
-            axes.barh(rows, quantiles, color=LIGHT, height=0.8, label="99 % of sessions with nothing hidden")
-            axes.plot([t.limit for t in tried], rows, "|", color=BLACK, markersize=9, label="asked for")
-            for colour, what, own in (
-                (BLUE, "named", [t.name in firsts for t in tried]),
-                (GREEN, "cannot be told from it", [t.name in names - firsts for t in tried]),
-                (GREY, "others", [t.name not in names for t in tried]),
-            ):
-                k = np.flatnonzero(own)
-                if not len(k):
-                    continue
-                gain, error = (np.array([getattr(tried[i], a) for i in k]) for a in ("gain", "error"))
-                axes.errorbar(gain, k, xerr=error, fmt="o", color=colour, markersize=4, label=what)
-            axes.set_yticks(rows, [t.name for t in tried])
-            axes.set_ylim(len(tried) - 0.4, -0.6)
-            beside = "the base model" if number == 0 else f"what was added up to round {number}"
-            axes.set_title(f"round {number + 1}: beside {beside}")
-        panels[0].set_xscale("symlog", linthresh=1.0)
-        figure.legend(*_legend(panels), loc="upper right", ncols=5, fontsize=7)
-        panels[-1].set_xlabel("logarithm of the likelihood [nats], with its standard error")
+    figure = new_figure(10, 1.2 + sum(0.22 * len(r) + 0.5 for r in rounds), "Gain on held-out presses")
+    heights = [len(r) for r in rounds] or [1]
+    panels = np.ravel(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights))
+    for number, (axes, tried) in enumerate(zip(panels, rounds, strict=False)):
+        rows = np.arange(len(tried))
+        quantiles = [max(null.quantile(t.name), 0.0) for t in tried]
+        axes.barh(rows, quantiles, color=LIGHT, height=0.8, label="99 % of sessions with nothing hidden")
+        axes.plot([t.limit for t in tried], rows, "|", color=BLACK, markersize=9, label="required")
+        for colour, what, own in (
+            (BLUE, "named", [t.name in firsts for t in tried]),
+            (GREEN, "not distinguishable from it", [t.name in names - firsts for t in tried]),
+            (GREY, "others", [t.name not in names for t in tried]),
+        ):
+            k = np.flatnonzero(own)
+            if not len(k):
+                continue
+            gain, error = (np.array([getattr(tried[i], a) for i in k]) for a in ("gain", "error"))
+            axes.errorbar(gain, k, xerr=error, fmt="o", color=colour, markersize=4, label=what)
+        axes.set_yticks(rows, [t.name for t in tried])
+        axes.set_ylim(len(tried) - 0.4, -0.6)
+        model = "the base model" if number == 0 else f"the model of round {number}"
+        axes.set_title(f"round {number + 1}: added to {model}")
+    panels[0].set_xscale("symlog", linthresh=1.0)
+    figure.legend(*_legend(panels), loc="upper right", ncols=5, fontsize=7)
+    panels[-1].set_xlabel("gain in log-likelihood [nats], with its standard error")
     return figure
 
 

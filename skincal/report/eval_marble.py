@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from skincal.model import TaxelLayout
 from skincal.report.style import (
@@ -15,75 +14,55 @@ from skincal.report.style import (
     BLUE,
     GREEN,
     GREY,
-    LIGHT,
     ORANGE,
     PURPLE,
     RED,
     as_it_is,
+    legend_below,
     new_figure,
-    style,
+    styled,
 )
+from skincal.report.taxel_map import draw_outlines
 from skincal.train.scores import Runs, Score
 
 EXAMPLES = 3
 COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, GREY)
 
 
+@styled
 def runs_figure(runs: Mapping[str, Runs], layout: TaxelLayout, title: str = "") -> Figure:
-    """Return a figure of object paths: three runs of each policy, over the taxels and the target's path.
-
-    Args:
-        runs: episodes of each policy by name.
-        layout: layout of the taxels.
-        title: title of the figure.
-    """
-    with style():
-        figure = new_figure(3.4 * len(runs) + 0.6, 4.2, title)
-        all_axes = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
-        for axes, (name, some) in zip(all_axes, runs.items(), strict=True):
-            draw_layout(axes, layout)
-            _draw_runs(axes, some)
-            axes.set_title(as_it_is(name))
-            axes.set_aspect("equal", adjustable="box")
-            axes.set_xlabel("u [mm]")
-        all_axes[0].set_ylabel("v [mm]")
-        all_axes[0].legend(loc="upper left", bbox_to_anchor=(0.0, -0.16), ncols=4, borderaxespad=0.0)
+    """Draw three runs of each policy by name, over the taxels and the target's path."""
+    figure = new_figure(3.4 * len(runs) + 0.6, 4.2, title)
+    all_axes = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
+    for axes, (name, some) in zip(all_axes, runs.items(), strict=True):
+        draw_outlines(axes, layout, "none")
+        _draw_runs(axes, some)
+        axes.set_title(as_it_is(name))
+        axes.set_aspect("equal", adjustable="box")
+        axes.set_xlabel("u [mm]")
+    all_axes[0].set_ylabel("v [mm]")
+    legend_below(all_axes[0], 4, 0.16)
     return figure
 
 
+@styled
 def error_figure(scores: Mapping[str, Score], title: str = "") -> Figure:
-    """Return the mean tracking error over time with its 95 % interval, and the number of runs that last.
-
-    Args:
-        scores: score of each policy by name.
-        title: title of the figure.
-    """
-    with style():
-        figure = new_figure(6.4, 3.8, title)
-        axes = figure.subplots()
-        for (name, score), colour in zip(scores.items(), COLOURS * len(scores), strict=False):
-            axes.plot(score.time_s, 1e3 * score.error_m, color=colour, label=_label(name, score))
-            low, high = 1e3 * score.error_low_m, 1e3 * score.error_high_m
-            axes.fill_between(score.time_s, low, high, color=colour, alpha=0.2, linewidth=0)
-        axes.set_xlabel("time [s]")
-        axes.set_ylabel("tracking error [mm]")
-        # Leave room above the curves for one line of the legend each.
-        axes.set_ylim(0, axes.get_ylim()[1] * (1 + 0.09 * len(scores)))
-        axes.set_xlim(left=0)
-        axes.grid(axis="y")
-        axes.legend(loc="upper left")
+    """Draw the mean tracking error over time with its 95 % interval, and the number of runs that last."""
+    figure = new_figure(6.4, 3.8, title)
+    axes = figure.subplots()
+    for (name, score), colour in zip(scores.items(), COLOURS * len(scores), strict=False):
+        label = f"{as_it_is(name)} ({score.episodes - score.drops} of {score.episodes} held)"
+        axes.plot(score.time_s, 1e3 * score.error_m, color=colour, label=label)
+        low, high = 1e3 * score.error_low_m, 1e3 * score.error_high_m
+        axes.fill_between(score.time_s, low, high, color=colour, alpha=0.2, linewidth=0)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("tracking error [mm]")
+    # Leave room above the curves for one line of the legend each.
+    axes.set_ylim(0, axes.get_ylim()[1] * (1 + 0.09 * len(scores)))
+    axes.set_xlim(left=0)
+    axes.grid(axis="y")
+    axes.legend(loc="upper left")
     return figure
-
-
-def _label(name: str, score: Score) -> str:
-    return f"{as_it_is(name)} ({score.episodes - score.drops} of {score.episodes} held)"
-
-
-def draw_layout(axes: Axes, layout: TaxelLayout) -> None:
-    """Draw the taxels as grey boxes [mm]."""
-    for centre, size in zip(1e3 * layout.centres_m, 1e3 * layout.sizes_m, strict=True):
-        corner = (float(centre[0] - size[0] / 2), float(centre[1] - size[1] / 2))
-        axes.add_patch(Rectangle(corner, *size, facecolor=LIGHT, edgecolor="none"))
 
 
 def _draw_runs(axes: Axes, runs: Runs) -> None:

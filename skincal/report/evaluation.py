@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from skincal.dataset.model_objects import layout_of
-from skincal.model import TaxelLayout
 from skincal.report.eval_marble import error_figure, runs_figure
 from skincal.report.style import save
 from skincal.robot import bundled_hand
@@ -20,14 +19,7 @@ from skincal.train.scores import Runs, Score
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """A policy with its evaluation.
-
-    Attributes:
-        name: unique name in figures.
-        policy: the policy.
-        runs: its episodes.
-        score: their score.
-    """
+    """A policy with a unique name for figures, its episodes and their score."""
 
     name: str
     policy: Policy
@@ -50,13 +42,11 @@ def names_of(policies: Sequence[Policy]) -> list[str]:
 
 def write_figures(found: Sequence[Evaluated], trial: Trial, folder: Path) -> None:
     """Write ``runs.png`` and ``error.png``."""
-    runs = {one.name: one.runs for one in found}
-    save(runs_figure(runs, _layout(), f"{trial.task}: the first runs of each policy"), folder / "runs.png")
-    scores = {one.name: one.score for one in found}
-    save(
-        error_figure(scores, f"{trial.task}: mean of {trial.episodes} runs, 95 % interval"),
-        folder / "error.png",
-    )
+    layout = layout_of(bundled_hand().meta.sensor, None)  # of the hand that the tasks use
+    runs, scores = {one.name: one.runs for one in found}, {one.name: one.score for one in found}
+    save(runs_figure(runs, layout, f"{trial.task}: the first runs of each policy"), folder / "runs.png")
+    title = f"{trial.task}: mean of {trial.episodes} runs, 95 % interval"
+    save(error_figure(scores, title), folder / "error.png")
 
 
 def write_runs(found: Sequence[Evaluated], path: Path) -> None:
@@ -71,12 +61,6 @@ def write_runs(found: Sequence[Evaluated], path: Path) -> None:
                 for t, time_s in enumerate(runs.time_s):
                     if runs.error_m[i, t] != runs.error_m[i, t]:
                         break
-                    numbers = [time_s, runs.error_m[i, t], *runs.object_m[i, t], *runs.target_m[i, t]]
-                    writer.writerow(
-                        [one.name, i, *(f"{v:.6g}" for v in [*numbers, runs.angle_error_rad[i, t]])]
-                    )
-
-
-def _layout() -> TaxelLayout:
-    """Return the taxels of the hand that the tasks use."""
-    return layout_of(bundled_hand().meta.sensor, None)
+                    place = *runs.object_m[i, t], *runs.target_m[i, t]
+                    numbers = time_s, runs.error_m[i, t], *place, runs.angle_error_rad[i, t]
+                    writer.writerow([one.name, i, *(f"{v:.6g}" for v in numbers)])

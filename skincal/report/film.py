@@ -23,22 +23,12 @@ def write_film(
     ranges: Ranges | None = None,
     force: bool = False,
 ) -> None:
-    """Write a GIF of one run of a trial, in real time.
-
-    Args:
-        policy: the policy.
-        trial: conditions of the run.
-        path: a ``.gif`` file.
-        number: number of the run.
-        ranges: ranges of the trial.
-        force: whether to replace an existing file.
-    """
+    """Write a GIF of one run of a trial, in real time."""
     environment = environment_for(policy, trial, ranges, render_mode="rgb_array")
     try:
         frames = [Image.fromarray(environment.render()) for _ in episode(policy, environment, trial, number)]  # type: ignore[arg-type]
     finally:
         environment.close()
-    small = [frame.quantize(COLOURS, dither=Image.Dither.NONE) for frame in frames]
+    first, *rest = (frame.quantize(COLOURS, dither=Image.Dither.NONE) for frame in frames)
     with whole_file(path, force=force) as temporary:
-        first, *rest = small
         first.save(temporary, save_all=True, append_images=rest, duration=round(1e3 / POLICY_HZ), loop=0)

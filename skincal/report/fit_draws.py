@@ -13,17 +13,18 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from skincal.fitting.result import FitResult
-from skincal.report.fit_quantities import Quantity, quantities
+from skincal.report.fit_quantities import Quantity, label_panel, quantities
 from skincal.report.style import (
     BLUE,
     DIVERGING,
     GREY,
+    OPEN,
     ORANGE,
     RED,
     few_logarithmic_ticks,
     new_figure,
-    style,
-)  # fmt: skip
+    styled,
+)
 
 FloatArray = NDArray[np.floating[Any]]
 
@@ -31,77 +32,72 @@ BINS = 40
 MOST_DOTS = 1500
 
 
+@styled
 def draws_figure(result: FitResult) -> Figure:
-    """Draw the posterior draws of the valley.
-
-    Args:
-        result: a fit.
-
-    Returns:
-        On the diagonal each parameter alone, below it the pairs, above it their correlations.
-    """
+    """Draw each parameter on the diagonal, pairs of them below it and their correlations above it."""
     all_of = quantities(result)
     count = len(all_of)
-    with style():
-        figure = new_figure(11, 10.5, f"Draws from the valley ({len(result.draws)})")
-        grid = figure.add_gridspec(count, count)
-        for i, row in enumerate(all_of):
-            for j, col in enumerate(all_of):
-                axes = figure.add_subplot(grid[i, j])
-                if i == j:
-                    _draw_alone(axes, col)
-                elif j < i:
-                    _draw_pair(axes, col, row)
-                else:
-                    _write_correlation(axes, row.draws, col.draws)
-                    continue
-                _label(axes, col, row, bottom=i == count - 1, left=j == 0 and i > 0)
-        handles = _handles(any(q.identified for q in all_of))
-        figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
+    figure = new_figure(11, 10.5, f"Draws from the valley ({len(result.draws)})")
+    grid = figure.add_gridspec(count, count)
+    for i, row in enumerate(all_of):
+        for j, col in enumerate(all_of):
+            axes = figure.add_subplot(grid[i, j])
+            if j > i:
+                _write_correlation(axes, row.draws, col.draws)
+                continue
+            if i == j:
+                _draw_alone(axes, col)
+            else:
+                _draw_pair(axes, col, row)
+                _few_ticks(axes, "y", row)
+            _few_ticks(axes, "x", col)
+            label_panel(axes, col.axis_label, row.axis_label, bottom=i == count - 1, left=j == 0 and i > 0)
+    interval = Line2D([], [], color=ORANGE, label="interval")
+    handles = [
+        Line2D([], [], color=RED, label="best"),
+        *([interval] if any(q.identified for q in all_of) else []),
+        Line2D([], [], color=GREY, linestyle=":", label="searched range"),
+        Patch(facecolor="#C6DAE8", label="correlation"),
+    ]
+    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
     return figure
 
 
 def _draw_alone(axes: Axes, of: Quantity) -> None:
-    low, high = _limits(of)
     axes.hist(of.draws, bins=_bins(of), color=BLUE)  # type: ignore[arg-type]
-    _mark(axes, of, "x", band=True)
-    best = f"{of.label} {of.shown(of.best)} {of.unit}".replace(" °", "°")
-    title = best if of.identified else f"{of.label}: not identified"
+    _mark(axes.axvline, of)
+    axes.axvline(of.best, color=RED, linewidth=1.2)
+    title = f"{of.label} {of.best_text}" if of.identified else f"{of.label}: not identified"
     axes.set_title(title, fontsize=9)
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
-    axes.set_xlim(low, high)
+    axes.set_xlim(*_limits(of))
 
 
 def _bins(of: Quantity) -> FloatArray:
     """Return the edges of the bars; draws from a grid have few values, and each gets one bar."""
-    low, high = _limits(of)
     different = np.unique(of.draws)
     if 1 < len(different) < BINS:
         middle = (different[1:] + different[:-1]) / 2
         return np.concatenate([[2 * different[0] - middle[0]], middle, [2 * different[-1] - middle[-1]]])
-    return np.geomspace(low, high, BINS + 1) if _by_logarithm(of) else np.linspace(low, high, BINS + 1)
+    spaced = np.geomspace if _spans_decades(of, *_limits(of)) else np.linspace
+    return spaced(*_limits(of), BINS + 1)
 
 
 def _draw_pair(axes: Axes, col: Quantity, row: Quantity) -> None:
     dots = slice(None, None, max(1, len(col.draws) // MOST_DOTS))
     axes.plot(col.draws[dots], row.draws[dots], ".", color=BLUE, alpha=0.35, markersize=3, markeredgewidth=0)
-    _mark(axes, col, "x")
-    _mark(axes, row, "y")
-    look: Any = {"markerfacecolor": "none", "markeredgecolor": RED, "markeredgewidth": 1.5}
-    axes.plot(col.best, row.best, "o", markersize=8, **look)
+    _mark(axes.axvline, col)
+    _mark(axes.axhline, row)
+    axes.plot(col.best, row.best, "o", markersize=8, **OPEN)
     axes.set_xlim(*_limits(col))
     axes.set_ylim(*_limits(row))
 
 
-def _mark(axes: Axes, of: Quantity, along: str, *, band: bool = False) -> None:
+def _mark(line: Any, of: Quantity) -> None:
     """Mark the ends of the interval, and those of the searched range where they are in sight."""
-    line = axes.axvline if along == "x" else axes.axhline
-    if of.identified:
-        for end in (of.low, of.high):
-            line(end, color=ORANGE, linewidth=1.2)
-    if band:
-        line(of.best, color=RED, linewidth=1.2)
+    for end in (of.low, of.high) if of.identified else ():
+        line(end, color=ORANGE, linewidth=1.2)
     low, high = _limits(of)
     for end in of.searched or ():
         if low < end < high:
@@ -117,10 +113,6 @@ def _limits(of: Quantity) -> tuple[float, float]:
         return low * (low / high) ** 0.05, high * (high / low) ** 0.05
     margin = 0.05 * (high - low) or 0.01 * abs(high) or 1.0
     return low - margin, high + margin
-
-
-def _by_logarithm(of: Quantity) -> bool:
-    return _spans_decades(of, *_limits(of))
 
 
 def _spans_decades(of: Quantity, low: float, high: float) -> bool:
@@ -140,32 +132,10 @@ def _write_correlation(axes: Axes, one: FloatArray, other: FloatArray) -> None:
     axes.text(0, 0, text, ha="center", va="center", fontsize=9 + 5 * abs(value))
 
 
-def _label(axes: Axes, col: Quantity, row: Quantity, *, bottom: bool, left: bool) -> None:
-    _few_ticks(axes, "x", col)
-    if bottom:
-        axes.set_xlabel(col.axis_label)
-    else:
-        axes.tick_params(labelbottom=False)
-    if col is not row:
-        _few_ticks(axes, "y", row)
-    if left:
-        axes.set_ylabel(row.axis_label)
-    else:
-        axes.tick_params(labelleft=False)
-
-
 def _few_ticks(axes: Axes, along: str, of: Quantity) -> None:
-    if _by_logarithm(of):
+    axis = axes.xaxis if along == "x" else axes.yaxis
+    if _spans_decades(of, *_limits(of)):
         axes.set(**{f"{along}scale": "log"})
-        few_logarithmic_ticks(getattr(axes, f"{along}axis"))
+        few_logarithmic_ticks(axis)
     else:
-        getattr(axes, f"{along}axis").set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))
-
-
-def _handles(intervals: bool) -> list[Any]:
-    return [
-        Line2D([], [], color=RED, label="best"),
-        *([Line2D([], [], color=ORANGE, label="interval")] if intervals else []),
-        Line2D([], [], color=GREY, linestyle=":", label="searched range"),
-        Patch(facecolor="#C6DAE8", label="correlation"),
-    ]
+        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))

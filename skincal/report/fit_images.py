@@ -13,16 +13,14 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.gridspec import GridSpec
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from skincal.dataset import Dataset
 from skincal.fitting.result import FitResult
 from skincal.model import TaxelLayout
-from skincal.report.fit_left_out import left_out
-from skincal.report.fit_presses import chosen_presses
-from skincal.report.style import BLACK, DIVERGING, GREEN, GREY, RED, new_figure, style
+from skincal.report.fit_presses import chosen_presses, left_out
+from skincal.report.style import BLACK, DIVERGING, GREEN, GREY, RED, new_figure, styled
 
 FloatArray = NDArray[np.floating[Any]]
 
@@ -51,20 +49,16 @@ class _Pair:
         return self.simulated - self.observed
 
 
+@styled
 def images_figure(result: FitResult, dataset: Dataset) -> Figure:
     """Draw three maps per press: the measured image, the simulated one at the best point, and the difference.
 
-    Args:
-        result: a fit.
-        dataset: the dataset that was fitted.
-
-    Returns:
-        A figure with the worst presses first, preceded by those that were left out as outliers; green
-        frames mark good matches, red frames bad ones.
+    The worst presses come first, preceded by those that were left out as outliers; green frames mark good matches, red
+    frames bad ones.
     """
     chosen = chosen_presses(result.presses.rmse_counts, ALL_UP_TO)
-    glitches, used = _left_out_pairs(result, dataset), _used_pairs(result, dataset, chosen)
-    pairs = glitches + used
+    used = _used_pairs(result, dataset, chosen)
+    pairs = _left_out_pairs(result, dataset) + used
     tiles = _Tiles.of(result.problem.rig.layout, len(pairs))
     counts = Normalize(0.0, max((float(np.nanmax([p.observed, p.simulated])) for p in pairs), default=1.0))
     # Outliers do not set this scale: nothing else would be visible next to them.
@@ -72,21 +66,24 @@ def images_figure(result: FitResult, dataset: Dataset) -> Figure:
     differences = Normalize(-max(most, 0.1), max(most, 0.1))
     count = len(result.problem)
     part = f"{len(chosen)} of {count} presses" if len(chosen) < count else "all presses used"
-    title = f"Measured | simulated | simulated − measured ({part}, worst first)"
-    with style():
-        figure = new_figure(*tiles.size_in, title)
-        grid = figure.add_gridspec(2, 2, height_ratios=(0.12, tiles.size_in[1] - 0.12), hspace=0.02)
-        axes = figure.add_subplot(grid[1, :])
-        for place, pair in enumerate(pairs):
-            for number, values in enumerate((pair.observed, pair.simulated, pair.difference)):
-                norm, colours = (differences, DIVERGING) if number == 2 else (counts, COLOURS)
-                axes.add_collection(tiles.map(place, number, values, norm, colours))
-            _frame(axes, tiles, place, pair)
-        axes.set_xlim(0, tiles.width)
-        axes.set_ylim(-tiles.height, 0)
-        axes.set_aspect("equal", anchor="N")
-        axes.set_axis_off()
-        _add_bars(figure, grid, counts, differences)
+    figure = new_figure(*tiles.size_in, f"Measured | simulated | simulated − measured ({part}, worst first)")
+    grid = figure.add_gridspec(2, 2, height_ratios=(0.12, tiles.size_in[1] - 0.12), hspace=0.02)
+    axes = figure.add_subplot(grid[1, :])
+    for place, pair in enumerate(pairs):
+        for number, values in enumerate((pair.observed, pair.simulated, pair.difference)):
+            norm, colours = (differences, DIVERGING) if number == 2 else (counts, COLOURS)
+            axes.add_collection(tiles.map(place, number, values, norm, colours))
+        _frame(axes, tiles, place, pair)
+    axes.set_xlim(0, tiles.width)
+    axes.set_ylim(-tiles.height, 0)
+    axes.set_aspect("equal", anchor="N")
+    axes.set_axis_off()
+    for column, norm, colours, label in (
+        (0, counts, COLOURS, "measured and simulated: value above rest [counts]"),
+        (1, differences, DIVERGING, "simulated − measured [counts]"),
+    ):
+        bar = figure.add_subplot(grid[0, column])
+        figure.colorbar(ScalarMappable(norm, colours), cax=bar, orientation="horizontal", label=label)
     return figure
 
 
@@ -102,17 +99,12 @@ def _used_pairs(result: FitResult, dataset: Dataset, chosen: NDArray[np.int64]) 
 
 
 def _left_out_pairs(result: FitResult, dataset: Dataset) -> list[_Pair]:
-    table = dataset.presses
-    return [
-        _Pair(
-            f"press {table.press[press.row]}, {table.force_n[press.row]:.3g} N",
-            f"left out: rmse {press.rmse_counts:.2g}",
-            False,
-            press.observed,
-            press.simulated,
-        )
-        for press in left_out(result, dataset)
-    ]
+    pairs: list[_Pair] = []
+    for press in left_out(result, dataset):
+        words = f"press {dataset.presses.press[press.row]}, {dataset.presses.force_n[press.row]:.3g} N"
+        mark = f"left out: rmse {press.rmse_counts:.2g}"
+        pairs.append(_Pair(words, mark, False, press.observed, press.simulated))
+    return pairs
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,39 +167,17 @@ class _Tiles:
         """Return one map: one rectangle per taxel, u to the right and v up; grey where nothing was read."""
         left, bottom = self.corner(place)
         shift = np.array([left + number * (self.map_width + self.GAP), bottom])
-        look = PolyCollection(
-            list(self.corners + shift),
-            norm=norm,
-            cmap=mpl.colormaps[colours].with_extremes(bad=UNREAD),
-            edgecolors=UNREAD,
-            linewidths=0.3,
-        )
+        cmap, corners = mpl.colormaps[colours].with_extremes(bad=UNREAD), list(self.corners + shift)
+        look = PolyCollection(corners, norm=norm, cmap=cmap, edgecolors=UNREAD, linewidths=0.3)
         look.set_array(np.ma.masked_invalid(values))
         return look
 
 
 def _frame(axes: Axes, tiles: _Tiles, place: int, pair: _Pair) -> None:
     left, bottom = tiles.corner(place)
-    pad = 0.07
-    axes.add_patch(
-        Rectangle(
-            (left - pad, bottom - pad),
-            tiles.tile_width + 2 * pad,
-            tiles.map_height + 2 * pad,
-            fill=False,
-            edgecolor=GREEN if pair.good else RED,
-            linewidth=1.4 if pair.good else 2.6,
-        )
-    )
+    pad, colour, width = 0.07, GREEN if pair.good else RED, 1.4 if pair.good else 2.6
+    corner, size = (left - pad, bottom - pad), (tiles.tile_width + 2 * pad, tiles.map_height + 2 * pad)
+    axes.add_patch(Rectangle(corner, *size, fill=False, edgecolor=colour, linewidth=width))
     top, right = bottom + tiles.map_height + pad + 0.05, left + tiles.tile_width + pad
     axes.text(left - pad, top, pair.words, fontsize=7, color=BLACK, va="bottom")
     axes.text(right, top, pair.mark, fontsize=7, color=GREY if pair.good else RED, va="bottom", ha="right")
-
-
-def _add_bars(figure: Figure, grid: GridSpec, counts: Normalize, differences: Normalize) -> None:
-    for column, norm, colours, label in (
-        (0, counts, COLOURS, "measured and simulated: value above rest [counts]"),
-        (1, differences, DIVERGING, "simulated − measured [counts]"),
-    ):
-        place = figure.add_subplot(grid[0, column])
-        figure.colorbar(ScalarMappable(norm, colours), cax=place, orientation="horizontal", label=label)

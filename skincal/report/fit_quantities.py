@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from skincal.fitting.result import PARAMETERS, FitResult
@@ -55,6 +56,21 @@ class Quantity:
         """True if the parameter is searched, and drawn over its whole range, on a logarithmic scale."""
         return self.name == "elasticity_pa_per_m"
 
+    @property
+    def best_text(self) -> str:
+        """Best value with its unit."""
+        return f"{self.shown(self.best)} {self.unit}".replace(" °", "°")
+
+    @property
+    def bar_percent(self) -> tuple[float, float]:
+        """Start and width of the interval in the searched range."""
+        ends = np.array(self.searched)
+        interval = np.array([self.low, self.high]) if self.identified else ends
+        if self.logarithmic:
+            ends, interval = np.log(ends), np.log(interval)
+        start, end = 100 * np.clip((interval - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0)
+        return float(start), float(end - start)
+
     def shown(self, value: float) -> str:
         """Return a value with so many digits that the interval's width has two."""
         width = self.high - self.low if self.identified else abs(self.best) / 10
@@ -77,18 +93,10 @@ def quantities(result: FitResult) -> tuple[Quantity, ...]:
 
 def _quantity(result: FitResult, name: str, label: str, unit: str, factor: float) -> Quantity:
     searched = getattr(result.box, name, None)
-    low, high = result.intervals[name]
-    return Quantity(
-        name,
-        label,
-        unit,
-        factor,
-        result.best[name] * factor,
-        low * factor,
-        high * factor,
-        None if searched is None else (searched[0] * factor, searched[1] * factor),
-        result.draws[:, PARAMETERS.index(name)] * factor,
-    )
+    low, high = (factor * end for end in result.intervals[name])
+    box = None if searched is None else (searched[0] * factor, searched[1] * factor)
+    draws = result.draws[:, PARAMETERS.index(name)] * factor
+    return Quantity(name, label, unit, factor, result.best[name] * factor, low, high, box, draws)
 
 
 def with_digits(value: float, width: float) -> str:
@@ -100,3 +108,15 @@ def with_digits(value: float, width: float) -> str:
     decimals = max(0, 1 - math.floor(math.log10(width)))
     # Tiny negative values are zero.
     return f"{round(value, decimals) + 0.0:.{min(decimals, 9)}f}".replace("-", "−")
+
+
+def label_panel(axes: Axes, x_label: str, y_label: str, *, bottom: bool, left: bool) -> None:
+    """Label a panel of a triangle: x in the lowest row, y in the first column."""
+    if bottom:
+        axes.set_xlabel(x_label)
+    else:
+        axes.tick_params(labelbottom=False)
+    if left:
+        axes.set_ylabel(y_label)
+    else:
+        axes.tick_params(labelleft=False)

@@ -24,8 +24,8 @@ from skincal.report.style import (
     RED,
     equal_axes_mm,
     new_figure,
-    style,
-)  # fmt: skip
+    styled,
+)
 from skincal.report.taxel_map import taxel_boxes
 
 FloatArray = NDArray[np.floating[Any]]
@@ -67,76 +67,55 @@ class Residuals:
         return f"of taxels above noise (measured or simulated ≥ {self.level_counts:.2g} counts)"
 
 
+@styled
 def residuals_figure(result: FitResult, dataset: Dataset) -> Figure:
-    """Draw the residuals of the taxels that were touched.
-
-    Args:
-        result: a fit.
-        dataset: the dataset that was fitted.
-
-    Returns:
-        A figure: mean and rms by taxel; against force, simulated value and time of the session.
-    """
+    """Draw the residuals of touched taxels: mean and rms by taxel; against force, value and session time."""
     found, problem = Residuals.of(result), result.problem
     force = np.broadcast_to(problem.force_n[:, None], found.touched.shape)
-    with style():
-        figure = new_figure(11, 7.4, f"Residuals, simulated − measured, {found.of_which}")
-        grid = figure.add_gridspec(2, 6)
-        mean = _by_taxel(found, np.mean)
-        rms = _by_taxel(found, lambda d: np.sqrt(np.mean(d**2)))
-        # Residuals below the noise of a single reading must not look large.
-        most = float(np.nanmax(np.abs(mean), initial=problem.noise_sigma_counts))
-        places = [figure.add_subplot(grid[0, k : k + 2]) for k in (0, 2, 4)]
-        _draw_taxels(
-            figure, places[0], result, mean, Normalize(-most, most), DIVERGING, "Mean by taxel [counts]"
-        )
-        top = Normalize(0.0, float(np.nanmax(rms, initial=problem.noise_sigma_counts)))
-        _draw_taxels(figure, places[1], result, rms, top, "YlGnBu", "rms by taxel [counts]")
-        _draw_presses(places[2], result, dataset)
-        below = [figure.add_subplot(grid[1, k : k + 3]) for k in (0, 3)]
-        _draw_against(below[0], force[found.touched], found, "measured force [N]", "Against force")
-        simulated = result.presses.simulated[found.touched]
-        _draw_against(below[1], simulated, found, "simulated value [counts]", "Against value")
+    figure = new_figure(11, 7.4, f"Residuals, simulated − measured, {found.of_which}")
+    grid = figure.add_gridspec(2, 6)
+    mean, rms = _by_taxel(found, np.mean), _by_taxel(found, lambda d: np.sqrt(np.mean(d**2)))
+    # Residuals below the noise of a single reading must not look large.
+    most = float(np.nanmax(np.abs(mean), initial=problem.noise_sigma_counts))
+    top = float(np.nanmax(rms, initial=problem.noise_sigma_counts))
+    places = [figure.add_subplot(grid[0, k : k + 2]) for k in (0, 2, 4)]
+    for axes, values, norm, colours, title in (
+        (places[0], mean, Normalize(-most, most), DIVERGING, "Mean by taxel [counts]"),
+        (places[1], rms, Normalize(0.0, top), "YlGnBu", "rms by taxel [counts]"),
+    ):
+        layout = problem.rig.layout
+        boxes = taxel_boxes(axes, layout, np.arange(layout.taxels), as_floats(values), norm, colours)
+        equal_axes_mm(axes, "u", "v")
+        axes.set_title(title)
+        figure.colorbar(boxes, ax=axes, shrink=0.8, pad=0.02)
+    _draw_presses(places[2], result, dataset)
+    below = [figure.add_subplot(grid[1, k : k + 3]) for k in (0, 3)]
+    _draw_against(below[0], force[found.touched], found, "measured force [N]", "Against force")
+    simulated = result.presses.simulated[found.touched]
+    _draw_against(below[1], simulated, found, "simulated value [counts]", "Against value")
     return figure
 
 
+@styled
 def scatter_figure(result: FitResult) -> Figure:
-    """Draw measured against simulated values, and the distribution of the residuals.
-
-    Args:
-        result: a fit.
-
-    Returns:
-        A figure with two panels.
-    """
+    """Draw measured against simulated values, and the distribution of the residuals."""
     found = Residuals.of(result)
-    observed = result.presses.observed[found.touched]
-    simulated = result.presses.simulated[found.touched]
+    observed, simulated = result.presses.observed[found.touched], result.presses.simulated[found.touched]
     bad = np.broadcast_to(~result.presses.good[:, None], found.touched.shape)[found.touched]
-    with style():
-        figure = new_figure(11, 5.2, f"Measured against simulated values {found.of_which}")
-        grid = figure.add_gridspec(1, 2)
-        axes = figure.add_subplot(grid[0])
-        low = float(min(observed.min(initial=0.0), 0.0))
-        high = 1.05 * float(max(observed.max(initial=1.0), simulated.max(initial=1.0)))
-        axes.plot([low, high], [low, high], color=GREY, linewidth=0.8, label="equal")
-        some = slice(None, None, max(1, len(observed) // MOST_DOTS))
-        axes.plot(
-            simulated[some],
-            observed[some],
-            ".",
-            color=BLUE,
-            alpha=0.6,
-            markersize=5,
-            label="taxel of a press",
-        )
-        if bad.any():
-            axes.plot(simulated[bad], observed[bad], "x", color=RED, markersize=5, label="of a bad press")
-        axes.set(xlabel="simulated [counts]", ylabel="measured, above rest [counts]", aspect="equal")
-        axes.set_xlim(low, high)
-        axes.set_ylim(low, high)
-        axes.legend(loc="upper left")
-        _draw_distribution(figure.add_subplot(grid[1]), result, found)
+    figure = new_figure(11, 5.2, f"Measured against simulated values {found.of_which}")
+    axes, distribution = figure.subplots(1, 2)
+    low = float(min(observed.min(initial=0.0), 0.0))
+    high = 1.05 * float(max(observed.max(initial=1.0), simulated.max(initial=1.0)))
+    axes.plot([low, high], [low, high], color=GREY, linewidth=0.8, label="equal")
+    some, dots = slice(None, None, max(1, len(observed) // MOST_DOTS)), {"alpha": 0.6, "markersize": 5}
+    axes.plot(simulated[some], observed[some], ".", color=BLUE, label="taxel of a press", **dots)
+    if bad.any():
+        axes.plot(simulated[bad], observed[bad], "x", color=RED, markersize=5, label="of a bad press")
+    axes.set(xlabel="simulated [counts]", ylabel="measured, above rest [counts]", aspect="equal")
+    axes.set_xlim(low, high)
+    axes.set_ylim(low, high)
+    axes.legend(loc="upper left")
+    _draw_distribution(distribution, result, found)
     return figure
 
 
@@ -168,22 +147,6 @@ def _by_taxel(found: Residuals, of: Any) -> FloatArray:
     for j in np.flatnonzero(found.touched.any(axis=0)):
         values[j] = of(found.difference[found.touched[:, j], j])
     return values
-
-
-def _draw_taxels(
-    figure: Figure,
-    axes: Axes,
-    result: FitResult,
-    values: FloatArray,
-    norm: Normalize,
-    colours: str,
-    title: str,
-) -> None:
-    layout = result.problem.rig.layout
-    boxes = taxel_boxes(axes, layout, np.arange(layout.taxels), as_floats(values), norm, colours)
-    equal_axes_mm(axes, "u", "v")
-    axes.set_title(title)
-    figure.colorbar(boxes, ax=axes, shrink=0.8, pad=0.02)
 
 
 def _draw_presses(axes: Axes, result: FitResult, dataset: Dataset) -> None:

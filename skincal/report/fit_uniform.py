@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from markupsafe import escape
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -14,12 +13,10 @@ from skincal.calibrate import UniformOutcome
 from skincal.dataset import Dataset
 from skincal.model.arrays import as_floats
 from skincal.report.fit_quantities import with_digits
-from skincal.report.fit_story import provenance_rows
-from skincal.report.page import picture, rendered
-from skincal.report.style import BLACK, BLUE, GREY, ORANGE, equal_axes_mm, new_figure, style
+from skincal.report.page import picture, write_page
+from skincal.report.style import BLACK, BLUE, GREY, ORANGE, equal_axes_mm, new_figure, styled
 from skincal.report.taxel_map import taxel_boxes
 
-PAGE = "report.html"
 _MOST_LINES = 60
 
 
@@ -33,68 +30,47 @@ def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str 
     """
     folder, calibration, unit = Path(folder), outcome.calibration, dataset.meta.sensor.unit
     figures = [
-        picture(
-            scales_figure(outcome),
-            "scales",
-            "The scale of each taxel",
-            "Left: on the patch; grey taxels do not respond. Right: the distribution of the scales, with the common "
-            "one.",
-            folder,
-            unit,
-        ),
-        picture(
-            answers_figure(outcome, dataset),
-            "answers",
-            "Responses of the taxels",
-            "Left: values above rest against the load of a taxel, with the line of the median scale. Right: the "
-            "residuals of each taxel's own line. A curve common to all means a nonlinear law, a difference "
-            "between rising and falling pressure means memory or a clock offset, a step means a taxel that fails.",
-            folder,
-            unit,
-        ),
+        picture(scales_figure(outcome), "scales", folder, unit),
+        picture(answers_figure(outcome, dataset), "answers", folder, unit),
     ]
     low, high = calibration.intervals["scale_per_n"]
     responding = outcome.scales.told
-    page = rendered(
+    write_page(
         "fit_uniform.html",
-        unit,
-        name=escape(calibration.provenance.dataset or "dataset"),
-        source=escape(dataset.meta.source),
-        tone="",
-        headline="The scale of each taxel was fitted; uniform pressure does not determine pose and elasticity.",
-        verdict=[
-            f"{int(responding.sum())} of {len(responding)} taxels respond. Their median scale is "
-            f"{with_digits(outcome.scales.common_per_n, 3)} counts/N, {with_digits(low, 3)} to {with_digits(high, 3)}; "
-            f"the rms residual of the straight lines is {calibration.loss.mse_counts2**0.5:.3g} counts.",
-        ],
-        findings=calibration.findings,
+        folder,
+        dataset,
+        calibration,
         figures=figures,
-        provenance=provenance_rows(calibration),
+        responding=int(responding.sum()),
+        taxels=len(responding),
+        median=with_digits(outcome.scales.common_per_n, 3),
+        low=with_digits(low, 3),
+        high=with_digits(high, 3),
     )
-    (folder / PAGE).write_text(page, encoding="utf-8")
 
 
+@styled
 def scales_figure(outcome: UniformOutcome) -> Figure:
     """Draw the scales on the patch, and their distribution."""
     scales, layout = outcome.scales, outcome.calibration.layout()
     own = scales.scale_per_n[scales.told]
-    with style():
-        figure = new_figure(11, 5.2, "Scale of each taxel [counts/N]")
-        grid = figure.add_gridspec(1, 2)
-        axes = figure.add_subplot(grid[0])
-        low, high = np.quantile(own, [0.02, 0.98])
-        norm = Normalize(float(low), max(float(high), float(low) + 1e-9))
-        boxes = taxel_boxes(axes, layout, np.flatnonzero(scales.told), as_floats(own), norm, "YlGnBu")
-        equal_axes_mm(axes, "u", "v")
-        figure.colorbar(boxes, ax=axes, extend="both")
-        axes = figure.add_subplot(grid[1])
-        axes.hist(own, bins=min(40, max(5, len(own) // 4)), color=BLUE)
-        axes.axvline(scales.common_per_n, color=BLACK, linewidth=1.0, label="common scale (median)")
-        axes.set(xlabel="scale [counts/N]", ylabel="taxels")
-        axes.legend()
+    figure = new_figure(11, 5.2, "Scale of each taxel [counts/N]")
+    grid = figure.add_gridspec(1, 2)
+    axes = figure.add_subplot(grid[0])
+    low, high = np.quantile(own, [0.02, 0.98])
+    norm = Normalize(float(low), max(float(high), float(low) + 1e-9))
+    boxes = taxel_boxes(axes, layout, np.flatnonzero(scales.told), as_floats(own), norm, "YlGnBu")
+    equal_axes_mm(axes, "u", "v")
+    figure.colorbar(boxes, ax=axes, extend="both")
+    axes = figure.add_subplot(grid[1])
+    axes.hist(own, bins=min(40, max(5, len(own) // 4)), color=BLUE)
+    axes.axvline(scales.common_per_n, color=BLACK, linewidth=1.0, label="common scale (median)")
+    axes.set(xlabel="scale [counts/N]", ylabel="taxels")
+    axes.legend()
     return figure
 
 
+@styled
 def answers_figure(outcome: UniformOutcome, dataset: Dataset) -> Figure:
     """Draw values and residuals of the taxels against their load."""
     scales = outcome.scales
@@ -102,22 +78,21 @@ def answers_figure(outcome: UniformOutcome, dataset: Dataset) -> Figure:
     taxels = taxels[np.unique(np.linspace(0, len(taxels) - 1, _MOST_LINES).round().astype(int))]
     branch = dataset.presses.column("branch")
     down = np.zeros(len(outcome.values), dtype=np.bool_) if branch is None else branch.astype(str) == "down"
-    with style():
-        figure = new_figure(11, 5.2, "Responses to uniform pressure")
-        grid = figure.add_gridspec(1, 2)
-        values = np.where(outcome.use, outcome.values, np.nan)
-        left, right = (figure.add_subplot(grid[k]) for k in (0, 1))
-        _lines(left, outcome.loads_n, values, taxels, down)
-        load = np.linspace(0.0, float(np.nanmax(outcome.loads_n)), 2)
-        left.plot(load, scales.common_per_n * load, color=BLACK, linewidth=1.2, label="median scale")
-        left.set(xlabel="load of a taxel [N]", ylabel="value above rest [counts]")
-        _lines(right, outcome.loads_n, scales.residual, taxels, down)
-        right.axhline(0.0, color=GREY, linewidth=0.8)
-        spread = np.nanquantile(scales.residual, [0.01, 0.99])
-        right.set_ylim(2 * min(float(spread[0]), -0.5), 2 * max(float(spread[1]), 0.5))
-        right.set(xlabel="load of a taxel [N]", ylabel="measured − line [counts]")
-        for axes in (left, right):
-            axes.legend(loc="upper left")
+    figure = new_figure(11, 5.2, "Responses to uniform pressure")
+    grid = figure.add_gridspec(1, 2)
+    values = np.where(outcome.use, outcome.values, np.nan)
+    left, right = (figure.add_subplot(grid[k]) for k in (0, 1))
+    _lines(left, outcome.loads_n, values, taxels, down)
+    load = np.linspace(0.0, float(np.nanmax(outcome.loads_n)), 2)
+    left.plot(load, scales.common_per_n * load, color=BLACK, linewidth=1.2, label="median scale")
+    left.set(xlabel="load of a taxel [N]", ylabel="value above rest [counts]")
+    _lines(right, outcome.loads_n, scales.residual, taxels, down)
+    right.axhline(0.0, color=GREY, linewidth=0.8)
+    spread = np.nanquantile(scales.residual, [0.01, 0.99])
+    right.set_ylim(2 * min(float(spread[0]), -0.5), 2 * max(float(spread[1]), 0.5))
+    right.set(xlabel="load of a taxel [N]", ylabel="measured − line [counts]")
+    for axes in (left, right):
+        axes.legend(loc="upper left")
     return figure
 
 

@@ -22,8 +22,17 @@ from numpy.typing import NDArray
 
 from skincal.fitting.fit_options import PAPER_BOUND_COUNTS2
 from skincal.fitting.result import FitResult
-from skincal.report.fit_quantities import Quantity, quantities
-from skincal.report.style import BLACK, BLUE, ORANGE, RED, few_logarithmic_ticks, new_figure, style
+from skincal.report.fit_quantities import Quantity, label_panel, quantities
+from skincal.report.style import (
+    BLACK,
+    BLUE,
+    OPEN,
+    ORANGE,
+    RED,
+    few_logarithmic_ticks,
+    new_figure,
+    styled,
+)
 
 FloatArray = NDArray[np.floating[Any]]
 
@@ -32,8 +41,6 @@ COLOURS = "viridis_r"
 
 LEVELS = 16
 MOST_DOTS = 400
-
-_AXIS_OF = {"alpha_rad": 0, "elasticity_pa_per_m": 1, "across_m": 2, "y_m": 3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,52 +52,47 @@ class _Axis:
     values: FloatArray
 
 
+@styled
 def valley_figure(result: FitResult) -> Figure:
-    """Draw the evaluated grid with the meaningful levels of its loss.
+    """Draw the evaluated grid with the meaningful levels of its loss, as a triangle of panels.
 
     The diagonal shows the loss along one macro variable, the panels below it the loss over a pair, each minimised over
-    all other variables (and over the scale and every contact position).
-
-    Args:
-        result: a fit.
-
-    Returns:
-        A figure with a triangle of panels; variables that were not searched are left out.
+    all other variables (and over the scale and every contact position). Variables that were not searched are left out.
     """
     rmse = np.sqrt(np.maximum(result.grid.mse_counts2, 1e-6))
     axes_of = _searched(result)
-    levels = _levels(rmse)
+    # Levels of the contours, evenly spaced in the logarithm of the error [counts].
+    low = float(rmse.min())
+    levels = np.geomspace(low, max(float(np.quantile(rmse, 0.99)), 1.5 * low), LEVELS)
     count = len(axes_of)
-    with style():
-        figure = new_figure(11, 11 if count == 4 else 8.5, "The paper's loss over the macro variables")
-        if not count:
-            return figure
-        grid = figure.add_gridspec(count, count)
-        for i, row in enumerate(axes_of):
-            for j, col in enumerate(axes_of[: i + 1]):
-                axes = figure.add_subplot(grid[i, j])
-                if i == j:
-                    _draw_profile(axes, row, _least(rmse, row.axis), result)
-                else:
-                    _draw_pair(axes, col, row, _least(rmse, col.axis, row.axis), levels, result)
-                _label(axes, col, row, bottom=i == count - 1, left=j == 0, profile=i == j)
-        _explain(figure, grid, levels, result)
+    figure = new_figure(11, 11 if count == 4 else 8.5, "The paper's loss over the macro variables")
+    if not count:
+        return figure
+    grid = figure.add_gridspec(count, count)
+    for i, row in enumerate(axes_of):
+        for j, col in enumerate(axes_of[: i + 1]):
+            axes = figure.add_subplot(grid[i, j])
+            if i == j:
+                _draw_profile(axes, row, _least(rmse, row.axis), result)
+            else:
+                _draw_pair(axes, col, row, _least(rmse, col.axis, row.axis), levels, result)
+            y_label = "rmse [counts]" if i == j else row.quantity.axis_label
+            x_label = col.quantity.axis_label
+            label_panel(axes, x_label, y_label, bottom=i == count - 1, left=j == 0 or i == j)
+    _explain(figure, grid, levels, result)
     return figure
 
 
 def _searched(result: FitResult) -> list[_Axis]:
     grid = result.grid.grid
     values = {
-        "alpha_rad": grid.alpha_rad,
-        "elasticity_pa_per_m": np.exp(grid.log_elasticity),
-        "across_m": grid.across_m,
-        "y_m": grid.y_m,
+        "alpha_rad": (0, grid.alpha_rad),
+        "elasticity_pa_per_m": (1, np.exp(grid.log_elasticity)),
+        "across_m": (2, grid.across_m),
+        "y_m": (3, grid.y_m),
     }
-    return [
-        _Axis(q, _AXIS_OF[q.name], values[q.name] * q.factor)
-        for q in quantities(result)
-        if q.name in values and len(values[q.name]) > 1
-    ]
+    own = [(q, *values[q.name]) for q in quantities(result) if q.name in values]
+    return [_Axis(q, axis, points * q.factor) for q, axis, points in own if len(points) > 1]
 
 
 def _least(rmse: FloatArray, *keep: int) -> FloatArray:
@@ -98,13 +100,6 @@ def _least(rmse: FloatArray, *keep: int) -> FloatArray:
     others = tuple(axis for axis in range(rmse.ndim) if axis not in keep)
     least = rmse.min(axis=others)
     return least if keep == tuple(sorted(keep)) else least.T
-
-
-def _levels(rmse: FloatArray) -> FloatArray:
-    """Return the levels of the contours, evenly spaced in the logarithm of the error [counts]."""
-    low = float(rmse.min())
-    high = max(float(np.quantile(rmse, 0.99)), 1.5 * low)
-    return np.geomspace(low, high, LEVELS)
 
 
 def _marks(result: FitResult) -> list[tuple[float, str, Any, str]]:
@@ -130,54 +125,36 @@ def _draw_profile(axes: Axes, of: _Axis, least: FloatArray, result: FitResult) -
     axes.set_yscale("log")
     few_logarithmic_ticks(axes.yaxis)
     axes.margins(x=0.0)
+    _scale(axes, of)
+    note = "" if of.quantity.identified else ": not identified"
+    axes.set_title(f"along {of.quantity.label}{note}", fontsize=9)
+
+
+def _scale(axes: Axes, col: _Axis) -> None:
+    if col.quantity.logarithmic:
+        axes.set_xscale("log")
+        few_logarithmic_ticks(axes.xaxis)
 
 
 def _draw_pair(
     axes: Axes, col: _Axis, row: _Axis, least: FloatArray, levels: FloatArray, result: FitResult
 ) -> None:
     """Draw the error over two macro variables; ``least`` is (values of col, values of row)."""
-    norm = LogNorm(levels[0], levels[-1])
-    axes.contourf(col.values, row.values, least.T, levels=levels, cmap=COLOURS, norm=norm, extend="both")
+    norm, place = LogNorm(levels[0], levels[-1]), (col.values, row.values, least.T)
+    axes.contourf(*place, levels=levels, cmap=COLOURS, norm=norm, extend="both")
     for value, colour, line, _ in _marks(result):
         if least.min() < value < least.max():
-            axes.contour(
-                col.values,
-                row.values,
-                least.T,
-                levels=[value],
-                colors=[colour],
-                linestyles=[line],
-                linewidths=1.3,
-            )
+            axes.contour(*place, levels=[value], colors=[colour], linestyles=[line], linewidths=1.3)
+    x, y = col.quantity, row.quantity
     dots = slice(None, None, max(1, len(result.draws) // MOST_DOTS))
-    axes.plot(
-        col.quantity.draws[dots], row.quantity.draws[dots], ".", color=BLACK, markersize=2, markeredgewidth=0
-    )
-    look: Any = {"markerfacecolor": "none", "markeredgecolor": RED, "markeredgewidth": 1.5}
-    axes.plot(col.quantity.best, row.quantity.best, "o", markersize=10, **look)
+    axes.plot(x.draws[dots], y.draws[dots], ".", color=BLACK, markersize=2, markeredgewidth=0)
+    axes.plot(x.best, y.best, "o", markersize=10, **OPEN)
     axes.set_xlim(col.values[0], col.values[-1])
     axes.set_ylim(row.values[0], row.values[-1])
-    if row.quantity.logarithmic:
+    if y.logarithmic:
         axes.set_yscale("log")
         few_logarithmic_ticks(axes.yaxis)
-
-
-def _label(axes: Axes, col: _Axis, row: _Axis, *, bottom: bool, left: bool, profile: bool) -> None:
-    if col.quantity.logarithmic:
-        axes.set_xscale("log")
-        few_logarithmic_ticks(axes.xaxis)
-    if bottom:
-        axes.set_xlabel(col.quantity.axis_label)
-    else:
-        axes.tick_params(labelbottom=False)
-    if profile:
-        note = "" if col.quantity.identified else ": not identified"
-        axes.set_title(f"along {col.quantity.label}{note}", fontsize=9)
-        axes.set_ylabel("rmse [counts]")
-    elif left:
-        axes.set_ylabel(row.quantity.axis_label)
-    else:
-        axes.tick_params(labelleft=False)
+    _scale(axes, col)
 
 
 def _explain(figure: Figure, grid: GridSpec, levels: FloatArray, result: FitResult) -> None:
@@ -188,9 +165,8 @@ def _explain(figure: Figure, grid: GridSpec, levels: FloatArray, result: FitResu
     handles: list[Any] = [
         Line2D([], [], color=colour, linestyle=line, label=words) for _, colour, line, words in _marks(result)
     ]
-    look: Any = {"markerfacecolor": "none", "markeredgecolor": RED, "markeredgewidth": 1.5}
     handles += [
-        Line2D([], [], linestyle="", marker="o", markersize=9, label="best point", **look),
+        Line2D([], [], linestyle="", marker="o", markersize=9, label="best point", **OPEN),
         Line2D([], [], linestyle="", marker=".", color=BLACK, label="draws from the valley"),
     ]
     if any(of.quantity.identified for of in _searched(result)):

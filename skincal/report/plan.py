@@ -7,51 +7,40 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from skincal.collect import KINDS, Mount, Plan
 from skincal.report.style import (
     BLACK,
     BLUE,
     GREEN,
-    GREY,
     LIGHT,
     ORANGE,
     RED,
     as_it_is,
     equal_axes_mm,
+    legend_below,
     new_figure,
-    style,
+    styled,
 )
+from skincal.report.taxel_map import draw_outlines
 
 COLOURS = dict(zip(KINDS, (BLUE, RED, GREEN, ORANGE), strict=True))
 LARGEST_MARK_PT2 = 110.0
 MARKERS = {"o": "circles", "s": "squares", "D": "diamonds", "^": "triangles up", "v": "triangles down"}
 
 
+@styled
 def plan_figure(plan: Plan, mount: Mount) -> Figure:
-    """Draw a plan.
-
-    Args:
-        plan: the plan.
-        mount: the patch at its nominal pose.
-
-    Returns:
-        A figure with the sites on the patch, and the forces over the order of the presses.
-    """
-    with style():
-        figure = new_figure(11.5, 5.2, f"{plan.name}: {len(plan)} presses")
-        sites, order = figure.subplots(1, 2, width_ratios=(1.0, 1.3))
-        _draw_sites(sites, plan, mount)
-        _draw_order(order, plan)
+    """Draw the sites of a plan on the patch at its nominal pose, and the forces over the order of the presses."""
+    figure = new_figure(11.5, 5.2, f"{plan.name}: {len(plan)} presses")
+    sites, order = figure.subplots(1, 2, width_ratios=(1.0, 1.3))
+    _draw_sites(sites, plan, mount)
+    _draw_order(order, plan)
     return figure
 
 
 def _draw_sites(axes: Axes, plan: Plan, mount: Mount) -> None:
-    layout = mount.layout
-    for centre, size in zip(1e3 * layout.centres_m, 1e3 * layout.sizes_m, strict=True):
-        corner = (float(centre[0] - size[0] / 2), float(centre[1] - size[1] / 2))
-        axes.add_patch(Rectangle(corner, *size, facecolor=LIGHT, edgecolor=GREY, linewidth=0.6))
+    draw_outlines(axes, mount.layout)
     uv = 1e3 * plan.sites_m()
     force = np.array([press.force_n for press in plan.presses])
     look: Any = {"edgecolors": BLACK, "linewidths": 0.4, "alpha": 0.75}
@@ -60,11 +49,11 @@ def _draw_sites(axes: Axes, plan: Plan, mount: Mount) -> None:
         if rows.any():
             area = np.clip(LARGEST_MARK_PT2 * force[rows] / force.max(), 5, None)
             axes.scatter(*uv[rows].T, s=area, color=COLOURS[kind], label=f"{kind} ({rows.sum()})", **look)
-    axes.update_datalim(1e3 * layout.bounds_m)
+    axes.update_datalim(1e3 * mount.layout.bounds_m)
     axes.autoscale_view()
     equal_axes_mm(axes, "u", "v")
     axes.set_title("Sites on the patch, at its nominal pose; area: force")
-    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=len(KINDS), borderaxespad=0.0)
+    legend_below(axes, len(KINDS), 0.12)
 
 
 def _draw_order(axes: Axes, plan: Plan) -> None:
@@ -76,12 +65,9 @@ def _draw_order(axes: Axes, plan: Plan) -> None:
             rows = np.array([p.kind == kind and p.speed_m_per_s == speed for p in plan.presses])
             axes.plot(number[rows], force[rows], marker, color=COLOURS[kind], markersize=4)
     _draw_poses(axes, plan)
-    axes.set_title(
-        "Order; "
-        + ", ".join(f"{m}: {1e3 * s:g} mm/s" for s, m in zip(speeds, MARKERS.values(), strict=False))
-    )
-    axes.set_xlabel("press")
-    axes.set_ylabel("force [N]")
+    shapes = zip(speeds, MARKERS.values(), strict=False)
+    axes.set_title("Order; " + ", ".join(f"{mark}: {1e3 * speed:g} mm/s" for speed, mark in shapes))
+    axes.set(xlabel="press", ylabel="force [N]")
     axes.set_ylim(bottom=0)
     axes.grid(axis="y")
 

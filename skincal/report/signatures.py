@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from types import MappingProxyType
 from typing import Final
 
@@ -18,7 +18,7 @@ from skincal.effects import EffectSkin, Samples, effect
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.model import Contacts, Cylinder, Patch, SensorPose, Skin, SkinParameters, Sphere, TaxelLayout
 from skincal.model.arrays import FloatArray
-from skincal.report.style import BLACK, BLUE, DIVERGING, GREY, ORANGE, new_figure, style
+from skincal.report.style import BLACK, BLUE, DIVERGING, GREY, ORANGE, new_figure, styled
 
 FEW = 16
 """Most values that are drawn as bars."""
@@ -63,17 +63,20 @@ class Signature:
     place_m: FloatArray
 
 
+Lines = tuple[tuple[str, int, slice], ...]
+"""Label, taxel and rows of each curve."""
+
+
 @dataclass(frozen=True, eq=False)
 class _View:
-    """Samples of some presses, with label, taxel and rows of each curve."""
+    """Samples of some presses, drawn over x as the curves of some taxels; no curves: each press by its own taxel."""
 
     samples: Samples
-    place_m: FloatArray
     x: FloatArray
     x_label: str
-    curves: tuple[tuple[str, int, slice], ...]
+    curves: Lines
     y_label: str = "strongest taxel [counts]"
-    each_taxel: bool = False
+    place_m: FloatArray | None = None
 
 
 @cache
@@ -94,18 +97,20 @@ def signature(name: str, strength: float = STRENGTH) -> Signature:
         InputError: there is no such effect.
     """
     one = effect(name)
-    view = _VIEWS.get(one.shows, _course if one.has_memory else _forces)()
+    usual = partial(_over_time, 0.4, 4.0, 3.0) if one.has_memory else _forces
+    view = _VIEWS.get(one.shows, usual)()
     base = _base()
     given = one.at_strength(strength, np.random.default_rng(_SEED), base.skin.patch.layout)
     values, changed = base.values(view.samples), base.with_effects({name: given}).values(view.samples)
     change = changed - values
-    if view.each_taxel:
+    if not view.curves:
         image, place = np.diag(change), np.full(2, np.nan)
         curves = (Curve("with it", view.x, np.diag(values), np.diag(changed)),)
     else:
         largest = int(np.argmax((change**2).sum(axis=1)))
         image = change[largest]
-        place = view.place_m[largest] if view.samples.touching[largest] else np.full(2, np.nan)
+        place = _here(len(change)) if view.place_m is None else view.place_m
+        place = place[largest] if view.samples.touching[largest] else np.full(2, np.nan)
         curves = tuple(
             Curve(label, view.x[rows], values[rows, taxel], changed[rows, taxel])
             for label, taxel, rows in view.curves
@@ -113,6 +118,7 @@ def signature(name: str, strength: float = STRENGTH) -> Signature:
     return Signature(name, view.x_label, view.y_label, curves, image.reshape(4, 4), place)
 
 
+@styled
 def signature_figure(name: str, strength: float = STRENGTH) -> Figure:
     """Return the figure of an effect: curves without and with it, and a map of the largest change.
 
@@ -124,11 +130,10 @@ def signature_figure(name: str, strength: float = STRENGTH) -> Figure:
         InputError: there is no such effect.
     """
     found = signature(name, strength)
-    with style():
-        figure = new_figure(7.6, 2.6)
-        left, right = figure.subplots(1, 2, width_ratios=(1.7, 1.0))
-        _draw_curves(left, found)
-        _draw_change(figure, right, found)
+    figure = new_figure(7.6, 2.6)
+    left, right = figure.subplots(1, 2, width_ratios=(1.7, 1.0))
+    _draw_curves(left, found)
+    _draw_change(figure, right, found)
     return figure
 
 
@@ -191,7 +196,14 @@ def _strongest() -> tuple[int, int]:
     return int(order[0]), int(order[1])
 
 
-def _press(load_s: float, hold_s: float, rest_s: float, **more: ArrayLike) -> Samples:
+def _lines(*labels: str, rows: int | None = None) -> Lines:
+    """Return curves of the strongest taxels, or of the strongest one in one part of the samples after another."""
+    if rows is None:
+        return tuple((label, taxel, slice(None)) for label, taxel in zip(labels, _strongest(), strict=False))
+    return tuple((label, _strongest()[0], slice(i * rows, (i + 1) * rows)) for i, label in enumerate(labels))
+
+
+def _press(load_s: float, hold_s: float, rest_s: float) -> Samples:
     """Return one press at 100 Hz: a fifth of a second of rest, load, hold, unload, rest."""
     step, before = 0.01, 20
     load, hold, rest = (round(length / step) for length in (load_s, hold_s, rest_s))
@@ -199,83 +211,59 @@ def _press(load_s: float, hold_s: float, rest_s: float, **more: ArrayLike) -> Sa
     share = np.concatenate([np.zeros(before), rise, np.ones(hold), 1 - rise, np.zeros(rest)])
     phase = np.repeat([IDLE, LOAD, HOLD, UNLOAD, IDLE], [before, load, hold, load, rest])
     time = step * np.arange(1, len(share) + 1)
-    return _samples(_here(len(share)), _FORCE_N * share, time_s=time, phase=phase, press=0, **more)
+    return _samples(_here(len(share)), _FORCE_N * share, time_s=time, phase=phase, press=0)
 
 
-def _course() -> _View:
-    """Return one press over time, with a long hold and a rest."""
-    samples, taxel = _press(0.4, 4.0, 3.0), _strongest()[0]
+def _over_time(*times_s: float) -> _View:
+    """Return one press over time."""
+    samples = _press(*times_s)
     assert samples.time_s is not None
-    return _View(samples, _here(len(samples)), samples.time_s, "time [s]", (("with it", taxel, slice(None)),))
-
-
-def _quick() -> _View:
-    """Return a quick press over time."""
-    samples, taxel = _press(0.3, 0.4, 0.3), _strongest()[0]
-    assert samples.time_s is not None
-    return _View(samples, _here(len(samples)), samples.time_s, "time [s]", (("with it", taxel, slice(None)),))
+    return _View(samples, samples.time_s, "time [s]", _lines("with it"))
 
 
 def _loop() -> _View:
     """Return one slow press over its force."""
-    samples, taxel = _press(1.5, 0.3, 0.2), _strongest()[0]
-    force = samples.contacts.force_n
-    return _View(samples, _here(len(samples)), force, "force [N]", (("with it", taxel, slice(None)),))
+    samples = _press(1.5, 0.3, 0.2)
+    return _View(samples, samples.contacts.force_n, "force [N]", _lines("with it"))
 
 
 def _speeds() -> _View:
     """Return the loading at two speeds, over the force."""
-    force, taxel = np.linspace(0.05, _FORCE_N, 60), _strongest()[0]
-    speed = np.repeat([2.5e-4, 4e-3], len(force))
+    force, speed = np.tile(np.linspace(0.05, _FORCE_N, 60), 2), np.repeat([2.5e-4, 4e-3], 60)
     time = np.concatenate([np.linspace(0, 4, 60), np.linspace(10, 10.25, 60)])
-    samples = _samples(
-        _here(120),
-        np.tile(force, 2),
-        time_s=time,
-        phase=LOAD,
-        speed_m_per_s=speed,
-        press=np.repeat([0, 1], 60),
-    )
-    curves = (("0.25 mm/s", taxel, slice(0, 60)), ("4 mm/s", taxel, slice(60, 120)))
-    return _View(samples, _here(120), np.tile(force, 2), "force [N], loading", curves)
+    press = np.repeat([0, 1], 60)
+    samples = _samples(_here(120), force, time_s=time, phase=LOAD, speed_m_per_s=speed, press=press)
+    return _View(samples, force, "force [N], loading", _lines("0.25 mm/s", "4 mm/s", rows=60))
 
 
 def _forces() -> _View:
     """Return holds at several forces: the strongest taxel and the next one."""
     force = np.linspace(0.0, 5.0, 51)
-    first, second = _strongest()
-    curves = (("strongest taxel", first, slice(None)), ("the next one", second, slice(None)))
-    return _View(_samples(_here(51), force), _here(51), force, "force [N]", curves, "value [counts]")
+    lines = _lines("strongest taxel", "the next one")
+    return _View(_samples(_here(51), force), force, "force [N]", lines, "value [counts]")
 
 
 def _poses() -> _View:
     """Return holds at several forces in two hand poses."""
-    force, taxel = np.linspace(0.01, 4.0, 41), _strongest()[0]
-    pose = np.repeat([0, 1], 41)
-    samples = _samples(_here(82), np.tile(force, 2), pose=pose)
-    curves = (("in one pose", taxel, slice(0, 41)), ("in another", taxel, slice(41, 82)))
-    return _View(samples, _here(82), np.tile(force, 2), "force [N]", curves)
+    force = np.tile(np.linspace(0.01, 4.0, 41), 2)
+    samples = _samples(_here(82), force, pose=np.repeat([0, 1], 41))
+    return _View(samples, force, "force [N]", _lines("in one pose", "in another", rows=41))
 
 
 def _session(touching: bool) -> _View:
     """Return the same press, or the untouched skin, over ten minutes."""
-    time = np.linspace(0.0, 600.0, 31)
-    samples = _samples(
-        _here(31), np.full(31, _FORCE_N if touching else 0.0), time_s=time, phase=HOLD if touching else IDLE
-    )
-    first, second = _strongest()
-    lines = (("with it", first, slice(None)),) if touching else (
-        ("one taxel", first, slice(None)), ("another", second, slice(None)))  # fmt: skip
+    time, force = np.linspace(0.0, 600.0, 31), np.full(31, _FORCE_N if touching else 0.0)
+    samples = _samples(_here(31), force, time_s=time, phase=HOLD if touching else IDLE)
+    lines = _lines("with it") if touching else _lines("one taxel", "another")
     label = "the same press [counts]" if touching else "untouched [counts]"
-    return _View(samples, _here(31), time, "time of the session [s]", lines, label)
+    return _View(samples, time, "time of the session [s]", lines, label)
 
 
 def _touches() -> _View:
     """Return the same press again and again."""
     cycle = np.arange(7.0)
     samples = _samples(_here(7), np.full(7, _FORCE_N), cycle=cycle)
-    curves = (("with it", _strongest()[0], slice(None)),)
-    return _View(samples, _here(7), cycle, "earlier touches of the site", curves, "the same press [counts]")
+    return _View(samples, cycle, "earlier touches of the site", _lines("with it"), "the same press [counts]")
 
 
 def _places() -> _View:
@@ -283,20 +271,15 @@ def _places() -> _View:
     across = np.linspace(-8e-3, 8e-3, 81)
     place = np.column_stack([across, np.full(81, _PLACE_M[1])])
     samples = _samples(place, np.full(81, _FORCE_N))
-    curves = (("with it", _strongest()[0], slice(None)),)
-    return _View(
-        samples, place, 1e3 * across, "place of the press, across [mm]", curves, "one taxel [counts]"
-    )
+    label = "place of the press, across [mm]"
+    return _View(samples, 1e3 * across, label, _lines("with it"), "one taxel [counts]", place)
 
 
 def _taxels() -> _View:
     """Return a press on each taxel, as that taxel sees it."""
     place = _base().skin.patch.layout.centres_m
-    samples = _samples(place, np.full(len(place), _FORCE_N))
-    x = np.arange(float(len(place)))
-    return _View(
-        samples, place, x, "taxel, pressed at its centre", (), "that taxel [counts]", each_taxel=True
-    )
+    samples, x = _samples(place, np.full(len(place), _FORCE_N)), np.arange(float(len(place)))
+    return _View(samples, x, "taxel, pressed at its centre", (), "that taxel [counts]", place)
 
 
 _VIEWS: Final[Mapping[str, Callable[[], _View]]] = MappingProxyType(
@@ -305,11 +288,11 @@ _VIEWS: Final[Mapping[str, Callable[[], _View]]] = MappingProxyType(
         "places": _places,
         "speeds": _speeds,
         "loop": _loop,
-        "quick": _quick,
+        "quick": partial(_over_time, 0.3, 0.4, 0.3),
         "touches": _touches,
         "taxels": _taxels,
-        "session": lambda: _session(touching=True),
-        "rests": lambda: _session(touching=False),
+        "session": partial(_session, touching=True),
+        "rests": partial(_session, touching=False),
     }
 )
 """Presses by what effects say shows them best (:attr:`skincal.effects.Effect.shows`)."""

@@ -1,4 +1,4 @@
-"""Style of figures: one place for fonts, colours and saving.
+"""Style of figures: fonts, colours, legends and saving.
 
 Figures are objects without a window or global state (no pyplot), so that they can be made anywhere, in tests and
 on machines without a display.
@@ -7,11 +7,11 @@ on machines without a display.
 from __future__ import annotations
 
 import io
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import lru_cache, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec
 
 import matplotlib as mpl
 from matplotlib import font_manager
@@ -22,12 +22,21 @@ from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from skincal.errors import InputError, Problem
+from skincal.files import whole_file
 from skincal.units import in_unit
+
+Given = ParamSpec("Given")
 
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY, BLACK = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#8A8A8A", "#222222",
 )  # fmt: skip
 """Okabe and Ito's colours, which people with any colour vision can distinguish."""
+
+OPEN: Any = {"markerfacecolor": "none", "markeredgecolor": RED, "markeredgewidth": 1.5}
+"""Look of a mark for the best point."""
+
+BAD: Any = {"markerfacecolor": "white", "markeredgecolor": RED, "markeredgewidth": 1.3}
+"""Look of a mark for a press that matches badly."""
 
 LIGHT = "#E8E8E8"
 SEQUENTIAL = "viridis"
@@ -78,6 +87,17 @@ def style() -> Generator[None]:
         yield
 
 
+def styled(draw: Callable[Given, Figure]) -> Callable[Given, Figure]:
+    """Give the figures of a function skincal's style."""
+
+    @wraps(draw)
+    def drawn(*args: Given.args, **named: Given.kwargs) -> Figure:
+        with style():
+            return draw(*args, **named)
+
+    return drawn
+
+
 def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
     """Return an empty figure that lays its axes out without overlaps. Make it within :func:`style`."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
@@ -104,6 +124,11 @@ def as_it_is(text: str) -> str:
     """Return a user's name for a figure: letters that no font has become boxes, and dollars start no formula."""
     letters = (letter if ord(letter) in _letters() else _UNKNOWN for letter in text)
     return "".join(letters).replace("$", r"\$")
+
+
+def legend_below(axes: Axes, columns: int, below: float = 0.1, **more: Any) -> None:
+    """Put the legend under the axes, so far below as a part of their height."""
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -below), borderaxespad=0.0, ncols=columns, **more)
 
 
 def equal_axes_mm(axes: Axes, x_label: str, y_label: str) -> None:
@@ -150,6 +175,12 @@ def save(figure: Figure, path: str | Path) -> None:
     dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with style():
         figure.savefig(path, dpi=DPI, metadata=dates.get(suffix))
+
+
+def save_whole(figure: Figure, path: Path, *, force: bool) -> None:
+    """Write a figure that appears complete or not at all, and replaces only an earlier figure."""
+    with whole_file(path, force=force, mark=PICTURE_MARK) as temporary:
+        save(figure, temporary)
 
 
 def png_bytes(figure: Figure) -> bytes:

@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
 
 from skincal.model import TaxelLayout
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 from skincal.report.style import BLACK, DIVERGING, GREY, LIGHT
 
 MOST_LABELLED = 36
 """Largest number of taxels whose values are written on them."""
+
+
+def draw_outlines(axes: Axes, layout: TaxelLayout, edge: str = GREY) -> None:
+    """Draw the taxels as light boxes over (u, v) [mm]."""
+    for centre, size in zip(1e3 * layout.centres_m, 1e3 * layout.sizes_m, strict=True):
+        corner = (float(centre[0] - size[0] / 2), float(centre[1] - size[1] / 2))
+        axes.add_patch(Rectangle(corner, *size, facecolor=LIGHT, edgecolor=edge, linewidth=0.6))
+
+
+def near_patch(uv: NDArray[np.floating[Any]], bounds: FloatArray) -> BoolArray:
+    """Return which points (N, 2) lie within a patch's size of the patch; a stray press must not shrink the others."""
+    size = float(np.ptp(bounds, axis=0).max())
+    return np.asarray((np.abs(uv - bounds.mean(axis=0)) <= 1.5 * size).all(axis=1))
 
 
 def draw_taxels(
@@ -45,13 +62,8 @@ def taxel_boxes(
     shown[taxels] = values
     centres, half = 1e3 * layout.centres_m, 1e3 * layout.sizes_m / 2
     corners = centres[:, None] + half[:, None] * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    boxes = PolyCollection(
-        list(corners),
-        norm=norm,
-        cmap=mpl.colormaps[colours].with_extremes(bad=LIGHT),
-        edgecolors=GREY,
-        linewidths=0.4,
-    )
+    cmap = mpl.colormaps[colours].with_extremes(bad=LIGHT)
+    boxes = PolyCollection(list(corners), norm=norm, cmap=cmap, edgecolors=GREY, linewidths=0.4)
     boxes.set_array(np.ma.masked_invalid(shown))
     axes.add_collection(boxes)
     if layout.taxels <= MOST_LABELLED:
@@ -63,16 +75,10 @@ def taxel_boxes(
 
 
 def _label(axes: Axes, centre: FloatArray, value: float, share: float, colours: str) -> None:
+    """Write a value on a taxel, white on dark colours."""
     dark = abs(share - 0.5) > 0.3 if colours == DIVERGING else share > 0.6
     digits = 2 if abs(value) < 10 else 1 if abs(value) < 100 else 0
     # Adding zero turns a rounded −0.00 into 0.00.
     text = f"{round(float(value), digits) + 0.0:.{digits}f}"
-    axes.text(
-        centre[0],
-        centre[1],
-        text.replace("-", "−"),
-        ha="center",
-        va="center",
-        fontsize=7,
-        color="white" if dark else BLACK,
-    )
+    text, colour = text.replace("-", "−"), "white" if dark else BLACK
+    axes.text(centre[0], centre[1], text, ha="center", va="center", fontsize=7, color=colour)

@@ -8,13 +8,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from skincal.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, as_it_is, new_figure, style
+from skincal.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, as_it_is, new_figure, styled
 
 COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE)
 SMOOTH_STEPS = 10_000
 """Steps over which figures are averaged: a single round holds eight episodes."""
 
-Curve = Mapping[str, NDArray[np.float64]]
+FloatArray = NDArray[np.float64]
 
 _PANELS = (
     ("reward", "reward of a step", 1.0),
@@ -23,35 +23,26 @@ _PANELS = (
 )
 
 
-def curves_figure(curves: Mapping[str, Curve], title: str = "") -> Figure:
-    """Draw learning curves.
-
-    Args:
-        curves: columns of each run by name (see :func:`skincal.train.read_curve`).
-        title: title of the figure.
-    """
-    with style():
-        figure = new_figure(10.5, 3.2, title)
-        for axes, (column, label, factor) in zip(figure.subplots(1, 3), _PANELS, strict=True):
-            for (name, curve), colour in zip(curves.items(), COLOURS * len(curves), strict=False):
-                steps, values = smoothed(curve["steps"], curve[column])
-                axes.plot(1e-3 * steps, factor * values, color=colour, label=as_it_is(name))
-            axes.set_xlabel("environment steps [thousands]")
-            axes.set_title(label)
-            axes.grid(axis="y")
-            axes.set_ylim(bottom=0)
-            if len(curves) > 1 and column == "reward":
-                axes.legend(loc="lower right")
+@styled
+def curves_figure(curves: Mapping[str, Mapping[str, FloatArray]], title: str = "") -> Figure:
+    """Draw learning curves: columns of each run by name (see :func:`skincal.train.read_curve`)."""
+    figure = new_figure(10.5, 3.2, title)
+    for axes, (column, label, factor) in zip(figure.subplots(1, 3), _PANELS, strict=True):
+        for (name, curve), colour in zip(curves.items(), COLOURS * len(curves), strict=False):
+            steps, values = smoothed(curve["steps"], curve[column])
+            axes.plot(1e-3 * steps, factor * values, color=colour, label=as_it_is(name))
+        axes.set_xlabel("environment steps [thousands]")
+        axes.set_title(label)
+        axes.grid(axis="y")
+        axes.set_ylim(bottom=0)
+        if len(curves) > 1 and column == "reward":
+            axes.legend(loc="lower right")
     return figure
 
 
-def smoothed(
-    steps: NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def smoothed(steps: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return means over blocks of :data:`SMOOTH_STEPS`, without empty blocks."""
-    block = (steps - 1) // SMOOTH_STEPS
-    finite = np.isfinite(values)
-    rows = [(steps[block == b].mean(), values[(block == b) & finite].mean())
-            for b in np.unique(block[finite])]  # fmt: skip
-    table = np.array(rows).reshape(-1, 2)
-    return table[:, 0], table[:, 1]
+    block, finite = (steps - 1) // SMOOTH_STEPS, np.isfinite(values)
+    blocks = np.unique(block[finite])
+    at = np.array([steps[block == b].mean() for b in blocks])
+    return at, np.array([values[(block == b) & finite].mean() for b in blocks])

@@ -107,16 +107,7 @@ def test_a_wrong_command_line_is_status_2_and_leaves_nothing(
     assert [p.name for p in here.iterdir()] == ["plan.csv"]
 
 
-def test_an_output_that_exists_is_left_alone(here: Path, capsys: pytest.CaptureFixture[str]):
-    Path("run").mkdir()
-    (Path("run") / "mine.txt").write_text("mine")
-    for force in ([], ["--force"]):
-        status, _, err = run(capsys, "collect", "--plan", "plan.csv", "--out", "run", *force)
-        assert status == 2 and "run" in err
-    assert (Path("run") / "mine.txt").read_text() == "mine"
-
-
-def test_a_driver_that_goes_away_is_told_and_the_session_goes_on(
+def test_lost_driver_is_reported_and_session_resumes(
     here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     from skincal.hand.sim import SimDriver

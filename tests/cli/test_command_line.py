@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 import typer
 
-from skincal.cli.common import plain, print_json
 from skincal.cli.main import app, main
+from skincal.cli.terminal import plain, print_json
 from skincal.progress import progress
 from skincal.version import __version__
 

@@ -108,7 +108,7 @@ def test_show_as_json(run: Run, folder: Path, tmp_path: Path) -> None:
     assert shown["picture"] == str(tmp_path / "p.svg")
 
 
-def test_show_writes_beside_the_user_by_default(
+def test_show_writes_to_working_folder(
     run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "work").mkdir()
@@ -117,15 +117,8 @@ def test_show_writes_beside_the_user_by_default(
     assert [path.name for path in (tmp_path / "work").iterdir()] == ["session.png"]
 
 
-def test_show_overwrites_nothing(run: Run, folder: Path, tmp_path: Path) -> None:
+def test_show_replaces_its_picture(run: Run, folder: Path, tmp_path: Path) -> None:
     picture = tmp_path / "picture.png"
-    picture.write_text("mine")
-    status, out, err = run("dataset", "show", folder, "--out", picture)
-    assert (status, out) == (2, "")
-    assert "--force" in err
-    assert picture.read_text() == "mine"
-    assert run("dataset", "show", folder, "--out", picture, "--force")[0] == 2
-    picture.unlink()
     for force in ([], ["--force"]):
         assert run("dataset", "show", folder, "--out", picture, *force)[0] == 0
     assert picture.read_bytes().startswith(b"\x89PNG")

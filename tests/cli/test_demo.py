@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from skincal.cli.demo import make_room
+from skincal.cli.demo import MARKER, make_room
 from skincal.errors import InputError
-from skincal.files.manifest import write_manifest
+from skincal.files.manifest import NAME, write_manifest
 from skincal.sample import NAMES, sample_path
 
 
@@ -19,11 +19,17 @@ def test_only_an_earlier_demonstration_is_replaced(tmp_path: Path) -> None:
     (out / "run" / "presses.csv").touch()
     write_manifest(out)
     make_room(out)
-    assert not any(out.iterdir())
+    assert {path.name for path in out.iterdir()} == {MARKER, NAME}
     (out / "thesis.tex").touch()
-    with pytest.raises(InputError, match=r"got thesis\.tex"):
+    with pytest.raises(InputError, match=r"thesis\.tex"):
         make_room(out)
     assert (out / "thesis.tex").is_file()
+
+
+def test_session_is_no_demonstration(folder: Path) -> None:
+    with pytest.raises(InputError, match=MARKER):
+        make_room(folder)
+    assert (folder / "presses.csv").is_file()
 
 
 def test_samples_are_there() -> None:

@@ -28,12 +28,12 @@ SOURCE = f"skincal collect: driver sim, seed {SEED}, plan few"
 
 
 def plan(count: int, first: int = 0) -> Plan:
-    """Quick presses at places of their own."""
+    """Quick presses at places of their own, with their pose: the search for poses takes longer than the presses."""
     own = [
         PlannedPress(1.5e-3 * (k % 4) - 2e-3, 2e-3 * (k // 4), 1.0, 4e-3, 0.3)
         for k in range(first, first + count)
     ]
-    return Plan("few", tuple(own))
+    return Plan("few", tuple(own), {"A": (0.0, 0.25, 0.83)})
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_a_round_is_pressed_once_and_joins_the_session(run: Dataset, tmp_path: P
     monkeypatch.setattr("skincal.cli.diagnose_collect.press_plan", never)
     again = rounds(tmp_path / "new", run)
     assert again.press(run, plan(2, 4), 1).presses.press.tolist() == both.presses.press.tolist()
-    assert "1 rounds" in again.kept()
+    assert "1 rounds" in again.saved()
     again.keep_in(tmp_path, 2, 1)
     assert len(read_dataset(tmp_path / SESSION).presses) == 5
     again.done()
@@ -80,7 +80,7 @@ def test_another_hand_is_refused(run: Dataset, tmp_path: Path):
         rounds(tmp_path / "new", run, driver="stage-sim")
 
 
-def test_an_interrupted_run_of_another_command_is_not_gone_on_with(run: Dataset, tmp_path: Path):
+def test_interrupted_run_of_another_command(run: Dataset, tmp_path: Path):
     own = rounds(tmp_path / "new", run)
     own.folder.mkdir()
     (own.folder / "key.json").write_text('{"dataset": "another"}', encoding="utf-8")
@@ -93,7 +93,7 @@ def test_a_session_of_no_simulated_hand_is_not_compared(run: Dataset, tmp_path: 
     assert rounds(tmp_path / "new", other, seed=3).seed == 3
 
 
-def test_a_dataset_that_presses_cannot_join_is_refused_before_anything_moves(run: Dataset, tmp_path: Path):
+def test_unjoinable_dataset_is_refused_first(run: Dataset, tmp_path: Path):
     with pytest.raises(InputError, match="with frames"):
         rounds(tmp_path / "new", replace(run, frames=None))
     sensor = replace(run.meta.sensor, value_max=99)
@@ -103,10 +103,10 @@ def test_a_dataset_that_presses_cannot_join_is_refused_before_anything_moves(run
 
 @pytest.mark.slow
 def test_rounds_end_with_the_budget_and_are_one_session(tmp_path: Path, monkeypatch, capsys):
-    """Where nothing is told apart all twelve presses are made, and the calibration comes with all of them."""
+    """All twelve presses are made where they distinguish nothing, and the calibration uses them all."""
     hand = SimDriver(seed=SEED).description
     data = collect(
-        plan(16),
+        Plan("few", plan(16).presses),
         hand,
         lambda _: SimDriver(seed=SEED, effects={"hysteresis": 1.0}),
         tmp_path / "run",

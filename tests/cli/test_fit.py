@@ -83,17 +83,6 @@ def test_a_calibration_without_effects_is_refused_before_the_fit(
     assert [path.name for path in tmp_path.iterdir()] == ["plain"]
 
 
-def test_an_output_that_exists_is_left_alone(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "cal").mkdir()
-    (tmp_path / "cal" / "mine.txt").write_text("mine")
-    for force in ([], ["--force"]):
-        status, _, err = captured(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *force)
-        assert status == 2 and "cal" in err
-        assert (tmp_path / "cal" / "mine.txt").read_text() == "mine"
-
-
 def test_a_session_without_active_taxels_exits_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data, _ = make_session(np.random.default_rng(1), presses=10)
     presses = type(data.presses)(
@@ -140,7 +129,7 @@ def test_a_full_disk_keeps_what_was_evaluated_and_says_so(
     kept = tmp_path / ".cal.fit"
     assert status == 1 and "No space left" in err
     assert kept.exists() == (turns > 0)
-    assert (f"its grid so far is saved in {kept}; give the same command again to continue" in err) == (
+    assert (f"The grid so far is saved in {kept}; give the same command again to continue" in err) == (
         turns > 0
     )
 

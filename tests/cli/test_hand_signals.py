@@ -105,13 +105,13 @@ def test_every_signal_stops_a_stage_that_collects(tmp_path: Path, number: int) -
     assert status == 130
 
 
-def test_a_stage_that_was_not_stopped_is_told(tmp_path: Path) -> None:
+def test_stage_not_stopped_is_reported(tmp_path: Path) -> None:
     status, err = signalled(tmp_path, signal.SIGTERM, 4, 30.0, "stage")
     assert "Cut the stage's power" in err and "was stopped" not in err
     assert status != 0
 
 
-def test_who_is_impatient_is_told_that_the_hand_was_not_stopped(tmp_path: Path) -> None:
+def test_repeated_interrupt_reports_hand_not_stopped(tmp_path: Path) -> None:
     status, err = signalled(tmp_path, signal.SIGINT, 4, 30.0)
     assert "stop() did not return within 0.5 s! Cut the hand's power." in err
     assert "was stopped" not in err

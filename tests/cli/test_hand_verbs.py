@@ -117,7 +117,7 @@ def test_keys_are_made_once(run: Run, tmp_path: Path) -> None:
     assert "--driver remote --driver-option keys=" in out
 
 
-def test_a_simulated_hand_is_served_with_keys_until_told_to_end(run: Run, tmp_path: Path) -> None:
+def test_serve_hand_with_keys(run: Run, tmp_path: Path) -> None:
     main_keys = tmp_path / "keys"
     assert run("hand", "keys", "--out", main_keys)[0] == 0
     command = [

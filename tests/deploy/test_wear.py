@@ -52,7 +52,7 @@ def test_one_factor_is_seldom_doubted_where_it_is_enough() -> None:
 
 
 @pytest.mark.parametrize("now", [{"lost": 5}, {"exponent": 0.6}])
-def test_what_no_factor_explains_is_told(now: dict[str, object]) -> None:
+def test_what_no_factor_explains_isread_run(now: dict[str, object]) -> None:
     rng = np.random.default_rng(2)
     found = [compare(rng, **now) for _ in range(30)]
     assert np.mean([not one.enough for one in found]) > 0.9  # type: ignore[attr-defined]
@@ -99,12 +99,12 @@ def test_the_verb_scales_the_calibration(tmp_path: Path, capsys: pytest.CaptureF
 )  # fmt: skip
 def test_a_run_that_deploy_cannot_have_made_is_refused(tmp_path: Path, old: str, new: str) -> None:
     from benchmarks.fuzz_readers import DEPLOYED
-    from skincal.cli.rescale import _told
+    from skincal.cli.rescale import read_deployed
 
     text = json.dumps(DEPLOYED)
     (tmp_path / "deploy.json").write_text(text)
-    assert _told(tmp_path)["steps"] == 80
+    assert read_deployed(tmp_path)["steps"] == 80
     assert old in text
     (tmp_path / "deploy.json").write_text(text.replace(old, new, 1))
     with pytest.raises(InputError, match=r"deploy\.json"):
-        _told(tmp_path)
+        read_deployed(tmp_path)

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from report.diagnosis_cases import diagnosed
 
-from skincal.cli.common import plain
+from skincal.cli.terminal import plain
 from skincal.diagnosis.summary import summary
 from skincal.report.diagnosis import write_diagnosis_report
-from skincal.report.diagnosis_words import headline, tone, verdict_lines, verdict_sentences
+from skincal.report.diagnosis_words import headline, tone, verdict_lines
 
 
 @pytest.mark.parametrize("kind", ["hysteresis", "none", "static"])
@@ -21,6 +21,9 @@ def test_the_page_holds_its_pictures_and_the_verdict(kind: str, tmp_path: Path):
     write_diagnosis_report(found, data, tmp_path, told)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert headline(found) in page
+    assert {"hysteresis": "refitted to all presses", "none": "are required", "static": "no frames"}[
+        kind
+    ] in page
     assert {"gap.png", "signature.png", "where.png", "candidates.png", "audit.png"} <= {
         p.name for p in tmp_path.iterdir()
     }
@@ -34,14 +37,12 @@ def test_what_was_named_is_said_with_its_numbers():
     assert lines.startswith("Missing: hysteresis")
     assert "height" in lines and "% of the gap is closed" in lines
     assert tone(found) in ("found", "attention")
-    assert any("refitted to all presses" in s for s in verdict_sentences(found))
 
 
 def test_nothing_is_said_with_what_did_best():
     found, _ = diagnosed("none")
     assert tone(found) == "good"
     assert verdict_lines(found)[0] == "These presses show no missing effect."
-    assert any("are required" in s for s in verdict_sentences(found))
 
 
 def test_other_programs_find_the_keys_that_they_know():

@@ -35,16 +35,13 @@ from skincal.fitting.observe import Readout
 from skincal.fitting.problem import PressTable, Rig, pose_problem
 from skincal.fitting.result import FitFinding, FitResult, GridResult, PressFit, Sigmas
 from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters
-from skincal.report.fit import SECTIONS, write_fit_report
-from skincal.report.fit_bound import bound_story
+from skincal.report.fit import FIGURES, write_fit_report
 from skincal.report.fit_draws import draws_figure
 from skincal.report.fit_images import images_figure
-from skincal.report.fit_left_out import left_out
-from skincal.report.fit_presses import PressView, chosen_presses, why_unused
+from skincal.report.fit_presses import PressView, chosen_presses, left_out, why_unused
 from skincal.report.fit_quantities import quantities, with_digits
 from skincal.report.fit_residuals import Residuals, residuals_figure, scatter_figure
 from skincal.report.fit_slack import slack_figure
-from skincal.report.fit_story import headline, parameter_rows, scatter_rows, verdict
 from skincal.report.fit_valley import valley_figure
 from skincal.report.style import GREEN, RED
 
@@ -212,6 +209,7 @@ class _Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
+        self.text += " " * (tag in ("td", "th"))
         self.addresses += [v or "" for k, v in attrs if k in ("src", "href", "srcset", "data")]
         if tag not in self.VOID:
             self.open.append(tag)
@@ -224,25 +222,34 @@ class _Page(HTMLParser):
             self.text += data
 
 
-def words_of(
-    result: FitResult, dataset: Dataset, calibration: Calibration, path: Path, monkeypatch: pytest.MonkeyPatch
-) -> _Page:
-    """The page without its figures."""
-    monkeypatch.setattr("skincal.report.fit.SECTIONS", ())
-    write_fit_report(result, calibration, dataset, path)
-    return _Page((path / "report.html").read_text(encoding="utf-8"))
+@pytest.fixture
+def words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
+    """The text of a page without its figures, with single spaces."""
+    monkeypatch.setattr("skincal.report.fit.FIGURES", {})
+
+    def read(result: FitResult, dataset: Dataset, calibration: Calibration) -> str:
+        write_fit_report(result, calibration, dataset, tmp_path)
+        page = _Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+        assert page.open == [] and "b" not in page.tags
+        assert not re.search(r"\bnan\b", page.text)
+        return " ".join(page.text.split())
+
+    return read
+
+
+Words = Callable[..., str]
 
 
 def test_the_page_holds_its_pictures_and_needs_nothing_else(folder: Path) -> None:
     text = (folder / "report.html").read_text(encoding="utf-8")
     page = _Page(text)
     assert page.open == []
-    assert {file.name for file in folder.iterdir()} == {"report.html", *(f"{s.stem}.png" for s in SECTIONS)}
-    assert len(page.addresses) == len(SECTIONS)
-    for address, section in zip(page.addresses, SECTIONS, strict=True):
+    assert {file.name for file in folder.iterdir()} == {"report.html", *(f"{stem}.png" for stem in FIGURES)}
+    assert len(page.addresses) == len(FIGURES)
+    for address, stem in zip(page.addresses, FIGURES, strict=True):
         head, _, data = address.partition(",")
         assert head == "data:image/png;base64"
-        assert base64.b64decode(data) == (folder / f"{section.stem}.png").read_bytes()
+        assert base64.b64decode(data) == (folder / f"{stem}.png").read_bytes()
     assert not {"script", "link", "iframe", "object"} & set(page.tags)
     without = re.sub(r"data:image/png;base64,[^\"]*", "", text)
     assert "http" not in without
@@ -263,19 +270,14 @@ def test_the_page_says_what_was_found(folder: Path, fitted: Fitted) -> None:
         assert str(number) in page.text
 
 
-def test_page_of_a_fit_with_effects_names_its_model(
-    fitted: Fitted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    result, data, calibration = fitted[0], fitted[1], fitted[2]
-    plain = words_of(result, data, calibration, tmp_path, monkeypatch).text
-    assert "to which all figures" not in plain
+def test_page_of_a_fit_with_effects_names_its_model(fitted: Fitted, words: Words) -> None:
+    result, data, calibration = fitted
+    assert "to which all figures" not in words(*fitted)
     loop = Effect("hysteresis", {"height": 0.21, "width": 1.5}, {"height": (0.19, 0.23)})
     gains = Effect("taxel_gain", {"gain": [0.9, 1.1, 1.0]})
-    page = words_of(result, data, replace(calibration, effects=(loop, gains)), tmp_path, monkeypatch)
-    assert page.open == []
-    assert "base model, to which all figures" in page.text
-    assert re.search(r"hysteresis\s*height\s*0.21\s*0.19\s*0.23", page.text)
-    assert re.search(r"taxel_gain\s*gain\s*0.9 to 1.1", page.text)
+    page = words(result, data, replace(calibration, effects=(loop, gains)))
+    assert "base model, to which all figures" in page
+    assert "hysteresis height 0.21 0.19 0.23" in page and "taxel_gain gain 0.9 to 1.1" in page
 
 
 def test_the_report_is_reproducible(folder: Path, fitted: Fitted, tmp_path: Path) -> None:
@@ -284,9 +286,7 @@ def test_the_report_is_reproducible(folder: Path, fitted: Fitted, tmp_path: Path
         assert file.read_bytes() == (tmp_path / file.name).read_bytes(), file.name
 
 
-def test_what_needs_attention_comes_with_advice(
-    fitted: Fitted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_needs_attention_comes_with_advice(fitted: Fitted, words: Words) -> None:
     result, dataset, calibration = fitted
     findings = (
         FitFinding("a", "info", "A note."),
@@ -294,84 +294,58 @@ def test_what_needs_attention_comes_with_advice(
     )
     intervals = {**result.intervals, "elasticity_pa_per_m": (-np.inf, np.inf)}
     changed = replace(result, findings=findings, intervals=intervals, law_spread_m=0.0)
-    told = replace(
-        calibration, findings=tuple(Finding(f.code, f.severity, f.text, f.advice) for f in findings)
-    )
-    page = words_of(changed, dataset, told, tmp_path, monkeypatch)
-    assert "One thing needs attention" in page.text
-    assert page.text.index("E & <alpha>.") < page.text.index("A note."), "warnings come first"
-    assert "Press <b> a<b>c elsewhere." in page.text, "backticks become code, markup does not work"
-    assert "b" not in page.tags
-    assert "not identified" in page.text
-    assert "spread pressure sideways" not in page.text
+    own = tuple(Finding(f.code, f.severity, f.text, f.advice) for f in findings)
+    page = words(changed, dataset, replace(calibration, findings=own))
+    assert "One thing needs attention before you rely on this calibration." in page
+    assert page.index("E & <alpha>.") < page.index("A note."), "warnings come first"
+    assert "Press <b> a<b>c elsewhere." in page, "backticks become code, markup does not work"
+    assert "not identified" in page and "spread pressure sideways" not in page
 
 
-def test_a_calibration_that_is_told_by_nothing_is_not_to_be_used(fitted: Fitted) -> None:
-    warned = (FitFinding("few_draws", "warning", "The draws do not tell."),)
-    changed = replace(fitted[0], findings=warned)
-    assert headline(changed) == (False, "One thing needs attention before you rely on this calibration.")
-    untold = replace(changed, effective_draws=3.0)
-    assert headline(untold) == (
-        False,
-        "Do not use this calibration: the data do not determine its parameters.",
-    )
-    (story,) = bound_story(untold, fitted[2])
-    assert "no interval is given" in story and "Intervals hold" not in story
+def test_undetermined_calibration_is_not_to_be_used(fitted: Fitted, words: Words) -> None:
+    warned = (FitFinding("few_draws", "warning", "Too few draws."),)
+    page = words(replace(fitted[0], findings=warned, effective_draws=3.0), *fitted[1:])
+    assert "Do not use this calibration: the data do not determine its parameters." in page
+    assert "no interval is given" in page and "Intervals hold" not in page
 
 
-def test_scales_of_the_taxels_are_told_where_there_are_any(fitted: Fitted) -> None:
+def test_sentences_of_the_verdict(fitted: Fitted, words: Words) -> None:
+    result, *others = fitted
+    page = words(*fitted)
+    assert "the noise explains all of it" in page and "its own scale" not in page
+    assert "central 98 %" in page and "98 % of the draws leave a loss below 0.09 counts²" in page
+    as_good = int((result.grid.mse_counts2 <= 1.2).sum())
+    assert "loss of 1.2 counts² at the best point" in page and f"{as_good or 'none'} of its points" in page
     scales = np.full(16, 62.0)
     scales[[3, 9]] = 70.0, 55.0
-    told = " ".join(verdict(replace(fitted[0], scale_per_taxel_per_n=scales)))
-    assert "from 55 of taxel (2, 1) to 70 of taxel (0, 3) 1/N" in told
-    assert "its own scale" not in " ".join(verdict(fitted[0]))
-
-
-def test_unused_presses_are_counted_with_their_reasons(fitted: Fitted) -> None:
-    result = fitted[0]
     status = tuple("no positive force" if k < 2 else s for k, s in enumerate(result.problem.status))
-    changed = replace(result, problem=replace(result.problem, status=status))
-    assert ("no positive force", 2) in why_unused(changed)
-    assert "2 with no positive force" in verdict(changed)[0]
+    changed = replace(
+        result,
+        scale_per_taxel_per_n=scales,
+        problem=replace(result.problem, status=status),
+        sigmas=Sigmas(2e-3, 0.004, 3.0, 0.01, 0.01, 1e-4),
+    )
+    page = words(changed, *others)
+    assert "from 55 of taxel (2, 1) to 70 of taxel (0, 3) 1/N" in page
+    assert ("no positive force", 2) in why_unused(changed) and "2 with no positive force" in page
+    assert "the model lacks something" in page
+    assert "contact position, each direction 1 mm 2 mm larger than declared" in page
+    assert "more than noise explains" in page
     everything = replace(result, problem=replace(result.problem, status=("used",) * len(status)))
-    assert verdict(everything)[0] == f"All {len(status)} presses were used."
-
-
-def test_a_misfit_is_said(fitted: Fitted) -> None:
-    result = fitted[0]
-    assert "the noise explains all of it" in " ".join(verdict(result))
-    changed = replace(result, sigmas=Sigmas(2e-3, 0.004, 3.0, 0.01, 0.01, 1e-4))
-    assert "the model lacks something" in " ".join(verdict(changed))
-    position, _, image = scatter_rows(changed)
-    assert (position.declared, position.found) == ("1 mm", "2 mm")
-    assert "larger than declared" in position.remark
-    assert image.remark == "more than noise explains"
-
-
-def test_how_the_bound_came_about(fitted: Fitted) -> None:
-    result, _, calibration = fitted
-    ours, of_the_grid, *_ = bound_story(result, calibration)
-    assert "central 98 %" in ours and "98 % of the draws leave a loss below 0.09 counts²" in ours
-    as_good = int((result.grid.mse_counts2 <= 1.2).sum())
-    assert "loss of 1.2 counts² at the best point" in of_the_grid
-    assert f"{as_good or 'none'} of its points" in of_the_grid
-    fixed = replace(result, bound="fixed", valley_mse_counts2=25.0)
+    assert f"All {len(status)} presses were used." in words(everything, *others)
     grid = replace(result.grid, in_valley=result.grid.mse_counts2 <= 25.0)
-    (story,) = bound_story(replace(fixed, grid=grid), calibration)
-    assert "below 25 counts² (rmse 5 counts)" in story
-    assert f"{int(grid.in_valley.sum()):,} of {grid.grid.combinations:,}" in story
+    page = words(replace(result, bound="fixed", valley_mse_counts2=25.0, grid=grid), *others)
+    assert "below 25 counts² (rmse 5 counts)" in page
+    assert f"{int(grid.in_valley.sum()):,} of {grid.grid.combinations:,}" in page
 
 
-def test_the_table_of_intervals(fitted: Fitted) -> None:
-    rows = {row.name: row for row in parameter_rows(fitted[0])}
-    assert list(rows) == ["y [mm]", "beta [°]", "alpha [°]", "E [MPa/m]", "S [1/N]"]
-    y, e, s = rows["y [mm]"], rows["E [MPa/m]"], rows["S [1/N]"]
-    assert (y.best, y.low, y.high, y.searched) == ("24.10", "23.85", "24.35", "19.5 to 27.5")
-    assert y.share == "6.2 %"
-    assert y.start_percent == pytest.approx(100 * (23.85 - 19.5) / 8)
+def test_table_of_intervals(fitted: Fitted, words: Words) -> None:
+    page = words(*fitted)
+    assert "y [mm] 24.10 23.85 24.35 19.5 to 27.5 6.2 %" in page and "any (found by least squares)" in page
+    y, _, _, e, _ = quantities(fitted[0])
+    assert y.bar_percent[0] == pytest.approx(100 * (23.85 - 19.5) / 8)
     # E is searched by its logarithm, so its share is that of the logarithms.
-    assert e.share_percent == pytest.approx(100 * np.log(370 / 330) / np.log(20))
-    assert s.share_percent is None
+    assert e.bar_percent[1] == pytest.approx(100 * np.log(370 / 330) / np.log(20))
 
 
 def test_a_plane_has_x_and_a_cylinder_beta(fitted: Fitted) -> None:
@@ -613,33 +587,31 @@ CHANGES: dict[Callable[[FitResult], FitResult], str] = {
 
 
 @pytest.mark.parametrize(("change", "stems"), CHANGES.items(), ids=lambda x: getattr(x, "__name__", ""))
-def test_odd_results_are_drawn_and_told_too(
-    fitted: Fitted, change: Callable[[FitResult], FitResult], stems: str, caplog: pytest.LogCaptureFixture
+def test_odd_results_are_drawn_and_described_too(
+    fitted: Fitted,
+    change: Callable[[FitResult], FitResult],
+    stems: str,
+    caplog: pytest.LogCaptureFixture,
+    words: Words,
 ) -> None:
     result, dataset, calibration = fitted
     changed = change(result)
     with caplog.at_level(logging.WARNING):
-        for section in SECTIONS:
-            if section.stem in stems.split():
-                section.draw(changed, dataset).draw_without_rendering()
+        for stem in stems.split():
+            FIGURES[stem](changed, dataset).draw_without_rendering()
     assert not caplog.records
-    told = [*verdict(changed), *bound_story(changed, calibration), headline(changed)[1]]
-    told += [
-        " ".join(map(str, vars(row).values())) for row in (*parameter_rows(changed), *scatter_rows(changed))
-    ]
-    assert not any(re.search(r"\bnan\b", sentence) for sentence in told)
+    assert words(changed, dataset, calibration)
 
 
-def test_a_fit_on_a_plane_is_drawn_and_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fit_on_a_plane_is_drawn_and_described(words: Words) -> None:
     result, dataset, calibration = make_fit("plane")
     for draw in (valley_figure, draws_figure):
         labels = [axes.get_xlabel() for axes in draw(result).axes]
         assert "x [mm]" in labels
         assert "beta [°]" not in labels
     slack_figure(result, dataset).draw_without_rendering()
-    page = words_of(result, dataset, calibration, tmp_path, monkeypatch)
-    assert "x [mm]" in page.text
-    assert "beta" not in page.text
+    page = words(result, dataset, calibration)
+    assert "x [mm]" in page and "beta" not in page
 
 
 @pytest.mark.parametrize(

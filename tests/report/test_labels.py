@@ -36,7 +36,7 @@ def test_labels_of_close_points_do_not_overlap() -> None:
     assert not any(box.contains(*dot) for box in boxes for dot in dots)
 
 
-def test_a_lone_point_has_its_name_beside_it_and_no_line() -> None:
+def test_lone_point_has_label_without_line() -> None:
     (name,), left_out, _ = _named(np.zeros((1, 2)))
     assert left_out == 0
     assert name.arrow_patch is None

@@ -24,7 +24,7 @@ def test_poses_may_have_any_name(name: str) -> None:
     assert png_bytes(plan_figure(named, mount)).startswith(b"\x89PNG")
 
 
-def test_speeds_are_told_by_shapes_that_a_person_knows() -> None:
+def test_speeds_have_named_shapes() -> None:
     mount = Mount.of(bundled_hand().meta)
     figure = plan_figure(full_plan(np.random.default_rng(0), mount.layout), mount)
     title = figure.axes[1].get_title(loc="left") or figure.axes[1].get_title()

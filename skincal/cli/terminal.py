@@ -1,4 +1,4 @@
-"""Parts shared by the verbs: options, JSON on standard output, messages on standard error."""
+"""Output of verbs: results on standard output, messages on standard error."""
 
 from __future__ import annotations
 
@@ -6,47 +6,63 @@ import json
 import math
 import os
 import sys
-from collections.abc import Generator, Iterable, Mapping
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Annotated, Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import typer
 
 from skincal.errors import Problem
 
-DatasetArgument = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a dataset.")]
-CalibrationArgument = Annotated[Path, typer.Argument(metavar="CAL", help="Folder of a calibration.")]
-OutOption = Annotated[
-    Path,
-    typer.Option("--out", help="Folder to write; it appears complete or not at all."),
-]
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print one JSON object, and nothing else, on standard output.")
-]
-ForceOption = Annotated[bool, typer.Option("--force", help="Replace an earlier output of skincal.")]
-SeedOption = Annotated[
-    int, typer.Option("--seed", min=0, help="Seed of all randomness; the same seed gives the same result.")
-]
-
-WorkersOption = Annotated[
-    int | None,
-    typer.Option("--workers", min=1, max=1024, help="Number of processes.", show_default="one per core"),
-]
-SchedulerOption = Annotated[
-    str | None,
-    typer.Option(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="Use the workers of a Dask cluster, tcp://HOST:8786, instead of processes on this machine.",
-    ),
-]
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
-def example(*commands: str) -> str:
-    """Return the epilog of a verb's help: commands as a person types them."""
-    # The first line tells click to keep the line breaks.
-    return "\b\nExample:\n" + "\n".join(f"  {command}" for command in commands)
+def answer(as_json: bool, content: Mapping[str, Any], *shown: object) -> None:
+    """Print the result of a verb on standard output.
+
+    Args:
+        as_json: whether to print one JSON object, and nothing else.
+        content: the object.
+        shown: lines and tables for a person.
+    """
+    if as_json:
+        print_json(content)
+        return
+    for part in shown:
+        if isinstance(part, str):
+            print(part, flush=True)  # typer would write UTF-8 to a terminal that lacks it
+        else:
+            from rich.console import Console
+
+            Console().print(part)
+
+
+def table(
+    columns: Iterable[str], rows: Iterable[Sequence[Any]], *, right: bool = False, **look: Any
+) -> Table:
+    """Return a table for the terminal.
+
+    Args:
+        columns: titles.
+        rows: cells of each row.
+        right: whether all columns but the first are numbers.
+        look: settings of :class:`rich.table.Table`.
+    """
+    from rich.table import Table
+
+    made = Table(**{"box": None, "padding": (0, 2, 0, 0), **look})
+    for number, title in enumerate(columns):
+        made.add_column(title, justify="right" if right and number else "left", no_wrap=not number)
+    for row in rows:
+        made.add_row(*row)
+    return made
+
+
+def picked(source: object, names: str) -> dict[str, Any]:
+    """Return some attributes of an object by name, for JSON."""
+    return {name: getattr(source, name) for name in names.split()}
 
 
 def print_json(content: Mapping[str, Any]) -> None:
@@ -134,3 +150,25 @@ def warn(problems: Iterable[Problem]) -> None:
     """Print warnings on standard error."""
     for problem in problems:
         say(f"skincal: {problem.severity}: {problem}")
+
+
+def note(texts: Iterable[str]) -> None:
+    """Print notes on standard error."""
+    for text in texts:
+        say(f"skincal: note: {text}")
+
+
+def shape(kind: str, radius_m: float | None) -> str:
+    """Return a surface or an indenter in a few words."""
+    return kind if radius_m is None else f"{kind} of radius {radius_m * 1e3:g} mm"
+
+
+def first_of(items: Sequence[object], most: int = 8) -> str:
+    """Return a list in one line, cut after so many."""
+    more = f" and {len(items) - most} more" if len(items) > most else ""
+    return ", ".join(map(str, items[:most])) + more
+
+
+def say_calibration(out: Path, report: bool) -> None:
+    """Print where a calibration and its report were written."""
+    say(f"calibration: {out}" + (f"   report: {out / 'report.html'}" if report else ""))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hands import other_hand
 
-from skincal.cli import collect_progress
-from skincal.cli.collect_progress import Told, taxel_image
+from skincal.cli import live
+from skincal.cli.live import SessionProgress, taxel_image
 from skincal.collect import PlannedPress, Progress
 from skincal.collect.senses import Senses
 from skincal.hand.sim import SimDriver
@@ -32,14 +32,14 @@ def test_the_terminal_shows_presses_force_image_and_time_left(
 ) -> None:
     for name, value in (("FORCE_COLOR", "1"), ("COLORTERM", "truecolor"), ("TERM", "xterm-256color")):
         monkeypatch.setenv(name, value)
-    monkeypatch.setattr(collect_progress, "EVERY_S", 0.0)
+    monkeypatch.setattr(live, "EVERY_S", 0.0)
     with SimDriver(hand=str(other_hand(tmp_path))) as driver:
         description = driver.description
         sample = Senses(Kinematics(description), 0.004).sample(driver.observe())
     planned = PlannedPress(0.0, 0.0, 2.5, 0.04, 0.5)
-    with Told(9, description.meta.sensor) as told:
+    with SessionProgress(9, description.meta.sensor) as show:
         for done in (3, 5):
-            told(Progress(done, 9, done, planned, "hold", sample))
+            show(Progress(done, 9, done, planned, "hold", sample))
     seen = capsys.readouterr().err
     assert "press 6 of 9" in seen and "N of 2.50 N" in seen and "s left" in seen
     assert "48;2;0;40;120" in seen  # a taxel at rest

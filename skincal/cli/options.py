@@ -1,0 +1,87 @@
+"""Options that verbs share, declared once, and their readers."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from skincal.errors import InputError, Problem
+
+
+def option(text: str, *names: str, **settings: Any) -> Any:
+    """Return an option with its help text; without names it is called as its parameter."""
+    return typer.Option(*names, help=text, **settings)
+
+
+def argument(metavar: str | None, text: str, **settings: Any) -> Any:
+    """Return an argument with its help text."""
+    return typer.Argument(metavar=metavar, help=text, **settings)
+
+
+def find_modules_here(driver: str) -> str:
+    """Let ``module:Class`` name a module of the working folder, which comes last so that it hides nothing installed."""
+    here = str(Path.cwd())
+    if ":" in driver and here not in sys.path:
+        sys.path.append(here)
+    return driver
+
+
+Pair = tuple[float, float]
+Dataset = Annotated[Path, argument("DATASET", "Folder of a dataset.")]
+Calibration = Annotated[Path, argument("CAL", "Folder of a calibration.")]
+Out = Annotated[Path, option("Folder to write; it appears complete or not at all.", "--out")]
+Json = Annotated[bool, option("Print one JSON object, and nothing else, on standard output.", "--json")]
+Force = Annotated[bool, option("Replace an earlier output of skincal.", "--force")]
+Report = Annotated[bool, option("Write the report: HTML page and pictures.")]
+Seed = Annotated[int, option("Seed of all randomness; the same seed gives the same result.", min=0)]
+Driver = Annotated[
+    str,
+    option("Driver of the hand: a name of `skincal hand list`, or module:Class.", callback=find_modules_here),
+]
+_OPTIONS = "An option of the driver; may be repeated. `skincal hand list` shows them."
+DriverOptions = Annotated[list[str] | None, option(_OPTIONS, "--driver-option", metavar="KEY=VALUE")]
+Hand = Annotated[str | None, option("Name of the hand, or its hand.toml, for drivers that take one.")]
+_EFFECT = "Effect of a simulated skin; strength 1 is a typical case. May be repeated."
+Effects = Annotated[list[str] | None, option(_EFFECT, metavar="NAME=STRENGTH")]
+BeyondLimits = Annotated[
+    bool, option("Accept limits in hand.toml that are beyond those of any finger.", "--beyond-limits")
+]
+
+
+def example(*commands: str) -> str:
+    """Return the epilog of a verb's help: commands as a person types them."""
+    # The first line tells click to keep the line breaks.
+    return "\b\nExample:\n" + "\n".join(f"  {command}" for command in commands)
+
+
+def wrong(place: str, expected: str, got: object, fix: str = "") -> InputError:
+    """Return the error of one wrong option or input."""
+    return InputError([Problem(place, expected, str(got), fix)])
+
+
+def numbers_by_name(name: str, given: Iterable[str] | None, metavar: str = "NAME=VALUE") -> dict[str, float]:
+    """Return the numbers of a repeated option ``NAME=VALUE``.
+
+    Raises:
+        InputError: one is no number, or is given twice.
+    """
+    found: dict[str, float] = {}
+    for text in given or ():
+        key, _, value = text.partition("=")
+        if key.strip() in found:
+            raise wrong(name, "each name once", f"{key.strip()} twice")
+        try:
+            found[key.strip()] = float(value)
+        except ValueError:
+            raise wrong(name, f"{metavar} with a number", repr(text)) from None
+    return found
+
+
+def command_line() -> str:
+    """Return the command that is running, for the provenance of its output."""
+    return shlex.join(["skincal", *sys.argv[1:]])
