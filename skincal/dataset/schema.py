@@ -1,0 +1,361 @@
+"""Tables of files as frozen dataclasses: pydantic validates them, and its errors become ours.
+
+A subclass of :class:`Table` is both the schema of a table and the object that it is read into: its fields are the
+keys, their types say what a value must be, and a :class:`Key` in ``Annotated`` adds words and bounds.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, Field, fields
+from enum import Enum
+from functools import cache, partial
+from pathlib import Path
+from types import UnionType
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from skincal.bounded import UnreadableError, parse_toml, read_text
+from skincal.dataset.findings import Findings, did_you_mean
+from skincal.dataset.keys import NUMBER, OURS, adjusted, choice, wrong
+from skincal.files import reason
+
+KEPT = "It is kept but not used."
+MOST_UNKNOWN = 100
+"""Most unknown keys of a table that are reported."""
+
+Unknown = Literal["warn", "refuse", "keep"]
+Place = tuple[str | int, ...]
+Violation = tuple[str | Place, str, object, str]
+"""Key, or keys from table to table; expected; got; what to do."""
+
+
+class _Value(Enum):
+    ABSENT = 0
+    BLANK = 1
+    """Stands for a value that was reported, and reads as a placeholder (NaN, 0, '', ...)."""
+
+
+_NATIVE = NUMBER | {"bool_type": "true or false", "string_type": "a text", "tuple_type": "a list",
+                     "dict_type": "a table"}  # fmt: skip
+
+
+class Table:
+    """Base of a frozen dataclass that is a table of a file; its fields are the keys.
+
+    A field ``extra`` holds unknown keys. ``unknown`` says what becomes of them: ``warn``: a misspelt one is an error,
+    another one is kept with a warning; ``keep``: all are kept; ``refuse``: each is an error.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "allow_inf_nan": False}
+    unknown_keys: ClassVar[Unknown] = "warn"
+
+    def __init_subclass__(cls, unknown: Unknown | None = None) -> None:
+        cls.unknown_keys = unknown or cls.unknown_keys
+
+    def violations(self) -> Iterator[Violation]:
+        """Yield what is wrong between keys; placeholders of wrong values are NaN, 0, '' or empty."""
+        return iter(())
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema
+
+        schema = handler(source)
+        inner = adjusted(handler.resolve_ref_schema(schema))
+        inner["strict"] = False
+        hints = get_type_hints(cls, include_extras=True)
+        for field in inner["schema"]["fields"]:
+            placeholder = _placeholder(hints[field["name"]])
+            if field["schema"]["type"] != "default" and placeholder is not _Value.BLANK:
+                read = partial(_blank_or, placeholder)
+                field["schema"] = core_schema.no_info_wrap_validator_function(read, field["schema"])
+        return core_schema.with_info_wrap_validator_function(partial(_read_table, cls), schema)
+
+
+Kind = TypeVar("Kind", bound=Table)
+
+
+def load_toml(
+    path: Path, findings: Findings, what: str, within: Path | None = None
+) -> Mapping[str, Any] | None:
+    """Return the content of a TOML file that describes ``what``; None, with an error added, if it cannot be read."""
+    try:
+        return parse_toml(read_text(path, within=within))
+    except FileNotFoundError:
+        fix = "" if what == "mapping" else f"Is this a {what}'s folder?"
+        findings.error(str(path), f"the description of the {what}", "no such file", fix)
+    except UnreadableError as error:
+        # The message holds the line and the column.
+        fix = "Correct that line: quote texts, put lists in brackets, give every key and table once."
+        findings.error(str(path), error.expected, error.got, fix if error.expected == "TOML" else "")
+    except OSError as error:
+        findings.error(str(path), f"the description of the {what}", reason(error))
+    return None
+
+
+def read_table(
+    kind: type[Kind], values: Mapping[str, Any], findings: Findings, file: str, form: str = "", first: int = 1
+) -> Kind:
+    """Return the content of a file as an object; add an error for every violation.
+
+    A wrong value reads as a placeholder (NaN, 0, '', empty), so that the rest can be checked as well; the errors
+    prevent that a placeholder is used.
+
+    Args:
+        kind: the dataclass of the file.
+        values: its content.
+        findings: collects errors and warnings.
+        file: its name.
+        form: value of its key ``format``; '' if it has none.
+        first: number of the first table of a list.
+    """
+    from pydantic_core import ValidationError
+
+    if form:
+        _check_format(values.get("format", _Value.ABSENT), form, findings, file)
+        values = {key: value for key, value in values.items() if key != "format"}
+    translator = _Translator(findings, file, first)
+    validate = _validator(kind)
+    blanked = dict(values)
+    try:
+        found = validate(values)
+    except ValidationError as error:
+        for place in translator.report(error):
+            _blank(blanked, place)
+        found = validate(blanked, context=_Value.BLANK)
+    if wrong_keys := [*translator.violations(found, ())]:
+        for place in wrong_keys:
+            _blank(blanked, place)
+        found = validate(blanked, context=_Value.BLANK)
+    return found
+
+
+def plain_table(spec: Any) -> dict[str, Any]:
+    """Return a table as TOML writes it, without None; a square size is one number."""
+    values = {field.name: getattr(spec, field.name) for field in fields(spec) if field.name != "extra"}
+    for key in ("taxel_size_m", "pitch_m"):
+        if (pair := values.get(key)) is not None and pair[0] == pair[1]:
+            values[key] = pair[0]
+    plain = {key: list(v) if isinstance(v, tuple) else v for key, v in values.items() if v is not None}
+    return {**plain, **getattr(spec, "extra", {})}
+
+
+def missing(key: str, expected: str) -> Violation:
+    """Return the violation of a key that is needed in this case."""
+    return key, expected, _Value.ABSENT, ""
+
+
+def superfluous(key: str, reason: str, value: object) -> Violation:
+    """Return the violation of a key that cannot stand in this case."""
+    return key, f"no such key: {reason}", value, "Remove it."
+
+
+@cache
+def _validator(kind: type[Table]) -> Callable[..., Any]:
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(kind).validate_python
+
+
+def _check_format(value: object, form: str, findings: Findings, file: str) -> None:
+    if value != form:
+        fix = "Another kind of file, or from a newer version of skincal."
+        fix = "Add it as the first line." if value is _Value.ABSENT else fix
+        findings.error(f"{file}, format", f'"{form}"', _shown(value), fix)
+
+
+class _Translator:
+    """Reports the errors of pydantic, and violations between keys, with their place in a file."""
+
+    def __init__(self, findings: Findings, file: str, first: int) -> None:
+        self._findings, self._file, self._first = findings, file, first
+        self._reported: set[str] = set()
+
+    def report(self, error: Any) -> Iterator[Place]:
+        """Add a problem for each error; yield the places of wrong values."""
+        for one in error.errors(include_url=False):
+            told, got = one["ctx"], one["input"]
+            key = () if told.get("table") else told["key"]
+            table = one["loc"][: len(one["loc"]) - len(key)]
+            expected, fix = told["expected"], told["fix"]
+            if told.get("table"):
+                expected = f"a table [{self._path(table)}]"
+                fix = "Add it." if got is _Value.ABSENT else f"Write [{self._path(table)}] on its own line."
+            elif told.get("number") and isinstance(got, str) and _is_text_of_number(got):
+                fix = "Write it without quotes."
+            shown = told.get("got") or _shown(got)
+            self._add(
+                table,
+                key,
+                expected,
+                shown,
+                fix or self._add_it(table, key, got),
+                warn=told.get("warn", False),
+            )
+            if not told.get("unknown"):
+                yield (*table, *key[:1])
+
+    def violations(self, found: Any, table: Place) -> Iterator[Place]:
+        """Add what the tables say is wrong between their keys; yield the places."""
+        if isinstance(found, tuple | dict):
+            inside = found.items() if isinstance(found, dict) else enumerate(found)
+            for name, inner in cast("Iterable[tuple[Any, Any]]", inside):
+                yield from self.violations(inner, (*table, name))
+        elif isinstance(found, Table):
+            for field in fields(cast(Any, found)):
+                if field.name != "extra":
+                    yield from self.violations(getattr(found, field.name), (*table, field.name))
+            for key, expected, got, fix in found.violations():
+                place = (*table, *((key,) if isinstance(key, str) else key))
+                outer, last = place[:-1], place[-1:]
+                self._add(outer, last, expected, _shown(got), fix or self._add_it(outer, last, got))
+                yield place
+
+    def _add(
+        self, table: Place, key: Place, expected: str, got: str, fix: str, *, warn: bool = False
+    ) -> None:
+        place = self._place(table, key)
+        if place not in self._reported:
+            self._reported.add(place)
+            (self._findings.warn if warn else self._findings.error)(place, expected, got, fix)
+
+    def _place(self, table: Place, key: Place) -> str:
+        named = " ".join(filter(None, (f"[{self._path(table)}]" if table else "", self._path(key))))
+        return f"{self._file}, {named}"
+
+    def _path(self, keys: Place) -> str:
+        """Return keys from table to table: ``taxels.first``, ``effects 1``."""
+        return "".join(f" {k + self._first}" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
+
+    def _add_it(self, table: Place, key: Place, got: object) -> str:
+        where = f"[{self._path(table)}]" if table else "the top"
+        return f"Add {key[-1]} = … to {where}." if got is _Value.ABSENT else ""
+
+
+def _is_text_of_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _shown(value: Any) -> str:
+    if value is _Value.ABSENT:
+        return "nothing"
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, bool):
+        return str(value).lower()
+    return str(list(cast("tuple[Any, ...]", value)) if isinstance(value, tuple) else value)
+
+
+def _blank(values: dict[str, Any], place: Place) -> None:
+    """Put BLANK at a place of nested tables and lists, whose copies replace the originals."""
+    inside: Any = values
+    for key in place[:-1]:
+        if isinstance(inside, dict) and not isinstance(inside.get(key), dict | list):
+            inside[key] = _Value.BLANK
+            return
+        inside[key] = inside[key].copy()
+        inside = inside[key]
+    inside[place[-1]] = _Value.BLANK
+
+
+def _blank_or(placeholder: Any, value: Any, handler: Callable[[Any], Any]) -> Any:
+    return placeholder if value is _Value.BLANK else handler(value)
+
+
+def _placeholder(hint: Any) -> Any:
+    """Return what a value of a type reads as after an error; BLANK for a table, which has placeholders inside."""
+    origin, args = get_origin(hint), get_args(hint)
+    if origin in (Annotated, Union, UnionType):
+        return _placeholder(args[0])
+    if origin is tuple:
+        return () if Ellipsis in args else tuple(_placeholder(one) for one in args)
+    if origin is Literal:
+        return ""
+    if isinstance(hint, type) and issubclass(hint, Table):
+        return _Value.BLANK
+    return {int: 0, float: math.nan, str: "", bool: False, dict: {}}.get(origin or hint)
+
+
+def _read_table(cls: type[Any], value: Any, handler: Callable[[Any], Any], info: Any) -> Any:
+    """Validate one table; its unknown and missing keys, and the errors of its values, are told in our words."""
+    from pydantic_core import ValidationError
+
+    known = {field.name: field for field in fields(cls) if field.name != "extra"}
+    needed = [
+        k for k, field in known.items() if field.default is MISSING and field.default_factory is MISSING
+    ]
+    absent = _Value.ABSENT
+    if value is _Value.BLANK:
+        value, absent = {}, _Value.BLANK
+    if not isinstance(value, Mapping):
+        raise wrong("", table=True)
+    table = cast("Mapping[str, Any]", value)
+    extra = {key: inner for key, inner in table.items() if key not in known}
+    given = dict.fromkeys(needed, absent) | {
+        name: inner
+        for name, inner in table.items()
+        if name in known and (name in needed or inner is not _Value.BLANK)
+    }
+    if len(known) < len(fields(cls)):
+        given["extra"] = extra
+    problems = (
+        [] if info.context else [_unknown(cls, key, table, [*known]) for key in [*extra][:MOST_UNKNOWN]]
+    )
+    try:
+        found = handler(given)
+    except ValidationError as error:
+        problems += [_in_our_words(one, known[one["loc"][0]]) for one in error.errors(include_url=False)]
+        found = None
+    problems = [one for one in problems if one is not None]
+    if problems:
+        raise ValidationError.from_exception_data(cls.__name__, problems)
+    return found
+
+
+def _unknown(cls: type[Table], key: str, table: Mapping[str, Any], known: Sequence[str]) -> Any:
+    """Return the error of an unknown key; None where any is welcome."""
+    absent = [name for name in known if name not in table] or known
+    close, told = did_you_mean(key, absent), {"key": (key,), "unknown": True}
+    if cls.unknown_keys == "keep":
+        return None
+    if cls.unknown_keys == "refuse":
+        close = close or did_you_mean(key, known)
+        fix = f'Did you mean "{close}"?' if close else "Remove it."
+        error = wrong(f"one of {', '.join(known)}", fix, got="an unknown key", **told)
+    elif close:
+        error = wrong("a known key", f'Did you mean "{close}"?', got="an unknown one", **told)
+    else:
+        error = wrong(f"one of {', '.join(known)}", KEPT, got="an unknown key", warn=True, **told)
+    return {"type": error, "loc": (key,), "input": table[key]}
+
+
+def _in_our_words(one: Any, field: Field[Any]) -> Any:
+    """Return an error of pydantic as one with our words; ``key`` is its place in the innermost table."""
+    kind, told = one["type"], dict(one.get("ctx", {}))
+    if kind == OURS:
+        told = {"key": one["loc"], **told}
+    elif kind == "literal_error":
+        expected, fix = choice(one["input"], re.findall(r"'(.*?)'", told["expected"]))
+        told = {"expected": expected, "fix": fix}
+    else:
+        optional = kind in NUMBER and field.default is None
+        fix = f"Leave {field.name} out where it is not known." if optional else ""
+        told = {"expected": _NATIVE.get(kind, one["msg"]), "fix": fix, "number": kind in NUMBER}
+    return {"type": wrong(**{"key": one["loc"], **told}), "loc": one["loc"], "input": one["input"]}
