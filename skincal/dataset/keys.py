@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import date, datetime
 from typing import Any, cast
 
 from skincal.dataset.findings import did_you_mean
@@ -152,6 +152,8 @@ class When(Key):
     expected: str = "a date and time like 2026-11-20T12:00:00Z"
 
     def _prepared(self, value: Any) -> Any:
+        if not isinstance(value, str | date | None):
+            raise ValueError
         return datetime.fromisoformat(value.strip()) if isinstance(value, str) else value
 
 
@@ -180,9 +182,9 @@ def _numbers(value: Any) -> Iterator[float]:
 
 
 def adjusted(schema: Any, *, inf: bool = False) -> Any:
-    """Let lists of a file be tuples, and numbers be infinite where they may; everything else of a schema is strict."""
+    """Let a list be a tuple, a day a time, and numbers infinite where they may be; the rest of a schema is strict."""
     if isinstance(schema, dict):
-        if schema.get("type") == "tuple":
+        if schema.get("type") in ("tuple", "datetime"):
             schema["strict"] = False
         if schema.get("type") == "float" and inf:
             schema["allow_inf_nan"] = True

@@ -39,7 +39,7 @@ MOST_UNKNOWN = 100
 Unknown = Literal["warn", "refuse", "keep"]
 Place = tuple[str | int, ...]
 Violation = tuple[str | Place, str, object, str]
-"""Key, or keys from table to table; expected; got; what to do."""
+"""Key, or keys from table to table; expected; got, a value or words for it; what to do."""
 
 
 class _Value(Enum):
@@ -48,7 +48,7 @@ class _Value(Enum):
     """Stands for a value that was reported, and reads as a placeholder (NaN, 0, '', ...)."""
 
 
-_NATIVE = NUMBER | {"bool_type": "true or false", "string_type": "a text", "tuple_type": "a list",
+_NATIVE = NUMBER | {"bool_type": "true or false", "string_type": "a text", "tuple_type": "a list, of tables [[{key}]]",
                      "dict_type": "a table"}  # fmt: skip
 
 
@@ -143,6 +143,13 @@ def read_table(
     return found
 
 
+def report(violations: Iterable[Violation], findings: Findings, file: str, first: int = 1) -> None:
+    """Add an error for each violation that was found after a file was read; arguments as :func:`read_table`."""
+    translator = _Translator(findings, file, first)
+    for key, expected, got, fix in violations:
+        translator.violation((key,) if isinstance(key, str) else key, expected, got, fix)
+
+
 def plain_table(spec: Any) -> dict[str, Any]:
     """Return a table as TOML writes it, without None; a square size is one number."""
     values = {field.name: getattr(spec, field.name) for field in fields(spec) if field.name != "extra"}
@@ -220,9 +227,14 @@ class _Translator:
                     yield from self.violations(getattr(found, field.name), (*table, field.name))
             for key, expected, got, fix in found.violations():
                 place = (*table, *((key,) if isinstance(key, str) else key))
-                outer, last = place[:-1], place[-1:]
-                self._add(outer, last, expected, _shown(got), fix or self._add_it(outer, last, got))
+                self.violation(place, expected, got, fix)
                 yield place
+
+    def violation(self, place: Place, expected: str, got: object, fix: str) -> None:
+        """Add one violation at a key, the last of its place; ``got`` is a value, or words for it."""
+        outer, key = place[:-1], place[-1:]
+        shown = got if isinstance(got, str) else _shown(got)
+        self._add(outer, key, expected, shown, fix or self._add_it(outer, key, got))
 
     def _add(
         self, table: Place, key: Place, expected: str, got: str, fix: str, *, warn: bool = False
@@ -357,5 +369,6 @@ def _in_our_words(one: Any, field: Field[Any]) -> Any:
     else:
         optional = kind in NUMBER and field.default is None
         fix = f"Leave {field.name} out where it is not known." if optional else ""
-        told = {"expected": _NATIVE.get(kind, one["msg"]), "fix": fix, "number": kind in NUMBER}
+        expected = _NATIVE.get(kind, one["msg"]).format(key=field.name)
+        told = {"expected": expected, "fix": fix, "number": kind in NUMBER}
     return {"type": wrong(**{"key": one["loc"], **told}), "loc": one["loc"], "input": one["input"]}

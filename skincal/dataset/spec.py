@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from datetime import date, datetime
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -128,6 +128,16 @@ class SurfaceSpec(_Shape):
         """Key of the sensor's position across: ``beta_deg``, on a plane ``x_m``."""
         return "x_m" if self.is_plane else "beta_deg"
 
+    def mount_violations(self, mount: MountSpec) -> Iterator[Violation]:
+        """Yield coordinates of ``[mount]`` that are missing, or that this surface does not have."""
+        names = {
+            "x_m": "x of the patch's centre [m]",
+            "x_range_m": "[low, high] in metres",
+            "beta_deg": "an angle in degrees, within ±180",
+            "beta_range_deg": "[low, high] in degrees",
+        }
+        yield from self.across_violations(mount, "mount", names)
+
     def across_violations(self, spec: Any, table: str, names: Mapping[str, str]) -> Iterator[Violation]:
         """Yield keys of the position across that are missing in a table, or that only another surface has.
 
@@ -184,15 +194,6 @@ class MountSpec(Table):
                 yield key, expected, value, f"Widen {range_key}, or correct {key}."
 
 
-MOUNT_ACROSS = {
-    "x_m": "x of the patch's centre [m]",
-    "x_range_m": "[low, high] in metres",
-    "beta_deg": "an angle in degrees, within ±180",
-    "beta_range_deg": "[low, high] in degrees",
-}
-"""Keys of ``[mount]`` that depend on the surface."""
-
-
 @dataclass(frozen=True)
 class PositionSpec(Table):
     """Accuracy of the measured contact positions.
@@ -235,8 +236,8 @@ class ClockSpec(Table):
 
 
 @dataclass(frozen=True)
-class DatasetMeta(Table):
-    """The content of ``dataset.toml``.
+class Description(Table):
+    """The tables that describe a sensor and its rig: in ``dataset.toml``, in a hand's file, in a mapping.
 
     Attributes:
         sensor: taxels and converter.
@@ -246,10 +247,6 @@ class DatasetMeta(Table):
         position: accuracy of the contact positions.
         force: accuracy of the force scale; None: unknown, taken as exact.
         clock: agreement of the clocks; None: unknown.
-        created: date of the recording; None: not given.
-        source: free text.
-        assumed: names of the quantities that were assumed, not measured.
-        extra: unknown keys.
     """
 
     sensor: SensorSpec
@@ -259,11 +256,28 @@ class DatasetMeta(Table):
     position: PositionSpec
     force: ForceSpec | None = None
     clock: ClockSpec | None = None
+
+    def violations(self) -> Iterator[Violation]:
+        """Yield coordinates of the mount that its surface does not have."""
+        yield from self.surface.mount_violations(self.mount)
+
+    def meta(self, **others: Any) -> DatasetMeta:
+        """Return the metadata of a dataset with these tables, and other fields."""
+        return DatasetMeta(**{one.name: getattr(self, one.name) for one in fields(Description)}, **others)
+
+
+@dataclass(frozen=True)
+class DatasetMeta(Description):
+    """The content of ``dataset.toml``: a description, and where the data come from.
+
+    Attributes:
+        created: date of the recording; None: not given.
+        source: free text.
+        assumed: names of the quantities that were assumed, not measured.
+        extra: unknown keys.
+    """
+
     created: Annotated[datetime | date | None, When()] = None
     source: str = ""
     assumed: Annotated[tuple[str, ...], Key('a list of texts like ["force_n"]')] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
-
-    def violations(self) -> Iterator[Violation]:
-        """Yield coordinates of the mount that its surface does not have."""
-        yield from self.surface.across_violations(self.mount, "mount", MOUNT_ACROSS)
