@@ -146,6 +146,17 @@ class Names(Key):
 
 
 @dataclass(frozen=True)
+class Texts(Key):
+    """A list of texts; a single one may stand alone."""
+
+    def _prepared(self, value: Any) -> Any:
+        return [value] if isinstance(value, str) else value
+
+    def _fault(self, value: Any) -> tuple[str, str] | None:
+        return None if value is None or all(value) else (self.expected, self.fix)
+
+
+@dataclass(frozen=True)
 class When(Key):
     """A date with a time, also as a text in ISO 8601."""
 

@@ -48,6 +48,8 @@ class _Value(Enum):
     """Stands for a value that was reported, and reads as a placeholder (NaN, 0, '', ...)."""
 
 
+ABSENT, BLANK = _Value.ABSENT, _Value.BLANK
+
 _NATIVE = NUMBER | {"bool_type": "true or false", "string_type": "a text", "tuple_type": "a list, of tables [[{key}]]",
                      "dict_type": "a table"}  # fmt: skip
 
@@ -61,6 +63,8 @@ class Table:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "allow_inf_nan": False}
     unknown_keys: ClassVar[Unknown] = "warn"
+    wanted: ClassVar[str] = ""
+    """What an error says of a value that is no table; '' for its name."""
 
     def __init_subclass__(cls, unknown: Unknown | None = None) -> None:
         cls.unknown_keys = unknown or cls.unknown_keys
@@ -79,13 +83,18 @@ class Table:
         hints = get_type_hints(cls, include_extras=True)
         for field in inner["schema"]["fields"]:
             placeholder = _placeholder(hints[field["name"]])
-            if field["schema"]["type"] != "default" and placeholder is not _Value.BLANK:
+            if field["schema"]["type"] != "default" and placeholder is not BLANK:
                 read = partial(_blank_or, placeholder)
                 field["schema"] = core_schema.no_info_wrap_validator_function(read, field["schema"])
         return core_schema.with_info_wrap_validator_function(partial(_read_table, cls), schema)
 
 
 Kind = TypeVar("Kind", bound=Table)
+
+
+def keys_of(kind: type[Table]) -> list[str]:
+    """Return the keys that a table may have."""
+    return [field.name for field in fields(cast(Any, kind)) if field.name != "extra"]
 
 
 def load_toml(
@@ -125,9 +134,9 @@ def read_table(
     from pydantic_core import ValidationError
 
     if form:
-        _check_format(values.get("format", _Value.ABSENT), form, findings, file)
+        _check_format(values.get("format", ABSENT), form, findings, file)
         values = {key: value for key, value in values.items() if key != "format"}
-    translator = _Translator(findings, file, first)
+    translator = Translator(findings, file, first)
     validate = _validator(kind)
     blanked = dict(values)
     try:
@@ -135,17 +144,17 @@ def read_table(
     except ValidationError as error:
         for place in translator.report(error):
             _blank(blanked, place)
-        found = validate(blanked, context=_Value.BLANK)
+        found = validate(blanked, context=BLANK)
     if wrong_keys := [*translator.violations(found, ())]:
         for place in wrong_keys:
             _blank(blanked, place)
-        found = validate(blanked, context=_Value.BLANK)
+        found = validate(blanked, context=BLANK)
     return found
 
 
 def report(violations: Iterable[Violation], findings: Findings, file: str, first: int = 1) -> None:
     """Add an error for each violation that was found after a file was read; arguments as :func:`read_table`."""
-    translator = _Translator(findings, file, first)
+    translator = Translator(findings, file, first)
     for key, expected, got, fix in violations:
         translator.violation((key,) if isinstance(key, str) else key, expected, got, fix)
 
@@ -162,7 +171,7 @@ def plain_table(spec: Any) -> dict[str, Any]:
 
 def missing(key: str, expected: str) -> Violation:
     """Return the violation of a key that is needed in this case."""
-    return key, expected, _Value.ABSENT, ""
+    return key, expected, ABSENT, ""
 
 
 def superfluous(key: str, reason: str, value: object) -> Violation:
@@ -180,16 +189,22 @@ def _validator(kind: type[Table]) -> Callable[..., Any]:
 def _check_format(value: object, form: str, findings: Findings, file: str) -> None:
     if value != form:
         fix = "Another kind of file, or from a newer version of skincal."
-        fix = "Add it as the first line." if value is _Value.ABSENT else fix
+        fix = "Add it as the first line." if value is ABSENT else fix
         findings.error(f"{file}, format", f'"{form}"', _shown(value), fix)
 
 
-class _Translator:
-    """Reports the errors of pydantic, and violations between keys, with their place in a file."""
+class Translator:
+    """Reports the errors of pydantic, and violations between keys, with their place in a file.
 
-    def __init__(self, findings: Findings, file: str, first: int) -> None:
+    Args:
+        findings: collects them.
+        file: the file's name.
+        first: number of the first table of a list.
+    """
+
+    def __init__(self, findings: Findings, file: str, first: int = 1) -> None:
         self._findings, self._file, self._first = findings, file, first
-        self._reported: set[str] = set()
+        self._reported = {problem.place for problem in findings.errors}
 
     def report(self, error: Any) -> Iterator[Place]:
         """Add a problem for each error; yield the places of wrong values."""
@@ -199,8 +214,8 @@ class _Translator:
             table = one["loc"][: len(one["loc"]) - len(key)]
             expected, fix = told["expected"], told["fix"]
             if told.get("table"):
-                expected = f"a table [{self._path(table)}]"
-                fix = "Add it." if got is _Value.ABSENT else f"Write [{self._path(table)}] on its own line."
+                expected = expected or f"a table [{self._path(table)}]"
+                fix = "Add it." if got is ABSENT else f"Write [{self._path(table)}] on its own line."
             elif told.get("number") and isinstance(got, str) and _is_text_of_number(got):
                 fix = "Write it without quotes."
             shown = told.get("got") or _shown(got)
@@ -230,19 +245,20 @@ class _Translator:
                 self.violation(place, expected, got, fix)
                 yield place
 
-    def violation(self, place: Place, expected: str, got: object, fix: str) -> None:
+    def violation(self, place: Place, expected: str, got: object, fix: str = "") -> None:
         """Add one violation at a key, the last of its place; ``got`` is a value, or words for it."""
         outer, key = place[:-1], place[-1:]
         shown = got if isinstance(got, str) else _shown(got)
-        self._add(outer, key, expected, shown, fix or self._add_it(outer, key, got))
+        # A wrong value may read as a missing one.
+        if got is not ABSENT or self._place(outer, key) not in self._reported:
+            self._add(outer, key, expected, shown, fix or self._add_it(outer, key, got))
 
     def _add(
         self, table: Place, key: Place, expected: str, got: str, fix: str, *, warn: bool = False
     ) -> None:
         place = self._place(table, key)
-        if place not in self._reported:
-            self._reported.add(place)
-            (self._findings.warn if warn else self._findings.error)(place, expected, got, fix)
+        self._reported.add(place)
+        (self._findings.warn if warn else self._findings.error)(place, expected, got, fix)
 
     def _place(self, table: Place, key: Place) -> str:
         named = " ".join(filter(None, (f"[{self._path(table)}]" if table else "", self._path(key))))
@@ -254,7 +270,7 @@ class _Translator:
 
     def _add_it(self, table: Place, key: Place, got: object) -> str:
         where = f"[{self._path(table)}]" if table else "the top"
-        return f"Add {key[-1]} = … to {where}." if got is _Value.ABSENT else ""
+        return f"Add {key[-1]} = … to {where}." if got is ABSENT else ""
 
 
 def _is_text_of_number(text: str) -> bool:
@@ -266,7 +282,7 @@ def _is_text_of_number(text: str) -> bool:
 
 
 def _shown(value: Any) -> str:
-    if value is _Value.ABSENT:
+    if value is ABSENT:
         return "nothing"
     if isinstance(value, str):
         return f'"{value}"'
@@ -280,15 +296,15 @@ def _blank(values: dict[str, Any], place: Place) -> None:
     inside: Any = values
     for key in place[:-1]:
         if isinstance(inside, dict) and not isinstance(inside.get(key), dict | list):
-            inside[key] = _Value.BLANK
+            inside[key] = BLANK
             return
         inside[key] = inside[key].copy()
         inside = inside[key]
-    inside[place[-1]] = _Value.BLANK
+    inside[place[-1]] = BLANK
 
 
 def _blank_or(placeholder: Any, value: Any, handler: Callable[[Any], Any]) -> Any:
-    return placeholder if value is _Value.BLANK else handler(value)
+    return placeholder if value is BLANK else handler(value)
 
 
 def _placeholder(hint: Any) -> Any:
@@ -301,7 +317,7 @@ def _placeholder(hint: Any) -> Any:
     if origin is Literal:
         return ""
     if isinstance(hint, type) and issubclass(hint, Table):
-        return _Value.BLANK
+        return BLANK
     return {int: 0, float: math.nan, str: "", bool: False, dict: {}}.get(origin or hint)
 
 
@@ -313,17 +329,17 @@ def _read_table(cls: type[Any], value: Any, handler: Callable[[Any], Any], info:
     needed = [
         k for k, field in known.items() if field.default is MISSING and field.default_factory is MISSING
     ]
-    absent = _Value.ABSENT
-    if value is _Value.BLANK:
-        value, absent = {}, _Value.BLANK
+    absent = ABSENT
+    if value is BLANK:
+        value, absent = {}, BLANK
     if not isinstance(value, Mapping):
-        raise wrong("", table=True)
+        raise wrong(cls.wanted, table=True)
     table = cast("Mapping[str, Any]", value)
     extra = {key: inner for key, inner in table.items() if key not in known}
     given = dict.fromkeys(needed, absent) | {
         name: inner
         for name, inner in table.items()
-        if name in known and (name in needed or inner is not _Value.BLANK)
+        if name in known and (name in needed or inner is not BLANK)
     }
     if len(known) < len(fields(cls)):
         given["extra"] = extra
