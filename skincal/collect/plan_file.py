@@ -145,8 +145,7 @@ def read_plan(path: Path, mount: Mount) -> Plan:
     else:
         table, first, file = "press", 0, read_table(_File, values, findings, path.name, FORMAT, first=0)
     for i, press in enumerate(file.press):
-        found = press.site_violations(mount)
-        report((((table, i, key), *told) for key, *told in found), findings, path.name, first)
+        report(press.site_violations(mount), findings, path.name, first, within=(table, i))
     if not file.press:
         findings.error(path.name, "at least one press", "none")
     _check_poses(findings, path.name, file)

@@ -116,7 +116,13 @@ def load_toml(
 
 
 def read_table(
-    kind: type[Kind], values: Mapping[str, Any], findings: Findings, file: str, form: str = "", first: int = 1
+    kind: type[Kind],
+    values: Mapping[str, Any],
+    findings: Findings,
+    file: str,
+    form: str = "",
+    first: int = 1,
+    within: Place = (),
 ) -> Kind:
     """Return the content of a file as an object; add an error for every violation.
 
@@ -130,13 +136,14 @@ def read_table(
         file: its name.
         form: value of its key ``format``; '' if it has none.
         first: number of the first table of a list.
+        within: the table of the file that is read; (): all of it.
     """
     from pydantic_core import ValidationError
 
     if form:
         _check_format(values.get("format", ABSENT), form, findings, file)
         values = {key: value for key, value in values.items() if key != "format"}
-    translator = Translator(findings, file, first)
+    translator = Translator(findings, file, first, within)
     validate = _validator(kind)
     blanked = dict(values)
     try:
@@ -152,9 +159,11 @@ def read_table(
     return found
 
 
-def report(violations: Iterable[Violation], findings: Findings, file: str, first: int = 1) -> None:
+def report(
+    violations: Iterable[Violation], findings: Findings, file: str, first: int = 1, within: Place = ()
+) -> None:
     """Add an error for each violation that was found after a file was read; arguments as :func:`read_table`."""
-    translator = Translator(findings, file, first)
+    translator = Translator(findings, file, first, within)
     for key, expected, got, fix in violations:
         translator.violation((key,) if isinstance(key, str) else key, expected, got, fix)
 
@@ -200,10 +209,11 @@ class Translator:
         findings: collects them.
         file: the file's name.
         first: number of the first table of a list.
+        within: the table that places begin in.
     """
 
-    def __init__(self, findings: Findings, file: str, first: int = 1) -> None:
-        self._findings, self._file, self._first = findings, file, first
+    def __init__(self, findings: Findings, file: str, first: int = 1, within: Place = ()) -> None:
+        self._findings, self._file, self._first, self._within = findings, file, first, within
         self._reported = {problem.place for problem in findings.errors}
 
     def report(self, error: Any) -> Iterator[Place]:
@@ -261,6 +271,7 @@ class Translator:
         (self._findings.warn if warn else self._findings.error)(place, expected, got, fix)
 
     def _place(self, table: Place, key: Place) -> str:
+        table = (*self._within, *table)
         named = " ".join(filter(None, (f"[{self._path(table)}]" if table else "", self._path(key))))
         return f"{self._file}, {named}"
 
@@ -269,6 +280,7 @@ class Translator:
         return "".join(f" {k + self._first}" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
 
     def _add_it(self, table: Place, key: Place, got: object) -> str:
+        table = (*self._within, *table)
         where = f"[{self._path(table)}]" if table else "the top"
         return f"Add {key[-1]} = … to {where}." if got is ABSENT else ""
 
@@ -349,7 +361,7 @@ def _read_table(cls: type[Any], value: Any, handler: Callable[[Any], Any], info:
     try:
         found = handler(given)
     except ValidationError as error:
-        problems += [_in_our_words(one, known[one["loc"][0]]) for one in error.errors(include_url=False)]
+        problems += [_in_our_words(one, known[str(one["loc"][0])]) for one in error.errors(include_url=False)]
         found = None
     problems = [one for one in problems if one is not None]
     if problems:
@@ -385,6 +397,6 @@ def _in_our_words(one: Any, field: Field[Any]) -> Any:
     else:
         optional = kind in NUMBER and field.default is None
         fix = f"Leave {field.name} out where it is not known." if optional else ""
-        expected = _NATIVE.get(kind, one["msg"]).format(key=field.name)
+        expected = str(_NATIVE.get(kind) or one["msg"]).replace("{key}", field.name)
         told = {"expected": expected, "fix": fix, "number": kind in NUMBER}
     return {"type": wrong(**{"key": one["loc"], **told}), "loc": one["loc"], "input": one["input"]}

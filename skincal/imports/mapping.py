@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from collections.abc import Mapping as Map
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -243,7 +243,9 @@ class Entry(Table, unknown="refuse"):
 
     wanted = 'a table like { column = "Fz", unit = "mN" }, or for SI the name of a column'
 
-    value: Any = None
+    value: Annotated[
+        float | str | tuple[float, float, float] | None, Key("a number, three numbers, or a text")
+    ] = None
     unit: Annotated[str | tuple[str, ...] | None, Key("the name of a unit")] = None
     sign: Annotated[float, Key("1 or -1", -1, 1)] = 1
     scale: float = 1.0

@@ -137,18 +137,12 @@ def _constants(
         return None
     if any(entry.source):
         report.violation((*place, "value"), "a source or a constant value", "both", "Remove one of them.")
-    if targets.is_text(parts[0]):
-        if not isinstance(value, str):
-            report.violation((*place, "value"), "a text", value)
-        return [str(value)]
-    numbers = value if target in targets.VECTORS and isinstance(value, list) else [value]
-    if len(numbers) != len(parts) or not all(
-        isinstance(one, int | float) and not isinstance(one, bool) and abs(one) < float("inf")
-        for one in numbers
-    ):
-        report.violation((*place, "value"), "a number" if len(parts) == 1 else "three numbers", value)
-        return [0.0] * len(parts)
-    return [one * unit.factor + unit.offset for one in numbers]
+    numbers = value if isinstance(value, tuple) else (value,)
+    text = targets.is_text(parts[0])
+    if len(numbers) != len(parts) or text != isinstance(value, str):
+        expected = "a text" if text else "a number" if len(parts) == 1 else "three numbers"
+        report.violation((*place, "value"), expected, value)
+    return [one if isinstance(one, str) else one * unit.factor + unit.offset for one in numbers]
 
 
 def _sources(

@@ -137,7 +137,8 @@ def _placement(frame: Frame, report: Translator) -> Placement:
     elif np.linalg.det(matrix) < 0:
         fix = "Is an axis of the source left-handed?"
         report.violation(("frame", "matrix"), "a rotation", "a reflection (determinant -1)", fix)
-    return Placement(tuple(map(tuple, matrix.tolist())), frame.translation_m, frame.project)
+    a, b, c = ((x, y, z) for x, y, z in matrix.tolist())
+    return Placement((a, b, c), frame.translation_m, frame.project)
 
 
 def _cut(

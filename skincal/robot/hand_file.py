@@ -78,11 +78,12 @@ class _File(Description):
 
     def violations(self) -> Iterator[Violation]:
         yield from super().violations()
-        for table in ("joints", "gains"):
-            for key, value in vars(getattr(self, table)).items():
-                if key != "names" and value is not None and np.isnan(self.per_joint(value)).any():
-                    count = len(self.joints.names)
-                    yield (table, key), f"a number, or a list of {count} finite numbers", value, ""
+        count, tables = len(self.joints.names), {"joints": self.joints, "gains": self.gains}
+        for place, value in (
+            ((name, key), v) for name, table in tables.items() for key, v in vars(table).items()
+        ):
+            if place[1] != "names" and isinstance(value, tuple) and np.size(value) != count:
+                yield place, f"a number, or a list of {count} finite numbers", value, ""
         lower, upper, home = map(
             self.per_joint, (self.joints.lower_deg, self.joints.upper_deg, self.joints.home_deg)
         )
@@ -121,7 +122,8 @@ class _File(Description):
     def per_joint(self, value: _Numbers) -> FloatArray:
         """Return a number, or a list with one for each joint, as an array (n,); NaN for a list of another length."""
         count = len(self.joints.names)
-        return np.full(count, value if np.size(value) in (1, count) else np.nan, dtype=np.float64)
+        good = not isinstance(value, tuple) or len(value) == count
+        return np.full(count, value if good else np.nan, dtype=np.float64)
 
     def finger(self, carries: str) -> FingerDescription:
         """Return the finger that carries the skin or the indenter; an empty one if there is none."""
