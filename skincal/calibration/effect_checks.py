@@ -8,7 +8,7 @@ import numpy as np
 
 from skincal.calibration.parts import Effect, Numbers
 from skincal.dataset.findings import did_you_mean
-from skincal.dataset.schema import Violation
+from skincal.dataset.schema import Violation, within
 from skincal.effects import EFFECTS, EffectParameter
 
 
@@ -20,33 +20,33 @@ def effects_violations(effects: Sequence[Effect], taxels: int) -> Iterator[Viola
         taxels: number of taxels J; 0 if unknown.
     """
     for i, effect in enumerate(effects):
-        found = _effect(effect, taxels) if effect.name in EFFECTS else ()
-        yield from ((("effects", i, key), expected, got, fix) for key, expected, got, fix in found)
+        if effect.name in EFFECTS:
+            yield from within(("effects", i), _effect(effect, taxels))
         if effect.name and effect.name in [earlier.name for earlier in effects[:i]]:
             fix = "Put its parameters into one table."
             yield ("effects", i, "name"), "each effect once", f"{effect.name} twice", fix
 
 
-def _effect(effect: Effect, taxels: int) -> Iterator[tuple[str, str, object, str]]:
+def _effect(effect: Effect, taxels: int) -> Iterator[Violation]:
     known = {parameter.name: parameter for parameter in EFFECTS[effect.name].parameters}
     for name, value in effect.parameters.items():
         key, parameter = f"parameters.{name}", known.get(name)
         if parameter is None:
             yield key, f"one of {', '.join(known)}", name, _meant(name, known)
         elif (expected := _wrong_shape(parameter, value, taxels, len(effect.poses))) is not None:
-            yield key, expected, value, ""
+            yield key, expected, value
         elif (bad := _outside(parameter, value)) is not None:
-            yield key, f"{parameter.low:g} to {parameter.high:g} {parameter.unit}", f"{bad:g}", ""
+            yield key, f"{parameter.low:g} to {parameter.high:g} {parameter.unit}", f"{bad:g}"
     for name, (low, high) in effect.intervals.items():
         like = effect.parameters.get(name)
         if like is None:
             expected = f"one of the parameters: {', '.join(effect.parameters) or 'none'}"
-            yield f"intervals.{name}", expected, "an unknown name", ""
+            yield f"intervals.{name}", expected, "an unknown name"
         elif not np.shape(low) == np.shape(high) == np.shape(like) or np.any(np.array(low) > np.array(high)):
             size = f", each a list of {len(like)} numbers" if isinstance(like, tuple) else ""
-            yield f"intervals.{name}", f"[low, high], in ascending order{size}", (low, high), ""
+            yield f"intervals.{name}", f"[low, high], in ascending order{size}", (low, high)
     if effect.poses and not any(p.shape == "per-pose" for p in known.values()):
-        yield "poses", f"nothing: {effect.name} does not depend on the hand pose", effect.poses, ""
+        yield "poses", f"nothing: {effect.name} does not depend on the hand pose", effect.poses
 
 
 def _wrong_shape(parameter: EffectParameter, value: Numbers, taxels: int, poses: int) -> str | None:

@@ -69,7 +69,7 @@ class _Law(Table):
 
     def violations(self) -> Iterator[Violation]:
         for name in set(self.intervals) - set(LAW):
-            yield f"intervals.{name}", f"one of {', '.join(LAW)}", "an unknown name", ""
+            yield f"intervals.{name}", f"one of {', '.join(LAW)}", "an unknown name"
 
     def fitted(self) -> FittedLaw:
         values = {name: value for name, value in vars(self).items() if name != "intervals"}
@@ -103,7 +103,7 @@ class CalibrationFile(Table):
             yield from self.surface.mount_violations(self.mount)
         scales, taxels = self.model.scale_per_taxel_per_n, self.sensor.taxels
         if scales is not None and taxels and len(scales) != taxels:
-            yield ("model", "scale_per_taxel_per_n"), f"S_j [1/N], {taxels} numbers", scales, ""
+            yield ("model", "scale_per_taxel_per_n"), f"S_j [1/N], {taxels} numbers", scales
         yield from effects_violations(self.effects, taxels)
 
     def parts(self) -> dict[str, Any]:

@@ -81,7 +81,7 @@ class _Press(Table, unknown="refuse"):
         given = [getattr(self, key) for key in keys]
         for key, offset in zip(keys, self.site(mount), strict=True):
             if None not in given and not abs(offset) <= reach:
-                yield key, expected, ", ".join(f"{value:g}" for value in given), ""
+                yield key, expected, ", ".join(f"{value:g}" for value in given)
 
 
 @dataclass(frozen=True)

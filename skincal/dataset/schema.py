@@ -38,8 +38,8 @@ MOST_UNKNOWN = 100
 
 Unknown = Literal["warn", "refuse", "keep"]
 Place = tuple[str | int, ...]
-Violation = tuple[str | Place, str, object, str]
-"""Key, or keys from table to table; expected; got, a value or words for it; what to do."""
+Violation = tuple[str | Place, str, object] | tuple[str | Place, str, object, str]
+"""Key, or keys from table to table; expected; got, a value or words for it; what to do, if that is not clear."""
 
 
 class _Value(Enum):
@@ -164,8 +164,8 @@ def report(
 ) -> None:
     """Add an error for each violation that was found after a file was read; arguments as :func:`read_table`."""
     translator = Translator(findings, file, first, within)
-    for key, expected, got, fix in violations:
-        translator.violation((key,) if isinstance(key, str) else key, expected, got, fix)
+    for one in violations:
+        translator.violation(*_whole(one))
 
 
 def plain_table(spec: Any) -> dict[str, Any]:
@@ -176,6 +176,18 @@ def plain_table(spec: Any) -> dict[str, Any]:
             values[key] = pair[0]
     plain = {key: list(v) if isinstance(v, tuple) else v for key, v in values.items() if v is not None}
     return {**plain, **getattr(spec, "extra", {})}
+
+
+def within(table: Place, violations: Iterable[Violation]) -> Iterator[Violation]:
+    """Yield violations of a table as those of the file that holds it."""
+    for one in violations:
+        place, expected, got, fix = _whole(one)
+        yield (*table, *place), expected, got, fix
+
+
+def _whole(violation: Violation) -> tuple[Place, str, object, str]:
+    key, expected, got = violation[:3]
+    return (key,) if isinstance(key, str) else key, expected, got, violation[3] if len(violation) > 3 else ""
 
 
 def missing(key: str, expected: str) -> Violation:
@@ -250,9 +262,9 @@ class Translator:
             for field in fields(cast(Any, found)):
                 if field.name != "extra":
                     yield from self.violations(getattr(found, field.name), (*table, field.name))
-            for key, expected, got, fix in found.violations():
-                place = (*table, *((key,) if isinstance(key, str) else key))
-                self.violation(place, expected, got, fix)
+            for one in within(table, found.violations()):
+                place, *_ = told = _whole(one)
+                self.violation(*told)
                 yield place
 
     def violation(self, place: Place, expected: str, got: object, fix: str = "") -> None:
@@ -391,7 +403,7 @@ def _in_our_words(one: Any, field: Field[Any]) -> Any:
     kind, told = one["type"], dict(one.get("ctx", {}))
     if kind == OURS:
         told = {"key": one["loc"], **told}
-    elif kind == "literal_error":
+    elif kind in ("literal_error", "enum"):
         expected, fix = choice(one["input"], re.findall(r"'(.*?)'", told["expected"]))
         told = {"expected": expected, "fix": fix}
     else:

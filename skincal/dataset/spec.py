@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from skincal.bounded import MOST_TAXELS
 from skincal.dataset.keys import MILLIMETRES, Key, Length, Range, Size, When, Word
 from skincal.dataset.kinds import INDENTERS, SURFACES, Kind
-from skincal.dataset.schema import Table, Violation, missing, superfluous
+from skincal.dataset.schema import Table, Violation, missing, superfluous, within
 
 FORMAT = "skincal-dataset/1"
 
@@ -71,7 +71,7 @@ class SensorSpec(Table):
     def violations(self) -> Iterator[Violation]:
         """Yield a size that is missing or too large for the pitch, and bounds out of order."""
         if self.taxels > MOST_TAXELS:
-            yield "rows", f"at most {MOST_TAXELS} taxels, rows x cols", f"{self.rows} x {self.cols}", ""
+            yield "rows", f"at most {MOST_TAXELS} taxels, rows x cols", f"{self.rows} x {self.cols}"
         low, high, size, pitch = self.value_min, self.value_max, self.taxel_size_m, self.pitch_m
         if low is not None and high is not None and low >= high:
             yield "value_max", f"more than value_min = {low:g}", high, "Correct one of them."
@@ -152,9 +152,9 @@ class SurfaceSpec(_Shape):
         for key, expected in names.items():
             value, wanted = getattr(spec, key), key.startswith(self.across[:2])
             if wanted and value is None:
-                yield (table, key), *missing(key, expected)[1:]
+                yield from within((table,), [missing(key, expected)])
             elif value is not None and not wanted:
-                yield (table, key), *superfluous(key, reason, value)[1:]
+                yield from within((table,), [superfluous(key, reason, value)])
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ class PositionSpec(Table):
     def violations(self) -> Iterator[Violation]:
         """Yield a bound without limit where the positions are known."""
         if math.isinf(self.slack_m) and math.isfinite(self.sigma_m):
-            yield "slack_m", "a bound [m], 0 or more, at most 0.1 m", self.slack_m, ""
+            yield "slack_m", "a bound [m], 0 or more, at most 0.1 m", self.slack_m
 
 
 @dataclass(frozen=True)

@@ -132,17 +132,21 @@ def _violations(file: _File, description: HandDescription, urdf: Urdf) -> Iterat
     """Yield what does not fit the hand."""
     angles, limits, link = np.radians(file.pinch.angles_deg), description.limits, file.thumb.tip_link
     if len(angles) != len(limits.lower_rad):
-        yield ("pinch", "angles_deg"), f"a list of {len(limits.lower_rad)} finite numbers", file.pinch.angles_deg, ""
+        yield (
+            ("pinch", "angles_deg"),
+            f"a list of {len(limits.lower_rad)} finite numbers",
+            file.pinch.angles_deg,
+        )
     elif np.any((angles < limits.lower_rad) | (angles > limits.upper_rad)):
-        yield ("pinch", "angles_deg"), "angles within the limits of hand.toml", file.pinch.angles_deg, ""
+        yield ("pinch", "angles_deg"), "angles within the limits of hand.toml", file.pinch.angles_deg
     links = ", ".join(urdf.links)
     for one in set(file.pinch.remove_links) - set(urdf.links):
-        yield ("pinch", "remove_links"), f"some of {links}", repr(one), ""
+        yield ("pinch", "remove_links"), f"some of {links}", repr(one)
     driven = description.indenter_finger.joints
     if link not in urdf.links:
-        yield ("thumb", "tip_link"), f"one of {links}", repr(link), ""
+        yield ("thumb", "tip_link"), f"one of {links}", repr(link)
     elif tuple(joint.name for joint in urdf.chain(link) if joint.kind in MOVING) != driven:
-        yield ("thumb", "tip_link"), f"a link that the joints {', '.join(driven)} move", repr(link), ""
+        yield ("thumb", "tip_link"), f"a link that the joints {', '.join(driven)} move", repr(link)
 
 
 def _check_fingers(description: HandDescription, findings: Findings) -> None:

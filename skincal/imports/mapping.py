@@ -213,13 +213,13 @@ class CsvFormat(Table, unknown="refuse"):
         """Yield delimiters that are not single or not unique, and unknown encodings."""
         if len(self.delimiter) != 1 and self.delimiter != "whitespace":
             expected = 'one character, like ";" or "\\t", or "whitespace"'
-            yield "delimiter", expected, f'"{self.delimiter}"', ""
+            yield "delimiter", expected, f'"{self.delimiter}"'
         if self.delimiter == self.decimal:
-            yield "decimal", "another character than the delimiter", f'"{self.decimal}"', ""
+            yield "decimal", "another character than the delimiter", f'"{self.decimal}"'
         try:
             "".encode(self.encoding)  # refuses codecs that are not of text like unknown ones
         except (LookupError, ValueError):
-            yield "encoding", "an encoding like utf-8, utf-16 or latin-1", f'"{self.encoding}"', ""
+            yield "encoding", "an encoding like utf-8, utf-16 or latin-1", f'"{self.encoding}"'
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -91,7 +91,7 @@ class Frame(Table, unknown="refuse"):
         if len(given) > 1:
             yield given[1], "one form of the rotation", " and ".join(given), "Remove the others."
         if self.quaternion_xyzw is not None and abs(math.hypot(*self.quaternion_xyzw) - 1) > 1e-3:
-            yield "quaternion_xyzw", "a quaternion of length 1", self.quaternion_xyzw, ""
+            yield "quaternion_xyzw", "a quaternion of length 1", self.quaternion_xyzw
         if max(map(abs, self.translation_m)) > 10:
             fix = "It looks like millimetres; divide by 1000."
             yield "translation_m", "at most 10 m", self.translation_m, fix
@@ -124,7 +124,7 @@ class BagTable(Table, unknown="refuse"):
         for name, file in self.definitions.items():
             if name.count("/") not in (1, 2):
                 expected = 'a type like "my_msgs/msg/Skin" and a file'
-                yield "definitions", expected, f"{name} = {file}", ""
+                yield "definitions", expected, f"{name} = {file}"
 
 
 @dataclass(frozen=True)

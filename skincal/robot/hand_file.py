@@ -83,38 +83,37 @@ class _File(Description):
             ((name, key), v) for name, table in tables.items() for key, v in vars(table).items()
         ):
             if place[1] != "names" and isinstance(value, tuple) and np.size(value) != count:
-                yield place, f"a number, or a list of {count} finite numbers", value, ""
+                yield place, f"a number, or a list of {count} finite numbers", value
         lower, upper, home = map(
             self.per_joint, (self.joints.lower_deg, self.joints.upper_deg, self.joints.home_deg)
         )
         if np.any(lower >= upper):
-            yield ("joints", "upper_deg"), "more than lower_deg", self.joints.upper_deg, ""
+            yield ("joints", "upper_deg"), "more than lower_deg", self.joints.upper_deg
         if np.any((home < lower) | (home > upper)):
-            yield ("joints", "home_deg"), "angles within the limits", self.joints.home_deg, ""
+            yield ("joints", "home_deg"), "angles within the limits", self.joints.home_deg
         yield from self._finger_violations()
         if self.surface.kind == "mesh":
             yield (
                 ("surface", "kind"),
                 '"cylinder" or "plane": contacts are found in closed form',
                 '"mesh"',
-                "",
             )
         if self.indenter.kind not in ("sphere", ""):
             kind = f'"{self.indenter.kind}"'
-            yield ("indenter", "kind"), 'a "sphere": contacts are found from its centre', kind, ""
+            yield ("indenter", "kind"), 'a "sphere": contacts are found from its centre', kind
         if self.sensor.positions is not None:
-            yield ("sensor", "positions"), "a grid: taxel_size_m and pitch_m", self.sensor.positions, ""
+            yield ("sensor", "positions"), "a grid: taxel_size_m and pitch_m", self.sensor.positions
 
     def _finger_violations(self) -> Iterator[Violation]:
         carried = [finger.carries for finger in self.fingers.values()]
         for what in ("skin", "indenter"):
             if (count := carried.count(what)) != 1:
-                yield "[fingers.*]", f'one finger with carries = "{what}"', str(count or "none"), ""
+                yield "[fingers.*]", f'one finger with carries = "{what}"', str(count or "none")
         joints = [set(finger.joints) for finger in self.fingers.values()]
         if len(joints) != 2 or not all(joints):
             return
         if both := joints[0] & joints[1]:
-            yield "[fingers.*]", "fingers without a joint in common", ", ".join(sorted(both)), ""
+            yield "[fingers.*]", "fingers without a joint in common", ", ".join(sorted(both))
         if idle := set(self.joints.names) - joints[0] - joints[1]:
             named = ", ".join(sorted(idle))
             yield ("joints", "names"), "joints of the two fingers only", named, "Leave them out."
@@ -192,24 +191,24 @@ def _urdf_violations(file: _File, urdf: Urdf) -> Iterator[Violation]:
     for name, finger in file.fingers.items():
         table = ("fingers", name)
         if finger.tip_link and finger.tip_link not in urdf.links:
-            yield (*table, "tip_link"), f"one of {', '.join(urdf.links)}", f'"{finger.tip_link}"', ""
+            yield (*table, "tip_link"), f"one of {', '.join(urdf.links)}", f'"{finger.tip_link}"'
         elif finger.tip_link:
             driven = tuple(joint.name for joint in urdf.chain(finger.tip_link) if joint.kind in MOVING)
             if driven != finger.joints:
                 expected = f"the joints between root and {finger.tip_link}: {', '.join(driven)}"
-                yield (*table, "joints"), expected, ", ".join(finger.joints), ""
+                yield (*table, "joints"), expected, ", ".join(finger.joints)
             for joint in set(finger.joints) - set(names):
-                yield (*table, "joints"), f"joints of [joints] names ({', '.join(names)})", joint, ""
+                yield (*table, "joints"), f"joints of [joints] names ({', '.join(names)})", joint
     limits = _limits(file)
     named = {joint.name: joint for joint in urdf.joints.values()}
     for name, lower, upper in zip(names, limits.lower_rad, limits.upper_rad, strict=True):
         if (joint := named.get(name)) is None:
             driven = ", ".join(n for n, j in named.items() if j.kind in MOVING)
-            yield ("joints", "names"), f"driven joints of the URDF ({driven})", f'"{name}"', ""
+            yield ("joints", "names"), f"driven joints of the URDF ({driven})", f'"{name}"'
         elif lower < joint.lower_rad - _ROUNDING_RAD or upper > joint.upper_rad + _ROUNDING_RAD:
             low, high, *got = np.degrees([joint.lower_rad, joint.upper_rad, lower, upper])
             expected = f"{name} within the URDF's {low:.1f} to {high:.1f}"
-            yield ("joints", "lower_deg, upper_deg"), expected, f"{got[0]:.1f} to {got[1]:.1f}", ""
+            yield ("joints", "lower_deg, upper_deg"), expected, f"{got[0]:.1f} to {got[1]:.1f}"
 
 
 def _digest(*paths: Path) -> str:

@@ -194,7 +194,10 @@ def test_every_fault_of_a_file_is_named_with_its_place(tmp_path):
         )
     )
     text = str(caught.value)
-    assert 'one of "uniform", "log_uniform", "normal", "constant"; got "uniformly". Did you mean "uniform"?' in text
+    assert (
+        'one of "uniform", "log_uniform", "normal", "constant"; got "uniformly". Did you mean "uniform"?'
+        in text
+    )
     assert 'one of "episode", "step"; got "evening"' in text
 
 
