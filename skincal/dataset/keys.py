@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import date, datetime
+from enum import EnumType
 from typing import Any, cast
 
 from skincal.dataset.findings import did_you_mean
@@ -52,7 +53,7 @@ class Key:
             found = handler(self._prepared(value))
         except (ValidationError, ValueError) as error:
             types = [one["type"] for one in error.errors()] if isinstance(error, ValidationError) else []
-            raise wrong(self.expected, fix=self.fix, number=not NUMBER.keys().isdisjoint(types)) from None
+            raise wrong(*self._refused(value), number=not NUMBER.keys().isdisjoint(types)) from None
         if (fault := self._fault(found)) is not None:
             raise wrong(*fault)
         return found
@@ -64,6 +65,10 @@ class Key:
             ValueError: it has none.
         """
         return value
+
+    def _refused(self, value: Any) -> tuple[str, str]:
+        """Return what was expected of a value of another type, and what to do."""
+        return self.expected, self.fix
 
     def _fault(self, value: Any) -> tuple[str, str] | None:
         """Return what was expected of a value of the right type, and what to do; None if nothing is wrong."""
@@ -127,13 +132,19 @@ class Range(Key):
 
 @dataclass(frozen=True)
 class Word(Key):
-    """One of some words."""
+    """One of some words, or of an enumeration of texts."""
 
     expected: str = ""
-    options: Collection[str] = ()
+    options: Iterable[str] = ()
+
+    def _prepared(self, value: Any) -> Any:
+        return self.options(value) if isinstance(self.options, EnumType) else value
+
+    def _refused(self, value: Any) -> tuple[str, str]:
+        return choice(value, self.options)
 
     def _fault(self, value: Any) -> tuple[str, str] | None:
-        return None if value in self.options else choice(value, self.options)
+        return None if value in self.options else self._refused(value)
 
 
 @dataclass(frozen=True)
@@ -193,9 +204,9 @@ def _numbers(value: Any) -> Iterator[float]:
 
 
 def adjusted(schema: Any, *, inf: bool = False) -> Any:
-    """Let a list be a tuple, a day a time, a word an enum, a number infinite where it may; the rest is strict."""
+    """Let a list be a tuple, a day a time, and numbers infinite where they may be; the rest of a schema is strict."""
     if isinstance(schema, dict):
-        if schema.get("type") in ("tuple", "datetime", "enum"):
+        if schema.get("type") in ("tuple", "datetime"):
             schema["strict"] = False
         if schema.get("type") == "float" and inf:
             schema["allow_inf_nan"] = True

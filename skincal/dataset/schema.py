@@ -50,8 +50,13 @@ class _Value(Enum):
 
 ABSENT, BLANK = _Value.ABSENT, _Value.BLANK
 
-_NATIVE = NUMBER | {"bool_type": "true or false", "string_type": "a text", "tuple_type": "a list, of tables [[{key}]]",
-                     "dict_type": "a table"}  # fmt: skip
+_NATIVE = NUMBER | {
+    "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "string_type": "a text",
+    "tuple_type": "a list, of tables [[{key}]]",
+    "dict_type": "a table",
+}
 
 
 class Table:
@@ -342,7 +347,7 @@ def _placeholder(hint: Any) -> Any:
         return ""
     if isinstance(hint, type) and issubclass(hint, Table):
         return BLANK
-    return {int: 0, float: math.nan, str: "", bool: False, dict: {}}.get(origin or hint)
+    return {int: 0, float: math.nan, str: "", bool: False, dict: {}, Mapping: {}}.get(origin or hint)
 
 
 def _read_table(cls: type[Any], value: Any, handler: Callable[[Any], Any], info: Any) -> Any:
@@ -403,7 +408,7 @@ def _in_our_words(one: Any, field: Field[Any]) -> Any:
     kind, told = one["type"], dict(one.get("ctx", {}))
     if kind == OURS:
         told = {"key": one["loc"], **told}
-    elif kind in ("literal_error", "enum"):
+    elif kind == "literal_error":
         expected, fix = choice(one["input"], re.findall(r"'(.*?)'", told["expected"]))
         told = {"expected": expected, "fix": fix}
     else:

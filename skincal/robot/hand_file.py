@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
 import numpy as np
 
@@ -82,7 +82,11 @@ class _File(Description):
         for place, value in (
             ((name, key), v) for name, table in tables.items() for key, v in vars(table).items()
         ):
-            if place[1] != "names" and isinstance(value, tuple) and np.size(value) != count:
+            if (
+                place[1] != "names"
+                and isinstance(value, tuple)
+                and len(cast("tuple[float, ...]", value)) != count
+            ):
                 yield place, f"a number, or a list of {count} finite numbers", value
         lower, upper, home = map(
             self.per_joint, (self.joints.lower_deg, self.joints.upper_deg, self.joints.home_deg)

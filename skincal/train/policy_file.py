@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.bounded import UnreadableError, read_bytes
-from skincal.dataset.keys import Key
+from skincal.dataset.keys import Key, Word
 from skincal.dataset.schema import Table, Violation
 from skincal.errors import InputError, Problem, WorkError
 from skincal.files import reason
@@ -56,8 +56,8 @@ class Description(Table, unknown="keep"):
         start: name of the policy that the run went on from; "": none.
     """
 
-    task: Task
-    policy: PolicyKind
+    task: Annotated[Task, Word(options=Task)]
+    policy: Annotated[PolicyKind, Word(options=PolicyKind)]
     observation: tuple[dict[str, Any], ...]
     actions: Annotated[int, Key(f"1 to {_MOST - 1}", 1, _MOST - 1)]
     ranges_sha256: str

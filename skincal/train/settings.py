@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Annotated, Any, Final
 
-from skincal.dataset.keys import Key
+from skincal.dataset.keys import Key, Word
 from skincal.dataset.schema import Table
 
 
@@ -156,11 +156,11 @@ class Work(Table, unknown="keep"):
         start: name of the policy that the run goes on from; "": none, it begins with random networks.
     """
 
-    task: Task
-    policy: PolicyKind
+    task: Annotated[Task, Word(options=Task)]
+    policy: Annotated[PolicyKind, Word(options=PolicyKind)]
     seed: Annotated[int, Within(0, 2**63)]
     steps: Annotated[int, Within(1, 10**12)]
-    backend: BackendName = BackendName.sb3
+    backend: Annotated[BackendName, Word(options=BackendName)] = BackendName.sb3
     settings: Settings | PpoSettings = field(default_factory=Settings)
     rounds_per_checkpoint: Annotated[int, Within(1, 10**9)] = 42
     environment: dict[str, Any] = field(default_factory=dict[str, Any])
