@@ -206,7 +206,7 @@ def _numbers(value: Any) -> Iterator[float]:
 def adjusted(schema: Any, *, inf: bool = False) -> Any:
     """Let a list be a tuple, a day a time, and numbers infinite where they may be; the rest of a schema is strict."""
     if isinstance(schema, dict):
-        if schema.get("type") in ("tuple", "datetime"):
+        if schema.get("type") in ("tuple", "datetime", "union"):
             schema["strict"] = False
         if schema.get("type") == "float" and inf:
             schema["allow_inf_nan"] = True

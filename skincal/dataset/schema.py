@@ -83,7 +83,9 @@ class Table:
         from pydantic_core import core_schema
 
         schema = handler(source)
-        inner = adjusted(handler.resolve_ref_schema(schema))
+        # The definition itself is wrapped, as further uses of the class refer to it.
+        definition = handler.resolve_ref_schema(schema)
+        inner = adjusted({key: value for key, value in definition.items() if key != "ref"})
         inner["strict"] = False
         hints = get_type_hints(cls, include_extras=True)
         for field in inner["schema"]["fields"]:
@@ -91,7 +93,11 @@ class Table:
             if field["schema"]["type"] != "default" and placeholder is not BLANK:
                 read = partial(_blank_or, placeholder)
                 field["schema"] = core_schema.no_info_wrap_validator_function(read, field["schema"])
-        return core_schema.with_info_wrap_validator_function(partial(_read_table, cls), schema)
+        read = partial(_read_table, cls)
+        wrapped = core_schema.with_info_wrap_validator_function(read, inner, ref=definition.get("ref"))
+        definition.clear()
+        definition.update(wrapped)
+        return schema
 
 
 Kind = TypeVar("Kind", bound=Table)
