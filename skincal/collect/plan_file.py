@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import numpy as np
 
@@ -84,8 +84,8 @@ class _Press(Table, unknown="refuse"):
                 yield key, expected, ", ".join(f"{value:g}" for value in given)
 
 
-@dataclass(frozen=True)
-class _File(Table, unknown="refuse"):
+@dataclass(frozen=True, kw_only=True)
+class _TomlPlan(Table, unknown="refuse"):
     press: tuple[_Press, ...]
     name: str = ""
     poses: Mapping[str, Annotated[tuple[float, ...], Key("a list of angles [rad], one for each joint")]] = (
@@ -94,7 +94,7 @@ class _File(Table, unknown="refuse"):
 
 
 @dataclass(frozen=True)
-class _Lines(Table):
+class _CsvPlan(Table):
     line: tuple[_Press, ...]
 
 
@@ -115,37 +115,27 @@ def read_plan(path: Path, mount: Mount) -> Plan:
     Raises:
         InputError: the file has faults; all are reported.
     """
-    findings = Findings()
-    read = {".toml": _read_toml, ".csv": _read_csv}.get(path.suffix.lower())
-    if read is None:
+    findings, is_csv = Findings(), path.suffix.lower() == ".csv"
+    if path.suffix.lower() not in (".toml", ".csv"):
         got = "a folder" if path.is_dir() else f'"{path.suffix}"'
         raise InputError([Problem(str(path), "a plan in .toml or .csv", got)])
     try:
-        values = read(path, findings)
+        values = {"line": _read_csv(path, findings)} if is_csv else parse_toml(read_text(path))
     except OSError as error:
         raise InputError([Problem(str(path), "a plan", reason(error))]) from None
     except UnreadableError as error:
         raise InputError([Problem(path.name, f"a readable {path.suffix} file", str(error))]) from None
-    count = (
-        len(values)
-        if isinstance(values, list)
-        else len(listed)
-        if isinstance(listed := values.get("press"), list)
-        else 0
-    )
-    if count > MOST_PRESSES:
+    key, first = ("line", 2) if is_csv else ("press", 0)
+    rows: object = values.get(key)
+    if isinstance(rows, list) and (count := len(cast("list[object]", rows))) > MOST_PRESSES:
         findings.error(path.name, f"at most {MOST_PRESSES} presses", count, "Cut it into several plans.")
         findings.raise_errors()
-    if isinstance(values, list):
-        table, first, file = (
-            "line",
-            2,
-            _File(read_table(_Lines, {"line": values}, findings, path.name, first=2).line),
-        )
+    if is_csv:
+        file = _TomlPlan(press=read_table(_CsvPlan, values, findings, path.name, first=first).line)
     else:
-        table, first, file = "press", 0, read_table(_File, values, findings, path.name, FORMAT, first=0)
+        file = read_table(_TomlPlan, values, findings, path.name, FORMAT, first)
     for i, press in enumerate(file.press):
-        report(press.site_violations(mount), findings, path.name, first, within=(table, i))
+        report(press.site_violations(mount), findings, path.name, first, within=(key, i))
     if not file.press:
         findings.error(path.name, "at least one press", "none")
     _check_poses(findings, path.name, file)
@@ -199,10 +189,6 @@ def _as_csv(plan: Plan) -> str:
 
 def _given(press: PlannedPress) -> dict[str, Any]:
     return {name: value for name in COLUMNS if (value := getattr(press, name)) is not None}
-
-
-def _read_toml(path: Path, findings: Findings) -> dict[str, Any]:
-    return parse_toml(read_text(path))
 
 
 def _read_csv(path: Path, findings: Findings) -> list[dict[str, Any]]:
@@ -261,7 +247,7 @@ def _cell(name: str, cell: str) -> Any:
         return cell
 
 
-def _check_poses(findings: Findings, file: str, plan: _File) -> None:
+def _check_poses(findings: Findings, file: str, plan: _TomlPlan) -> None:
     """Check that angles belong to poses that occur, and that all poses or none have them."""
     used, poses = {press.pose for press in plan.press}, plan.poses
     for name in sorted(set(poses) - used):
