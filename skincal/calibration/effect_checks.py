@@ -8,7 +8,7 @@ import numpy as np
 
 from skincal.calibration.parts import Effect, Numbers
 from skincal.dataset.findings import did_you_mean
-from skincal.dataset.schema import Violation, within
+from skincal.dataset.schema_errors import Violation, within
 from skincal.effects import EFFECTS, EffectParameter
 
 

@@ -26,7 +26,8 @@ from skincal.calibration.parts import (
 from skincal.dataset import IndenterSpec, MountSpec, PositionSpec, SensorSpec, SurfaceSpec
 from skincal.dataset.findings import Findings
 from skincal.dataset.keys import MILLIMETRES, Key, Range
-from skincal.dataset.schema import Table, Violation, plain_table
+from skincal.dataset.schema import Table, plain_table
+from skincal.dataset.schema_errors import Violation
 from skincal.model import ContactLaw
 
 FILE: Final = "calibration.toml"

@@ -16,7 +16,8 @@ from skincal.collect.protocols import FullProtocol
 from skincal.dataset.columns import TAXEL
 from skincal.dataset.findings import Findings, did_you_mean
 from skincal.dataset.keys import Key, Length
-from skincal.dataset.schema import Table, Violation, read_table, report
+from skincal.dataset.schema import Table, read_table
+from skincal.dataset.schema_errors import Violation, report
 from skincal.errors import InputError, Problem
 from skincal.files import reason, whole_file
 from skincal.units import rad

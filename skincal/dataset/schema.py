@@ -7,10 +7,8 @@ keys, their types say what a value must be, and a :class:`Key` in ``Annotated`` 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, Field, fields
-from enum import Enum
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import MISSING, fields
 from functools import cache, partial
 from pathlib import Path
 from types import UnionType
@@ -28,35 +26,25 @@ from typing import (
 )
 
 from skincal.bounded import UnreadableError, parse_toml, read_text
-from skincal.dataset.findings import Findings, did_you_mean
-from skincal.dataset.keys import NUMBER, OURS, adjusted, choice, wrong
+from skincal.dataset.findings import Findings
+from skincal.dataset.keys import adjusted, wrong
+from skincal.dataset.schema_errors import (
+    ABSENT,
+    BLANK,
+    Place,
+    Translator,
+    Violation,
+    in_full,
+    in_our_words,
+    shown,
+    unknown_key,
+    within,
+)
 from skincal.files import reason
 
-KEPT = "It is kept but not used."
+Unknown = Literal["warn", "refuse", "keep"]
 MOST_UNKNOWN = 100
 """Most unknown keys of a table that are reported."""
-
-Unknown = Literal["warn", "refuse", "keep"]
-Place = tuple[str | int, ...]
-Violation = tuple[str | Place, str, object] | tuple[str | Place, str, object, str]
-"""Key, or keys from table to table; expected; got, a value or words for it; what to do, if that is not clear."""
-
-
-class _Value(Enum):
-    ABSENT = 0
-    BLANK = 1
-    """Stands for a value that was reported, and reads as a placeholder (NaN, 0, '', ...)."""
-
-
-ABSENT, BLANK = _Value.ABSENT, _Value.BLANK
-
-_NATIVE = NUMBER | {
-    "int_from_float": "a whole number",
-    "bool_type": "true or false",
-    "string_type": "a text",
-    "tuple_type": "a list, of tables [[{key}]]",
-    "dict_type": "a table",
-}
 
 
 class Table:
@@ -163,20 +151,25 @@ def read_table(
         for place in translator.report(error):
             _blank(blanked, place)
         found = validate(blanked, context=BLANK)
-    if wrong_keys := [*translator.violations(found, ())]:
-        for place in wrong_keys:
-            _blank(blanked, place)
+    if violations := [*map(in_full, _violations(found, ()))]:
+        for violation in violations:
+            translator.violation(*violation)
+            _blank(blanked, violation[0])
         found = validate(blanked, context=BLANK)
     return found
 
 
-def report(
-    violations: Iterable[Violation], findings: Findings, file: str, first: int = 1, within: Place = ()
-) -> None:
-    """Add an error for each violation that was found after a file was read; arguments as :func:`read_table`."""
-    translator = Translator(findings, file, first, within)
-    for one in violations:
-        translator.violation(*_whole(one))
+def _violations(found: Any, place: Place) -> Iterator[Violation]:
+    """Yield what the tables at a place, and those inside them, say is wrong between their keys."""
+    if isinstance(found, tuple | dict):
+        inside = found.items() if isinstance(found, dict) else enumerate(found)
+        for name, inner in cast("Iterable[tuple[Any, Any]]", inside):
+            yield from _violations(inner, (*place, name))
+    elif isinstance(found, Table):
+        for field in fields(cast(Any, found)):
+            if field.name != "extra":
+                yield from _violations(getattr(found, field.name), (*place, field.name))
+        yield from within(place, found.violations())
 
 
 def plain_table(spec: Any) -> dict[str, Any]:
@@ -187,28 +180,6 @@ def plain_table(spec: Any) -> dict[str, Any]:
             values[key] = pair[0]
     plain = {key: list(v) if isinstance(v, tuple) else v for key, v in values.items() if v is not None}
     return {**plain, **getattr(spec, "extra", {})}
-
-
-def within(table: Place, violations: Iterable[Violation]) -> Iterator[Violation]:
-    """Yield violations of a table as those of the file that holds it."""
-    for one in violations:
-        place, expected, got, fix = _whole(one)
-        yield (*table, *place), expected, got, fix
-
-
-def _whole(violation: Violation) -> tuple[Place, str, object, str]:
-    key, expected, got = violation[:3]
-    return (key,) if isinstance(key, str) else key, expected, got, violation[3] if len(violation) > 3 else ""
-
-
-def missing(key: str, expected: str) -> Violation:
-    """Return the violation of a key that is needed in this case."""
-    return key, expected, ABSENT, ""
-
-
-def superfluous(key: str, reason: str, value: object) -> Violation:
-    """Return the violation of a key that cannot stand in this case."""
-    return key, f"no such key: {reason}", value, "Remove it."
 
 
 @cache
@@ -222,118 +193,18 @@ def _check_format(value: object, form: str, findings: Findings, file: str) -> No
     if value != form:
         fix = "Another kind of file, or from a newer version of skincal."
         fix = "Add it as the first line." if value is ABSENT else fix
-        findings.error(f"{file}, format", f'"{form}"', _shown(value), fix)
-
-
-class Translator:
-    """Reports the errors of pydantic, and violations between keys, with their place in a file.
-
-    Args:
-        findings: collects them.
-        file: the file's name.
-        first: number of the first table of a list.
-        within: the table that places begin in.
-    """
-
-    def __init__(self, findings: Findings, file: str, first: int = 1, within: Place = ()) -> None:
-        self._findings, self._file, self._first, self._within = findings, file, first, within
-        self._reported = {problem.place for problem in findings.errors}
-
-    def report(self, error: Any) -> Iterator[Place]:
-        """Add a problem for each error; yield the places of wrong values."""
-        for one in error.errors(include_url=False):
-            told, got = one["ctx"], one["input"]
-            key = () if told.get("table") else told["key"]
-            table = one["loc"][: len(one["loc"]) - len(key)]
-            expected, fix = told["expected"], told["fix"]
-            if told.get("table"):
-                expected = expected or f"a table [{self._path(table)}]"
-                fix = "Add it." if got is ABSENT else f"Write [{self._path(table)}] on its own line."
-            elif told.get("number") and isinstance(got, str) and _is_text_of_number(got):
-                fix = "Write it without quotes."
-            shown = told.get("got") or _shown(got)
-            self._add(
-                table,
-                key,
-                expected,
-                shown,
-                fix or self._add_it(table, key, got),
-                warn=told.get("warn", False),
-            )
-            if not told.get("unknown"):
-                yield (*table, *key[:1])
-
-    def violations(self, found: Any, table: Place) -> Iterator[Place]:
-        """Add what the tables say is wrong between their keys; yield the places."""
-        if isinstance(found, tuple | dict):
-            inside = found.items() if isinstance(found, dict) else enumerate(found)
-            for name, inner in cast("Iterable[tuple[Any, Any]]", inside):
-                yield from self.violations(inner, (*table, name))
-        elif isinstance(found, Table):
-            for field in fields(cast(Any, found)):
-                if field.name != "extra":
-                    yield from self.violations(getattr(found, field.name), (*table, field.name))
-            for one in within(table, found.violations()):
-                place, *_ = told = _whole(one)
-                self.violation(*told)
-                yield place
-
-    def violation(self, place: Place, expected: str, got: object, fix: str = "") -> None:
-        """Add one violation at a key, the last of its place; ``got`` is a value, or words for it."""
-        outer, key = place[:-1], place[-1:]
-        shown = got if isinstance(got, str) else _shown(got)
-        # A wrong value may read as a missing one.
-        if got is not ABSENT or self._place(outer, key) not in self._reported:
-            self._add(outer, key, expected, shown, fix or self._add_it(outer, key, got))
-
-    def _add(
-        self, table: Place, key: Place, expected: str, got: str, fix: str, *, warn: bool = False
-    ) -> None:
-        place = self._place(table, key)
-        self._reported.add(place)
-        (self._findings.warn if warn else self._findings.error)(place, expected, got, fix)
-
-    def _place(self, table: Place, key: Place) -> str:
-        table = (*self._within, *table)
-        named = " ".join(filter(None, (f"[{self._path(table)}]" if table else "", self._path(key))))
-        return f"{self._file}, {named}"
-
-    def _path(self, keys: Place) -> str:
-        """Return keys from table to table: ``taxels.first``, ``effects 1``."""
-        return "".join(f" {k + self._first}" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
-
-    def _add_it(self, table: Place, key: Place, got: object) -> str:
-        table = (*self._within, *table)
-        where = f"[{self._path(table)}]" if table else "the top"
-        return f"Add {key[-1]} = … to {where}." if got is ABSENT else ""
-
-
-def _is_text_of_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _shown(value: Any) -> str:
-    if value is ABSENT:
-        return "nothing"
-    if isinstance(value, str):
-        return f'"{value}"'
-    if isinstance(value, bool):
-        return str(value).lower()
-    return str(list(cast("tuple[Any, ...]", value)) if isinstance(value, tuple) else value)
+        findings.error(f"{file}, format", f'"{form}"', shown(value), fix)
 
 
 def _blank(values: dict[str, Any], place: Place) -> None:
     """Put BLANK at a place of nested tables and lists, whose copies replace the originals."""
     inside: Any = values
     for key in place[:-1]:
-        if isinstance(inside, dict) and not isinstance(inside.get(key), dict | list):
+        inner = inside.get(key) if isinstance(inside, dict) else inside[key]
+        if not isinstance(inner, dict | list):
             inside[key] = BLANK
             return
-        inside[key] = inside[key].copy()
+        inside[key] = inner.copy()
         inside = inside[key]
     inside[place[-1]] = BLANK
 
@@ -378,48 +249,20 @@ def _read_table(cls: type[Any], value: Any, handler: Callable[[Any], Any], info:
     }
     if len(known) < len(fields(cls)):
         given["extra"] = extra
+    free = [name for name in known if name not in table]
     problems = (
-        [] if info.context else [_unknown(cls, key, table, [*known]) for key in [*extra][:MOST_UNKNOWN]]
+        []
+        if info.context
+        else [
+            unknown_key(key, extra[key], cls.unknown_keys, [*known], free) for key in [*extra][:MOST_UNKNOWN]
+        ]
     )
     try:
         found = handler(given)
     except ValidationError as error:
-        problems += [_in_our_words(one, known[str(one["loc"][0])]) for one in error.errors(include_url=False)]
+        problems += [in_our_words(one, known[str(one["loc"][0])]) for one in error.errors(include_url=False)]
         found = None
     problems = [one for one in problems if one is not None]
     if problems:
         raise ValidationError.from_exception_data(cls.__name__, problems)
     return found
-
-
-def _unknown(cls: type[Table], key: str, table: Mapping[str, Any], known: Sequence[str]) -> Any:
-    """Return the error of an unknown key; None where any is welcome."""
-    absent = [name for name in known if name not in table] or known
-    close, told = did_you_mean(key, absent), {"key": (key,), "unknown": True}
-    if cls.unknown_keys == "keep":
-        return None
-    if cls.unknown_keys == "refuse":
-        close = close or did_you_mean(key, known)
-        fix = f'Did you mean "{close}"?' if close else "Remove it."
-        error = wrong(f"one of {', '.join(known)}", fix, got="an unknown key", **told)
-    elif close:
-        error = wrong("a known key", f'Did you mean "{close}"?', got="an unknown one", **told)
-    else:
-        error = wrong(f"one of {', '.join(known)}", KEPT, got="an unknown key", warn=True, **told)
-    return {"type": error, "loc": (key,), "input": table[key]}
-
-
-def _in_our_words(one: Any, field: Field[Any]) -> Any:
-    """Return an error of pydantic as one with our words; ``key`` is its place in the innermost table."""
-    kind, told = one["type"], dict(one.get("ctx", {}))
-    if kind == OURS:
-        told = {"key": one["loc"], **told}
-    elif kind == "literal_error":
-        expected, fix = choice(one["input"], re.findall(r"'(.*?)'", told["expected"]))
-        told = {"expected": expected, "fix": fix}
-    else:
-        optional = kind in NUMBER and field.default is None
-        fix = f"Leave {field.name} out where it is not known." if optional else ""
-        expected = str(_NATIVE.get(kind) or one["msg"]).replace("{key}", field.name)
-        told = {"expected": expected, "fix": fix, "number": kind in NUMBER}
-    return {"type": wrong(**{"key": one["loc"], **told}), "loc": one["loc"], "input": one["input"]}

@@ -11,7 +11,8 @@ from typing import Annotated, Any, ClassVar, Literal
 from skincal.bounded import MOST_TAXELS
 from skincal.dataset.keys import MILLIMETRES, Key, Length, Range, Size, When, Word
 from skincal.dataset.kinds import INDENTERS, SURFACES, Kind
-from skincal.dataset.schema import Table, Violation, missing, superfluous, within
+from skincal.dataset.schema import Table
+from skincal.dataset.schema_errors import Violation, missing, superfluous, within
 
 FORMAT = "skincal-dataset/1"
 

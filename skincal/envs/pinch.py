@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from skincal.dataset.findings import Findings
 from skincal.dataset.keys import Key, Length, Range
-from skincal.dataset.schema import Table, Violation, load_toml, read_table, report
+from skincal.dataset.schema import Table, load_toml, read_table
+from skincal.dataset.schema_errors import Violation, report
 from skincal.errors import InputError, Problem
 from skincal.robot import DEFAULT_HAND, HandDescription, read_hand
 from skincal.robot.urdf import MOVING, Urdf, read_urdf

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from skincal.dataset import DatasetMeta, TaxelPositions
 from skincal.dataset.keys import Key, Texts
-from skincal.dataset.schema import Table, Violation
+from skincal.dataset.schema import Table
+from skincal.dataset.schema_errors import Violation
 from skincal.dataset.word_checks import as_word, swapped
 from skincal.imports.units import Unit
 

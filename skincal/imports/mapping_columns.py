@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from skincal.dataset.columns import JOINT
 from skincal.dataset.findings import did_you_mean
-from skincal.dataset.schema import ABSENT, Place, Translator
+from skincal.dataset.schema_errors import ABSENT, Place, Translator
 from skincal.imports import targets, units
 from skincal.imports.mapping import BagEntry, CsvEntry, Quantity
 from skincal.imports.units import Unit

@@ -9,7 +9,8 @@ from datetime import date, datetime
 from typing import Annotated, Any, Literal
 
 from skincal.dataset.keys import Key, Texts, When, Word
-from skincal.dataset.schema import Table, Violation
+from skincal.dataset.schema import Table
+from skincal.dataset.schema_errors import Violation
 from skincal.dataset.spec import Description
 from skincal.dataset.word_checks import WIDTHS
 from skincal.imports.mapping import (

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset import SensorSpec
-from skincal.dataset.schema import ABSENT, Translator
+from skincal.dataset.schema_errors import ABSENT, Translator
 from skincal.imports.mapping import Taxels
 from skincal.imports.mapping_file import PATTERN, VECTORS, BagTaxels, CsvTaxels, TaxelTable
 

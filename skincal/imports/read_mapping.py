@@ -12,7 +12,8 @@ import numpy as np
 from skincal.dataset.columns import NO_FORCE
 from skincal.dataset.companions import read_meshes, read_positions
 from skincal.dataset.findings import Findings, did_you_mean
-from skincal.dataset.schema import Translator, load_toml, read_table
+from skincal.dataset.schema import load_toml, read_table
+from skincal.dataset.schema_errors import Translator
 from skincal.imports import targets
 from skincal.imports.mapping import (
     FORMAT,

@@ -13,7 +13,8 @@ import numpy as np
 from skincal.bounded import UnreadableError, read_bytes
 from skincal.dataset.findings import Findings
 from skincal.dataset.keys import Key, Names
-from skincal.dataset.schema import Table, Violation, load_toml, read_table, report
+from skincal.dataset.schema import Table, load_toml, read_table
+from skincal.dataset.schema_errors import Violation, report
 from skincal.dataset.spec import Description
 from skincal.robot.description import (
     FingerDescription,

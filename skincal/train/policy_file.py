@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.bounded import UnreadableError, read_bytes
 from skincal.dataset.keys import Key, Word
-from skincal.dataset.schema import Table, Violation
+from skincal.dataset.schema import Table
+from skincal.dataset.schema_errors import Violation
 from skincal.errors import InputError, Problem, WorkError
 from skincal.files import reason
 from skincal.train.network import Network

@@ -11,7 +11,8 @@ import pytest
 
 from skincal.dataset.findings import Findings
 from skincal.dataset.keys import Key, Length
-from skincal.dataset.schema import Table, Violation, keys_of, read_table
+from skincal.dataset.schema import Table, keys_of, read_table
+from skincal.dataset.schema_errors import Violation
 
 
 @dataclass(frozen=True)
