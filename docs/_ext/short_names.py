@@ -46,10 +46,24 @@ def keep_alias(
     signature: str | None,
     result: str | None,
 ) -> tuple[str | None, ...]:
-    """Names of types in a signature without the wrapping that keeps autodoc from unfolding them."""
+    """Names of types in a signature without the wrapping that keeps autodoc from unfolding them, and without bounds."""
     return tuple(
-        part and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", part) for part in (signature, result)
+        part and _without_bounds(re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", part))
+        for part in (signature, result)
     )
+
+
+def _without_bounds(text: str) -> str:
+    """Return a signature with ``Annotated[int, Key(...)]`` as ``int``."""
+    while found := re.search(r"~?(?:typing|types)\.Annotated\[", text):
+        depth, comma, end = 0, 0, found.end()
+        for end in range(found.end(), len(text)):
+            comma = comma or (end if text[end] == "," and not depth else 0)
+            depth += (text[end] in "[(") - (text[end] in "])")
+            if depth < 0:
+                break
+        text = text[: found.start()] + text[found.end() : comma or end] + text[end + 1 :]
+    return text
 
 
 _plain: dict[str, list[str]] = {}

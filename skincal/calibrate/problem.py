@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.calibrate.way import Way, choose_way
-from skincal.calibration.toml_file import ELASTICITY_PA_PER_M
+from skincal.calibration.parts import ELASTICITY_PA_PER_M
 from skincal.dataset import Dataset, Presses, idle_means
 from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform_pressure import UNIFORM, uniform_pressure

@@ -2,60 +2,57 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from skincal.calibration.effects import EFFECT_NAMES
 from skincal.calibration.parts import Effect, Numbers
-from skincal.calibration.values import shown
-from skincal.dataset.toml_table import TomlTable
+from skincal.dataset.findings import did_you_mean
+from skincal.dataset.schema_errors import Violation, within
 from skincal.effects import EFFECTS, EffectParameter
 
 
-def check_name(table: TomlTable, name: str, earlier: Sequence[str]) -> bool:
-    """Return whether an effect has a known name, and is the only one with it; else add an error.
+def effects_violations(effects: Sequence[Effect], taxels: int) -> Iterator[Violation]:
+    """Yield what is wrong with the parameters of effects.
 
     Args:
-        table: the entry.
-        name: name of the effect; empty if it is missing.
-        earlier: names of the preceding entries.
-    """
-    if not name:
-        return False
-    if name not in EFFECT_NAMES:
-        table.error("name", f"one of {', '.join(EFFECT_NAMES)}", f'"{name}"', _meant(name, EFFECT_NAMES))
-        return False
-    if name in earlier:
-        table.error("name", "each effect once", f'"{name}" twice', "Put its parameters into one table.")
-    return True
-
-
-def check_effect(table: TomlTable, effect: Effect, taxels: int) -> None:
-    """Add an error for every invalid parameter of an effect.
-
-    Args:
-        table: the entry.
-        effect: the effect, with a known name.
+        effects: the effects; '' is the name of one whose name was wrong.
         taxels: number of taxels J; 0 if unknown.
     """
+    for i, effect in enumerate(effects):
+        if effect.name in EFFECTS:
+            yield from within(("effects", i), _effect(effect, taxels))
+        if effect.name and effect.name in [earlier.name for earlier in effects[:i]]:
+            fix = "Put its parameters into one table."
+            yield ("effects", i, "name"), "each effect once", f"{effect.name} twice", fix
+
+
+def _effect(effect: Effect, taxels: int) -> Iterator[Violation]:
     known = {parameter.name: parameter for parameter in EFFECTS[effect.name].parameters}
     for name, value in effect.parameters.items():
-        place = f"parameters.{name}"
-        parameter = known.get(name)
+        key, parameter = f"parameters.{name}", known.get(name)
         if parameter is None:
-            table.error(place, f"one of {', '.join(known)}", f'"{name}"', _meant(name, known))
+            yield key, f"one of {', '.join(known)}", name, _meant(name, known)
         elif (expected := _wrong_shape(parameter, value, taxels, len(effect.poses))) is not None:
-            table.error(place, expected, shown(value))
+            yield key, expected, value
         elif (bad := _outside(parameter, value)) is not None:
-            table.error(place, f"{parameter.low:g} to {parameter.high:g} {parameter.unit}", f"{bad:g}")
+            yield key, f"{parameter.low:g} to {parameter.high:g} {parameter.unit}", f"{bad:g}"
+    for name, (low, high) in effect.intervals.items():
+        like = effect.parameters.get(name)
+        if like is None:
+            expected = f"one of the parameters: {', '.join(effect.parameters) or 'none'}"
+            yield f"intervals.{name}", expected, "an unknown name"
+        elif not np.shape(low) == np.shape(high) == np.shape(like) or np.any(np.array(low) > np.array(high)):
+            size = f", each a list of {len(like)} numbers" if isinstance(like, tuple) else ""
+            yield f"intervals.{name}", f"[low, high], in ascending order{size}", (low, high)
     if effect.poses and not any(p.shape == "per-pose" for p in known.values()):
-        table.error("poses", f"nothing: {effect.name} does not depend on the hand pose", shown(effect.poses))
+        yield "poses", f"nothing: {effect.name} does not depend on the hand pose", effect.poses
 
 
 def _wrong_shape(parameter: EffectParameter, value: Numbers, taxels: int, poses: int) -> str | None:
     """Return the expected shape of a value; None if its shape is valid."""
+    if value == ():
+        return "a number, or a list of numbers"
     if not isinstance(value, tuple):
         return None
     if parameter.shape == "scalar":
@@ -74,5 +71,5 @@ def _outside(parameter: EffectParameter, value: Numbers) -> float | None:
 
 
 def _meant(name: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, list(known), n=1)
-    return f'Did you mean "{close[0]}"?' if close else ""
+    close = did_you_mean(name, known)
+    return f'Did you mean "{close}"?' if close else ""

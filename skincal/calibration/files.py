@@ -9,11 +9,11 @@ import tomli_w
 
 from skincal.calibration.calibration import Calibration
 from skincal.calibration.draw_tables import TABLE_FILES, Tables, check_tables, read_tables
-from skincal.calibration.toml_file import FILE, meta_from, plain_meta
+from skincal.calibration.toml_file import FILE, FORMAT, CalibrationFile, plain_file
 from skincal.dataset.companions import read_meshes, read_positions
 from skincal.dataset.findings import Findings
-from skincal.dataset.meta_tables import load_toml
 from skincal.dataset.position_table import position_columns
+from skincal.dataset.schema import load_toml, read_table
 from skincal.dataset.table_file import write_table
 from skincal.files import whole_folder
 
@@ -39,16 +39,17 @@ def read_calibration(path: str | Path) -> Calibration:
         findings.error(str(folder), "a calibration's folder", got)
     findings.raise_errors()
     values = load_toml(folder / FILE, findings, what="calibration", within=folder)
-    meta = None if values is None else meta_from(values, findings)
+    found = None if values is None else read_table(CalibrationFile, values, findings, FILE, FORMAT)
     tables = read_tables(folder, findings)
-    if meta is None:
+    if found is None:
         findings.raise_errors()
         raise AssertionError("a file that is missing or no TOML is an error")
-    meshes = read_meshes(folder, FILE, meta.surface, meta.indenter, findings)
-    positions = read_positions(folder, FILE, meta.sensor, findings)
+    found.warn(findings)
+    meshes = read_meshes(folder, FILE, found.surface, found.indenter, findings)
+    positions = read_positions(folder, FILE, found.sensor, findings)
     findings.raise_errors()
     return Calibration(
-        **vars(meta),
+        **found.parts(),
         **vars(tables),
         positions=positions,
         meshes=meshes,
@@ -77,10 +78,10 @@ def write_calibration(
         InputError: the folder exists and ``force`` is not given, or the calibration is invalid.
         OSError: the disk is full, or not writable; then nothing is left behind.
     """
-    plain = plain_meta(calibration)
+    plain = plain_file(calibration)
     tables = Tables(calibration.grid, calibration.slack, calibration.draws)
     findings = Findings()
-    meta_from(plain, findings)
+    read_table(CalibrationFile, plain, findings, FILE, FORMAT)
     check_tables(tables, findings)
     findings.raise_errors()
     with whole_folder(path, force=force, marker=FILE) as folder:

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
+from skincal.calibration.effects import EFFECT_NAMES
+from skincal.dataset.keys import Key, Names, When, Word
+from skincal.dataset.schema import Table
+from skincal.dataset.spec import Centre
 from skincal.model import ContactLaw
 from skincal.units import in_unit
 
@@ -19,11 +23,16 @@ Severity = Literal["info", "warning", "error"]
 REST: Final = "rest_counts"
 """The one parameter of the model that belongs to the session, not to the skin: files may omit it."""
 
-SEVERITIES: Final = ("info", "warning", "error")
+ELASTICITY_PA_PER_M: Final = (1.0, 1e15)
+SCALE_PER_N: Final = (1e-9, 1e12)
+"""Bounds of plausible stiffness and counts; beyond, their squares overflow."""
+
+_Numbers = Annotated[Numbers, Key("a number, or a list of numbers")]
+_Side = Annotated[Numbers, Key("a number, or a list of numbers", inf=True)]
 
 
 @dataclass(frozen=True)
-class ModelParameters:
+class ModelParameters(Table):
     """The best parameters of the skin model (paper, section III).
 
     Attributes:
@@ -38,13 +47,15 @@ class ModelParameters:
         rest_counts: level at rest that all taxels share [counts]; None if it was not fitted.
     """
 
-    y_m: float
-    alpha_deg: float
-    elasticity_pa_per_m: float
-    scale_per_n: float
+    y_m: Centre
+    alpha_deg: Annotated[float, Key("an angle in degrees")]
+    elasticity_pa_per_m: Annotated[float, Key("E [Pa/m], 1 to 1e15", *ELASTICITY_PA_PER_M)]
+    scale_per_n: Annotated[float, Key("S [1/N], 1e-9 to 1e12", *SCALE_PER_N)]
     beta_deg: float | None = None
-    x_m: float | None = None
-    scale_per_taxel_per_n: tuple[float, ...] | None = None
+    x_m: Centre | None = None
+    scale_per_taxel_per_n: Annotated[
+        tuple[float, ...] | None, Key("S_j [1/N], a number for each taxel, 0 to 1e12", 0.0, SCALE_PER_N[1])
+    ] = None
     rest_counts: float | None = None
 
     def best(self) -> dict[str, float]:
@@ -78,7 +89,7 @@ class FittedLaw:
 
 
 @dataclass(frozen=True)
-class Loss:
+class Loss(Table, unknown="keep"):
     """Quality of fit of the best parameters, and of the valley.
 
     Attributes:
@@ -88,14 +99,14 @@ class Loss:
         extra: further figures of a fit, by a name with its unit.
     """
 
-    mse_counts2: float
-    valley_mse_counts2: float
-    presses_used: int
+    mse_counts2: Annotated[float, Key("a mean square [counts²], 0 or more", 0.0)]
+    valley_mse_counts2: Annotated[float, Key("a mean square [counts²], 0 or more, or inf", 0.0, inf=True)]
+    presses_used: Annotated[int, Key("a whole number, 0 or more", 0)]
     extra: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 @dataclass(frozen=True)
-class Effect:
+class Effect(Table, unknown="keep"):
     """An effect of the skin beyond the base model.
 
     Attributes:
@@ -108,17 +119,17 @@ class Effect:
             then belongs to the poses of the data at hand, in the order of their names.
     """
 
-    name: str
-    parameters: Mapping[str, Numbers] = field(default_factory=dict[str, Numbers])
-    intervals: Mapping[str, tuple[Numbers, Numbers]] = field(
+    name: Annotated[str, Word(options=EFFECT_NAMES)]
+    parameters: Mapping[str, _Numbers] = field(default_factory=dict[str, Numbers])
+    intervals: Mapping[str, Annotated[tuple[_Side, _Side], Key("[low, high]", inf=True)]] = field(
         default_factory=dict[str, tuple[Numbers, Numbers]]
     )
     extra: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    poses: tuple[str, ...] = ()
+    poses: Annotated[tuple[str, ...], Names("names of hand poses, each once")] = ()
 
 
 @dataclass(frozen=True)
-class Finding:
+class Finding(Table, unknown="keep"):
     """A finding about a calibration, with advice for the user.
 
     Attributes:
@@ -149,7 +160,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Provenance:
+class Provenance(Table, unknown="keep"):
     """Provenance of a calibration.
 
     Attributes:
@@ -163,11 +174,11 @@ class Provenance:
         extra: further keys.
     """
 
-    dataset_sha256: str
+    dataset_sha256: Annotated[str, Key("the dataset's hash")]
     dataset: str = ""
     version: str = ""
     command: str = ""
     seed: int | None = None
-    time: datetime | None = None
+    time: Annotated[datetime | None, When()] = None
     options: Mapping[str, Any] = field(default_factory=dict[str, Any])
     extra: Mapping[str, Any] = field(default_factory=dict[str, Any])

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 
 from skincal.bounded import UnreadableError, parse_csv, parse_toml, read_text
 from skincal.collect.mount import Mount
-from skincal.collect.plan import KINDS, Plan, PlannedPress
+from skincal.collect.plan import Kind, Plan, PlannedPress
 from skincal.collect.protocols import FullProtocol
 from skincal.dataset.columns import TAXEL
 from skincal.dataset.findings import Findings, did_you_mean
-from skincal.dataset.toml_table import KEPT, TomlTable, is_number
+from skincal.dataset.keys import Key, Length
+from skincal.dataset.schema import Table, read_table
+from skincal.dataset.schema_errors import Violation, report
 from skincal.errors import InputError, Problem
 from skincal.files import reason, whole_file
 from skincal.units import rad
@@ -29,6 +31,72 @@ LARGEST_FORCE_N = 100.0
 
 MOST_PRESSES, MOST_COLUMNS = 20_000, 100
 """Largest number of presses of a plan (a session of a week); and largest size of a table that lists them."""
+
+_DEFAULT = FullProtocol()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Press(Table, unknown="refuse"):
+    """One press; its site is given by (u, v), or by (beta, y), on a plane (x, y)."""
+
+    u_m: float | None = None
+    v_m: float | None = None
+    beta_deg: float | None = None
+    x_m: float | None = None
+    y_m: float | None = None
+    force_n: Annotated[float, Key(f"a force [N] above 0, up to {LARGEST_FORCE_N:g}", 1e-3, LARGEST_FORCE_N)]
+    speed_m_per_s: Annotated[float, Key("a speed [m/s], 0.0005 to 0.1", 5e-4, 0.1)] = _DEFAULT.speeds_m_per_s[
+        -1
+    ]
+    hold_s: Annotated[float, Key("a time [s], 0.1 to 60", 0.1, 60.0)] = _DEFAULT.holds_s[0]
+    pose: str = _DEFAULT.poses[0]
+    kind: Kind = "regular"
+    indenter_radius_m: Annotated[float | None, Length("a radius [m]", 1e-4, 0.1)] = None
+
+    def site_keys(self, mount: Mount) -> tuple[str, str]:
+        """Return the keys that give the site: of the position on the surface if there is any."""
+        if all(getattr(self, key) is None for key in OTHER_SITES):
+            return SITE
+        return ("x_m" if mount.pose_is_plane else "beta_deg"), "y_m"
+
+    def site(self, mount: Mount) -> tuple[float, float]:
+        """Return the site in patch coordinates [m]; NaN where it is not given."""
+        keys = self.site_keys(mount)
+        first, second = (np.nan if (v := getattr(self, key)) is None else v for key in keys)
+        return (
+            (first, second)
+            if keys == SITE
+            else mount.site_at(rad(first) if keys[0] == "beta_deg" else first, second)
+        )
+
+    def site_violations(self, mount: Mount) -> Iterator[Violation]:
+        """Yield what is missing or too much of the site, and a site far from the patch."""
+        keys, reach = self.site_keys(mount), mount.reach_m
+        expected = f"a length [m] within ±{reach:g} of the patch's centre"
+        for key in (*SITE, *OTHER_SITES):
+            value = getattr(self, key)
+            if key in keys and value is None:
+                yield key, expected, "nothing", f"Add {key} = …"
+            elif key not in keys and value is not None:
+                yield key, f"no such key: the site is given by {' and '.join(keys)}", value, "Remove it."
+        given = [getattr(self, key) for key in keys]
+        for key, offset in zip(keys, self.site(mount), strict=True):
+            if None not in given and not abs(offset) <= reach:
+                yield key, expected, ", ".join(f"{value:g}" for value in given)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _TomlPlan(Table, unknown="refuse"):
+    press: tuple[_Press, ...]
+    name: str = ""
+    poses: Mapping[str, Annotated[tuple[float, ...], Key("a list of angles [rad], one for each joint")]] = (
+        field(default_factory=dict[str, tuple[float, ...]])
+    )
+
+
+@dataclass(frozen=True)
+class _CsvPlan(Table):
+    line: tuple[_Press, ...]
 
 
 def read_plan(path: Path, mount: Mount) -> Plan:
@@ -48,25 +116,38 @@ def read_plan(path: Path, mount: Mount) -> Plan:
     Raises:
         InputError: the file has faults; all are reported.
     """
-    findings = Findings()
-    read = {".toml": _read_toml, ".csv": _read_csv}.get(path.suffix.lower())
-    if read is None:
+    findings, is_csv = Findings(), path.suffix.lower() == ".csv"
+    if path.suffix.lower() not in (".toml", ".csv"):
         got = "a folder" if path.is_dir() else f'"{path.suffix}"'
         raise InputError([Problem(str(path), "a plan in .toml or .csv", got)])
     try:
-        name, poses, rows = read(path, findings)
+        values = {"line": _read_csv(path, findings)} if is_csv else parse_toml(read_text(path))
     except OSError as error:
         raise InputError([Problem(str(path), "a plan", reason(error))]) from None
     except UnreadableError as error:
         raise InputError([Problem(path.name, f"a readable {path.suffix} file", str(error))]) from None
-    presses = [_press(TomlTable(findings, path.name, place, row, _known(row)), mount) for place, row in rows]
-    if not rows:
+    key, first = ("line", 2) if is_csv else ("press", 0)
+    rows: object = values.get(key)
+    if isinstance(rows, list) and (count := len(cast("list[object]", rows))) > MOST_PRESSES:
+        findings.error(path.name, f"at most {MOST_PRESSES} presses", count, "Cut it into several plans.")
+        findings.raise_errors()
+    if is_csv:
+        file = _TomlPlan(press=read_table(_CsvPlan, values, findings, path.name, first=first).line)
+    else:
+        file = read_table(_TomlPlan, values, findings, path.name, FORMAT, first)
+    for i, press in enumerate(file.press):
+        report(press.site_violations(mount), findings, path.name, first, within=(key, i))
+    if not file.press:
         findings.error(path.name, "at least one press", "none")
-    _check_poses(findings, path.name, poses, presses)
-    # A plan moves a hand: an unknown key must not be ignored.
-    findings.errors.extend(replace(one, fix=one.fix.replace(KEPT, "Remove it.")) for one in findings.warnings)
+    _check_poses(findings, path.name, file)
     findings.raise_errors()
-    return Plan(name, tuple(presses), {key: tuple(map(float, angles)) for key, angles in poses.items()})
+    presses = (
+        PlannedPress(
+            *press.site(mount), **{name: getattr(press, name) for name in COLUMNS if name not in SITE}
+        )
+        for press in file.press
+    )
+    return Plan(file.name or path.stem, tuple(presses), dict(file.poses))
 
 
 def write_plan(plan: Plan, path: Path, *, force: bool = False) -> None:
@@ -111,59 +192,8 @@ def _given(press: PlannedPress) -> dict[str, Any]:
     return {name: value for name in COLUMNS if (value := getattr(press, name)) is not None}
 
 
-Rows = list[tuple[str, Mapping[str, Any]]]
-Poses = dict[str, Sequence[float]]
-
-
-def _read_toml(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
-    values = parse_toml(read_text(path))
-    top = TomlTable(findings, path.name, "", values, ("format", "name", "poses", "press"))
-    top.choice("format", (FORMAT,))
-    name = top.text("name", "a name", default=path.stem)
-    rows: Rows = []
-    given: object = top.raw("press")
-    if not isinstance(given, list):
-        top.error(
-            "press",
-            "a table [[press]] for each press",
-            "nothing" if given is None else str(given),
-        )
-    presses = cast("list[Any]", given) if isinstance(given, list) else []
-    _check_count(path.name, len(presses), findings)
-    for i, row in enumerate(presses[:MOST_PRESSES]):
-        if isinstance(row, dict):
-            rows.append((f"press {i}", cast("Mapping[str, Any]", row)))
-        else:
-            top.error(f"press {i}", "a table", row)
-    return name, _poses(top), rows
-
-
-def _check_count(file: str, presses: int, findings: Findings) -> None:
-    if presses > MOST_PRESSES:
-        findings.error(file, f"at most {MOST_PRESSES} presses", presses, "Cut it into several plans.")
-        findings.raise_errors()
-
-
-def _poses(top: TomlTable) -> Poses:
-    given: object = top.raw("poses")
-    if given is None:
-        return {}
-    if not isinstance(given, dict):
-        top.error("poses", "a table with the angles [rad] of each pose", str(given))
-        return {}
-    poses: Poses = {}
-    for name, angles in cast("dict[str, Any]", given).items():
-        if isinstance(angles, list) and all(is_number(angle) for angle in cast("list[Any]", angles)):
-            poses[name] = cast("list[float]", angles)
-        else:
-            got = str(cast("object", angles))
-            top.error(f"poses.{name}", "a list of angles [rad], one per joint of the finger", got)
-    return poses
-
-
-def _read_csv(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
+def _read_csv(path: Path, findings: Findings) -> list[dict[str, Any]]:
     lines = parse_csv(read_text(path, encoding="utf-8-sig"))
-    _check_count(path.name, len(lines) - 1, findings)
     header = [name.strip() for name in lines[0]][:MOST_COLUMNS] if lines else []
     while (
         header and not header[-1] and all(len(cells) == len(header) and not cells[-1] for cells in lines[1:])
@@ -173,14 +203,14 @@ def _read_csv(path: Path, findings: Findings) -> tuple[str, Poses, Rows]:
     _check_header(path.name, header, findings)
     # Report a malformed column once, not once per line.
     findings.raise_errors()
-    rows: Rows = []
+    rows: list[dict[str, Any]] = []
     for i, cells in enumerate(lines[1:], start=2):
         if len(cells) != len(header):
             findings.error(f"{path.name}, line {i}", f"{len(header)} cells", f"{len(cells)}")
         else:
-            given = {k: _cell(k, cell) for k, cell in zip(header, cells, strict=True) if cell != ""}
-            rows.append((f"line {i}", given))
-    return path.stem, {}, rows
+            rows.append({k: _cell(k, cell) for k, cell in zip(header, cells, strict=True) if cell != ""})
+    findings.raise_errors()
+    return rows
 
 
 def _check_header(file: str, header: Sequence[str], findings: Findings) -> None:
@@ -218,62 +248,9 @@ def _cell(name: str, cell: str) -> Any:
         return cell
 
 
-def _known(row: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the keys that a press may have, with one form of its site."""
-    other = tuple(key for key in OTHER_SITES if key in row)
-    return COLUMNS if not other else (*other, *(name for name in COLUMNS if name not in SITE))
-
-
-def _press(table: TomlTable, mount: Mount) -> PlannedPress:
-    default = FullProtocol()
-    u, v = _site(table, mount)
-    radius = None
-    if table.has("indenter_radius_m"):
-        radius = table.length_m("indenter_radius_m", "a radius [m]", low=1e-4, high=0.1)
-    return PlannedPress(
-        u,
-        v,
-        table.number(
-            "force_n", f"a force [N] above 0, up to {LARGEST_FORCE_N:g}", low=1e-3, high=LARGEST_FORCE_N
-        ),
-        table.number(
-            "speed_m_per_s",
-            "a speed [m/s], 0.0005 to 0.1",
-            default=default.speeds_m_per_s[-1],
-            low=5e-4,
-            high=0.1,
-        ),
-        table.number("hold_s", "a time [s], 0.1 to 60", default=default.holds_s[0], low=0.1, high=60.0),
-        table.text("pose", "the name of a pose", default=default.poses[0]),
-        table.choice("kind", KINDS, default="regular"),
-        radius,
-    )
-
-
-def _site(table: TomlTable, mount: Mount) -> tuple[float, float]:
-    """Return the site in patch coordinates, from any of its forms."""
-    if not any(table.has(key) for key in OTHER_SITES):
-        reach = mount.reach_m
-        expected = f"a length [m] within ±{reach:g} of the patch's centre"
-        u, v = (table.number(key, expected, low=-reach, high=reach) for key in SITE)
-        return u, v
-    for key in SITE:
-        table.absent(key, "the site is given by " + " and ".join(k for k in OTHER_SITES if table.has(k)))
-    across = "x_m" if mount.pose_is_plane else "beta_deg"
-    table.absent(
-        "beta_deg" if mount.pose_is_plane else "x_m", f"on this surface the site is {across} and y_m"
-    )
-    first = table.number(across, "the position of the press")
-    y = table.number("y_m", "the position of the press along the finger [m]")
-    site = mount.site_at(first if mount.pose_is_plane else rad(first), y)
-    if np.isfinite([first, y]).all() and not np.max(np.abs(site)) <= mount.reach_m:
-        table.error("y_m", f"a site within {mount.reach_m:g} m of the patch's centre", f"{first:g}, {y:g}")
-    return site
-
-
-def _check_poses(findings: Findings, file: str, poses: Poses, presses: Sequence[PlannedPress]) -> None:
+def _check_poses(findings: Findings, file: str, plan: _TomlPlan) -> None:
     """Check that angles belong to poses that occur, and that all poses or none have them."""
-    used = {press.pose for press in presses}
+    used, poses = {press.pose for press in plan.press}, plan.poses
     for name in sorted(set(poses) - used):
         findings.error(f"{file}, poses.{name}", "a pose of some press", f"none of {', '.join(sorted(used))}")
     if poses and (missing := sorted(used - set(poses))):

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from skincal.bounded import MOST_MESH_BYTES, read_bytes
 from skincal.dataset.findings import Findings
+from skincal.dataset.keys import TWICE
 from skincal.dataset.model_objects import mesh_arrays
 from skincal.dataset.position_table import positions_from
 from skincal.dataset.spec import IndenterSpec, SensorSpec, SurfaceSpec
 from skincal.dataset.table_file import read_table
 from skincal.dataset.tables import TaxelPositions
-from skincal.dataset.toml_table import TWICE
 from skincal.files import reason
 
 LARGEST_M, SMALLEST_M = 1.0, 1e-4

@@ -16,14 +16,12 @@ class Kind:
     Attributes:
         model: name of its class in ``skincal.model``, built from a radius [m], from a mesh, or from nothing.
         radius: what ``radius_m`` is; '' where it has none.
-        least_m: smallest plausible radius [m].
         mesh: whether ``file`` names its mesh.
         plane: of a surface, whether the sensor's position is ``x_m``, ``y_m`` instead of ``beta_deg``, ``y_m``.
     """
 
     model: str
     radius: str = ""
-    least_m: float = 1e-4
     mesh: bool = False
     plane: bool = False
 
@@ -36,8 +34,8 @@ SURFACES: Final = {
 """What ``[surface] kind`` may be."""
 
 INDENTERS: Final = {
-    "sphere": Kind("Sphere", radius="the sphere's radius [m]", least_m=5e-5),
-    "flat": Kind("FlatPunch", radius="the punch's radius [m]", least_m=5e-5),
+    "sphere": Kind("Sphere", radius="the sphere's radius [m]"),
+    "flat": Kind("FlatPunch", radius="the punch's radius [m]"),
     "mesh": Kind("MeshIndenter", mesh=True),
 }
 """What ``[indenter] kind`` may be."""

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from skincal.covariates import POSITION, TARGET
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
+from skincal.dataset.keys import MILLIMETRES, TWICE
 from skincal.dataset.sliding import SMALLEST_M, sample_noise_m, slide_m
 from skincal.dataset.tables import HOLD, IDLE
-from skincal.dataset.toml_table import MILLIMETRES, TWICE
 from skincal.dataset.unit_checks import (
     CODE,
     FORCE_BEYOND_DOUBT_N,

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from skincal.covariates import ANY, POSITIVE
 from skincal.dataset.columns import ColumnReader
+from skincal.dataset.keys import MILLIMETRES
 from skincal.dataset.spec import SensorSpec
 from skincal.dataset.table_file import RawTable
 from skincal.dataset.tables import TaxelPositions
-from skincal.dataset.toml_table import MILLIMETRES
 
 COLUMNS = ("r", "c", "u_m", "v_m", "du_m", "dv_m")
 LARGEST_M = 1.0

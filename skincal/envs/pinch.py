@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset.findings import Findings
-from skincal.dataset.meta_tables import check_format, load_toml
-from skincal.dataset.toml_table import TomlTable
+from skincal.dataset.keys import Key, Length, Range
+from skincal.dataset.schema import Table, load_toml, read_table
+from skincal.dataset.schema_errors import Violation, report
 from skincal.errors import InputError, Problem
-from skincal.robot import DEFAULT_HAND, FingerDescription, HandDescription, read_hand
+from skincal.robot import DEFAULT_HAND, HandDescription, read_hand
 from skincal.robot.urdf import MOVING, Urdf, read_urdf
 
 FloatArray = NDArray[np.float64]
 
-FORMAT = "skincal-pinch/1"
+FILE, FORMAT = "pinch.toml", "skincal-pinch/1"
 
 
 @dataclass(frozen=True)
-class Thumb:
+class Thumb(Table):
     """The tip that presses the object against the skin: a capsule along +y of its link, from the link's origin.
 
     Attributes:
@@ -32,10 +34,24 @@ class Thumb:
         tip_from_m: from here on along +y it counts as the tip [m].
     """
 
-    tip_link: str
-    radius_m: float
-    length_m: float
-    tip_from_m: float
+    tip_link: Annotated[str, Key("the name of a link of the URDF")]
+    radius_m: Annotated[float, Length("a radius [m]", 1e-3, 0.1)]
+    length_m: Annotated[float, Length("a length [m]", 1e-3, 0.5)]
+    tip_from_m: Annotated[float, Length("a place along the tip [m]", high=0.5, signed=True)]
+
+
+@dataclass(frozen=True)
+class _Grasp(Table):
+    angles_deg: Annotated[tuple[float, ...], Key("a list of angles, one for each joint")]
+    gravity_m_per_s2: Annotated[tuple[float, float, float], Key("a list of 3 finite numbers")]
+    cylinder_m: Annotated[tuple[float, float], Range("a pair [from, to] along the finger [m]", high=0.5)]
+    remove_links: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _File(Table):
+    pinch: _Grasp
+    thumb: Thumb
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,15 +101,25 @@ def read_pinch(hand: str | Path | None = None) -> Pinch:
     folder = path if path.is_dir() else path.parent
     description = read_hand(folder)
     findings = Findings()
-    values = load_toml(folder / "pinch.toml", findings, what="pinch grasp")
+    values = load_toml(folder / FILE, findings, what="pinch grasp")
     findings.raise_errors()
     assert values is not None
     urdf = read_urdf(description.urdf, findings)
     findings.raise_errors()
     assert urdf is not None
-    pinch = _read(values, description, urdf, findings)
+    file = read_table(_File, values, findings, FILE, FORMAT)
+    _check_fingers(description, findings)
+    report(_violations(file, description, urdf), findings, FILE)
     findings.raise_errors()
-    return pinch
+    finger = replace(description.indenter_finger, tip_link=file.thumb.tip_link)
+    return Pinch(
+        description=replace(description, indenter_finger=finger),
+        thumb=file.thumb,
+        angles_rad=np.radians(file.pinch.angles_deg),
+        gravity_m_per_s2=np.array(file.pinch.gravity_m_per_s2),
+        cylinder_m=file.pinch.cylinder_m,
+        remove_links=file.pinch.remove_links,
+    )
 
 
 def bundled_folder() -> Path:
@@ -103,44 +129,25 @@ def bundled_folder() -> Path:
     return Path(robot.__file__).parent / "hands" / DEFAULT_HAND
 
 
-def _read(values: Any, description: HandDescription, urdf: Urdf, findings: Findings) -> Pinch:
-    file = "pinch.toml"
-    top = TomlTable(findings, file, "", values, ("format", "pinch", "thumb"))
-    check_format(top, FORMAT)
-    known = ("angles_deg", "gravity_m_per_s2", "cylinder_m", "remove_links")
-    pinch = top.inner("pinch", known)
-    thumb = _thumb(top.inner("thumb", ("tip_link", "radius_m", "length_m", "tip_from_m")))
-    _check_fingers(description, findings)
-    angles = np.radians(pinch.array("angles_deg", len(description.joints), single=False))
-    _check_angles(pinch, angles, description)
-    removed = _links(pinch, urdf)
-    finger = _finger(description, urdf, thumb, findings)
-    return Pinch(
-        description=replace(description, indenter_finger=finger),
-        thumb=thumb,
-        angles_rad=angles,
-        gravity_m_per_s2=pinch.array("gravity_m_per_s2", 3, single=False),
-        cylinder_m=pinch.range("cylinder_m", "a pair [from, to] along the finger [m]", limit=0.5),
-        remove_links=removed,
-    )
-
-
-def _thumb(table: TomlTable) -> Thumb:
-    return Thumb(
-        tip_link=table.text("tip_link", "the name of a link of the URDF"),
-        radius_m=table.length_m("radius_m", "a radius [m]", low=1e-3, high=0.1),
-        length_m=table.length_m("length_m", "a length [m]", low=1e-3, high=0.5),
-        tip_from_m=table.length_m("tip_from_m", "a place along the tip [m]", low=0, high=0.5, positive=False),
-    )
-
-
-def _links(table: TomlTable, urdf: Urdf) -> tuple[str, ...]:
-    value = table.raw("remove_links")
-    links = cast("list[Any]", value) if isinstance(value, list) else []
-    for link in links:
-        if link not in urdf.links:
-            table.error("remove_links", f"some of {', '.join(urdf.links)}", repr(link))
-    return tuple(str(link) for link in links)
+def _violations(file: _File, description: HandDescription, urdf: Urdf) -> Iterator[Violation]:
+    """Yield what does not fit the hand."""
+    angles, limits, link = np.radians(file.pinch.angles_deg), description.limits, file.thumb.tip_link
+    if len(angles) != len(limits.lower_rad):
+        yield (
+            ("pinch", "angles_deg"),
+            f"a list of {len(limits.lower_rad)} finite numbers",
+            file.pinch.angles_deg,
+        )
+    elif np.any((angles < limits.lower_rad) | (angles > limits.upper_rad)):
+        yield ("pinch", "angles_deg"), "angles within the limits of hand.toml", file.pinch.angles_deg
+    links = ", ".join(urdf.links)
+    for one in set(file.pinch.remove_links) - set(urdf.links):
+        yield ("pinch", "remove_links"), f"some of {links}", repr(one)
+    driven = description.indenter_finger.joints
+    if link not in urdf.links:
+        yield ("thumb", "tip_link"), f"one of {links}", repr(link)
+    elif tuple(joint.name for joint in urdf.chain(link) if joint.kind in MOVING) != driven:
+        yield ("thumb", "tip_link"), f"a link that the joints {', '.join(driven)} move", repr(link)
 
 
 def _check_fingers(description: HandDescription, findings: Findings) -> None:
@@ -150,28 +157,6 @@ def _check_fingers(description: HandDescription, findings: Findings) -> None:
             findings.error(
                 f"hand.toml, [fingers.{finger.name}]", "three joints, for the tasks", str(len(finger.joints))
             )
-
-
-def _check_angles(table: TomlTable, angles: FloatArray, description: HandDescription) -> None:
-    limits = description.limits
-    if len(angles) == len(limits.lower_rad) and np.any(
-        (angles < limits.lower_rad) | (angles > limits.upper_rad)
-    ):
-        table.error("angles_deg", "angles within the limits of hand.toml", np.degrees(angles).tolist())
-
-
-def _finger(description: HandDescription, urdf: Urdf, thumb: Thumb, findings: Findings) -> FingerDescription:
-    """The finger of the thumb, ending in the tip's link."""
-    finger = description.indenter_finger
-    if thumb.tip_link not in urdf.links:
-        links = ", ".join(urdf.links)
-        findings.error("pinch.toml, [thumb] tip_link", f"one of {links}", repr(thumb.tip_link))
-        return finger
-    driven = tuple(joint.name for joint in urdf.chain(thumb.tip_link) if joint.kind in MOVING)
-    if driven != finger.joints:
-        expected = f"a link that the joints {', '.join(finger.joints)} move"
-        findings.error("pinch.toml, [thumb] tip_link", expected, repr(thumb.tip_link))
-    return replace(finger, tip_link=thumb.tip_link)
 
 
 def require_cylinder(pinch: Pinch) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from skincal.dataset.findings import Findings
 from skincal.imports import targets
 from skincal.imports.join import assigned, join_file
-from skincal.imports.mapping import CsvFormat, Mapping, Quantity
+from skincal.imports.mapping import CsvSource, Mapping, Quantity
 from skincal.imports.other_file import explain_missing
 from skincal.imports.recording import Dropped, ReadFile, Recording
 from skincal.imports.source_table import read_source_table
@@ -36,8 +36,8 @@ def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) 
         InputError: a file of ``[files]`` is missing.
     """
     form = mapping.source
-    assert isinstance(form, CsvFormat)
-    paths, others = assigned(form.joined, files, mapping.path.parent)
+    assert isinstance(form, CsvSource)
+    paths, others = assigned(mapping.joined, files, mapping.path.parent)
     own = [q for q in mapping.quantities if not q.topic]
     texts = {name for q in own for name in q.sources if is_text(q)}
     numbers = [name for q in own for name in q.sources if not is_text(q)]
@@ -59,7 +59,7 @@ def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) 
         for part, times in zip(parts, clock.times_s, strict=True)
     ]
     recording = replace(joined(parts), notes=clock.notes)
-    for entry in form.joined:
+    for entry in mapping.joined:
         if findings.errors:
             return recording
         recording = join_file(recording, clock.kind, entry, others[entry.name], mapping, findings)
@@ -91,7 +91,7 @@ def summed(dropped: Sequence[Dropped]) -> tuple[Dropped, ...]:
 def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: TextTable) -> Recording:
     """Return one file; the clock of a time series is read separately, from all files together."""
     form = mapping.source
-    assert isinstance(form, CsvFormat)
+    assert isinstance(form, CsvSource)
     series = mapping.rows == targets.SERIES
     columns = {q.target: quantity_values(q, table) for q in own if not (series and q.target == "time_s")}
     raw = {name: table.numbers(name) for name in dict.fromkeys(mapping.taxels.names)}
@@ -117,7 +117,7 @@ def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: Text
 def _complete(recording: Recording, mapping: Mapping) -> Recording:
     """Return the recording without incomplete rows, of a joined file or where ``drop_incomplete`` is set."""
     form = mapping.source
-    assert isinstance(form, CsvFormat)
+    assert isinstance(form, CsvSource)
     kept = np.ones(len(recording), dtype=bool)
     dropped: list[Dropped] = []
     for quantity in mapping.quantities:

@@ -165,10 +165,8 @@ def _row(line: str, form: CsvFormat) -> tuple[str, list[float]] | None:
     # A name with one number, "Frame 12", stands above a block.
     if len(cells) < (2 if name else 1) or not all(_is_cell(cell, form) for cell in cells):
         return None
-    return name, [
-        np.nan if cell in form.missing else float(cell.replace(form.decimal, ".")) for cell in cells
-    ]
+    return name, [np.nan if cell in form.blanks else float(cell.replace(form.decimal, ".")) for cell in cells]
 
 
 def _is_cell(cell: str, form: CsvFormat) -> bool:
-    return cell in form.missing or bool(re.fullmatch(NUMBER, cell.replace(form.decimal, ".")))
+    return cell in form.blanks or bool(re.fullmatch(NUMBER, cell.replace(form.decimal, ".")))

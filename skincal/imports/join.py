@@ -48,12 +48,12 @@ def assigned(
     rest = list(given)
     found: dict[str, list[Path]] = {}
     for entry in joined:
-        own = [path for path in rest if fnmatch(path.name, Path(entry.file).name)]
+        own = [path for path in rest if fnmatch(path.name, Path(entry.form.file).name)]
         rest = [path for path in rest if path not in own]
-        found[entry.name] = own or sorted(folder.glob(entry.file))
+        found[entry.name] = own or sorted(folder.glob(entry.form.file))
         if not found[entry.name]:
             fix = "Give it on the command line, or put it next to the mapping."
-            raise InputError([Problem(f"{entry.place} file", f"a file {entry.file}", "none", fix)])
+            raise InputError([Problem(f"{entry.place} file", f"a file {entry.form.file}", "none", fix)])
     # A file that holds both has a clock for each.
     return rest or list(given), found
 
@@ -143,9 +143,9 @@ def _aligned(
     }  # fmt: skip
     if "force_n" in numbers:
         numbers = {"force_n": numbers["force_n"]}
-    if entry.offset_s is None:
+    if isinstance(entry.form.offset_s, str):
         try:
-            return estimate_offset(entry.name, ours, images, times, numbers, entry.within_s)
+            return estimate_offset(entry.name, ours, images, times, numbers, entry.form.within_s)
         except NoOffsetError as error:
             findings.error(
                 f"{entry.place} offset_s",
@@ -154,11 +154,11 @@ def _aligned(
                 "Give it in seconds.",
             )
             return None
-    onto = times + entry.offset_s
+    onto = times + entry.form.offset_s
     if onto[-1] < ours[0] or onto[0] > ours[-1]:
         zone = ZONE_S * float(np.rint((ours[0] - onto[0]) / ZONE_S))
         meets = onto[-1] + zone > ours[0] and onto[0] + zone < ours[-1] and abs(zone) <= DAY_S / 2
-        close = f" (for a time zone, {entry.offset_s + zone:g})" if zone and meets else ""
+        close = f" (for a time zone, {entry.form.offset_s + zone:g})" if zone and meets else ""
         findings.error(
             f"{entry.place}", f"times within those of the taxels, {ours[0]:.12g} s to {ours[-1]:.12g} s",
             f"{onto[0]:.12g} s to {onto[-1]:.12g} s{note}",
@@ -166,7 +166,7 @@ def _aligned(
             'offset_s = "estimate".',
         )  # fmt: skip
         return None
-    given = JoinedClock(entry.name, entry.offset_s)
+    given = JoinedClock(entry.name, entry.form.offset_s)
     try:
         inside = (ours >= onto[0] - LOOKED_S) & (ours <= onto[-1] + LOOKED_S)
         found = estimate_offset(entry.name, ours[inside], images[inside], onto, numbers, LOOKED_S)
@@ -177,22 +177,22 @@ def _aligned(
     )
     if apart:
         findings.warn(
-            f"{entry.place} offset_s", f"the clock of the taxels, with {entry.offset_s:g} s added",
+            f"{entry.place} offset_s", f"the clock of the taxels, with {entry.form.offset_s:g} s added",
             f"{found.by} correlates best with the taxels {found.offset_s:+.3g} ± {found.sigma_s:.2g} s later",
             "Is the skin that slow, or do the clocks differ? If the clocks differ: offset_s = "
-            f'{entry.offset_s + found.offset_s:.6g}, or "estimate".',
+            f'{entry.form.offset_s + found.offset_s:.6g}, or "estimate".',
         )  # fmt: skip
-    return replace(found, offset_s=entry.offset_s, sigma_s=np.nan, rate=0.0, estimated=False)
+    return replace(found, offset_s=entry.form.offset_s, sigma_s=np.nan, rate=0.0, estimated=False)
 
 
 def _onto(
     quantity: Quantity, entry: JoinedFile, times: FloatArray, column: Column, ours: FloatArray
 ) -> Column:
     """Return a column of a file at the times of the taxels."""
-    age = STEPS_OLD * usual_step(times) if entry.max_age_s is None else entry.max_age_s
+    age = STEPS_OLD * usual_step(times) if entry.form.max_age_s is None else entry.form.max_age_s
     whole = targets.is_whole(quantity.target) or column.dtype == object
     # A value between press 3 and press 4 belongs to neither.
-    rules = TopicRules("receive", "previous" if whole else entry.resample, age)
+    rules = TopicRules("receive", "previous" if whole else entry.form.resample, age)
     if column.dtype == object:
         known = [*dict.fromkeys(column.tolist())]
         codes = resampled(times, np.array([known.index(word) for word in column], dtype=float), ours, rules)

@@ -79,8 +79,8 @@ def _number(cell: str) -> bool:
 
 
 def _shape_line(filled: Sequence[tuple[int, str]], form: CsvFormat, *, counted: bool) -> str:
-    (number, line), more = filled[0], len(filled) > 1
-    alone = (more and len(line.split()) < len(filled[1][1].split())) or len(line) < len(filled[1][1])
+    (number, line), following = filled[0], [text for _, text in filled[1:2]]
+    alone = any(len(line.split()) < len(text.split()) or len(line) < len(text) for text in following)
     if not (SHAPE.match(line) and counted and alone and (form.header or form.skip_rows < number)):
         return ""
     return (

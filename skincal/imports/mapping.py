@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from collections.abc import Mapping as Map
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset import DatasetMeta, TaxelPositions
+from skincal.dataset.keys import Key, Texts
+from skincal.dataset.schema import Table
+from skincal.dataset.schema_errors import Violation
 from skincal.dataset.word_checks import as_word, swapped
 from skincal.imports.units import Unit
 
@@ -23,6 +27,7 @@ Resampling = Literal["previous", "linear"]
 Layout = Literal["table", "blocks", "labelled"]
 Order = Literal["file", "time"]
 Slides = Literal["cut", "keep", "refuse"]
+Count = Annotated[int, Key("a whole number, 0 or more", 0)]
 
 
 @dataclass(frozen=True)
@@ -131,8 +136,11 @@ class Placement:
         return self != Placement(project=self.project)
 
 
+_Time = Annotated[float, Key("a time [s], 0 or more", 0.0)]
+
+
 @dataclass(frozen=True)
-class CutRules:
+class CutRules(Table, unknown="refuse"):
     """Rules for cutting a time series into presses.
 
     Attributes:
@@ -153,18 +161,159 @@ class CutRules:
     """
 
     by: By = "force"
-    on_n: float = 0.2
+    on_n: Annotated[float, Key("a force [N], 0 or more", 0.0)] = 0.2
     off_n: float = 0.1
-    band: float = 0.1
-    settle_s: float = 0.0
-    min_hold_s: float = 0.1
-    slope_n_per_s: float = 0.1
-    window_s: float = 0.2
+    band: Annotated[float, Key("a share of the force, like 0.1", 0.0)] = 0.1
+    settle_s: _Time = 0.0
+    min_hold_s: _Time = 0.1
+    slope_n_per_s: Annotated[float, Key("a change of force [N/s], 0 or more", 0.0)] = 0.1
+    window_s: _Time = 0.2
     start_at_zero: bool = True
     own_clocks: bool = False
-    gap_s: float = 1.0
+    gap_s: _Time = 1.0
     slides: Slides = "cut"
-    still_m: float | None = None
+    still_m: Annotated[float | None, Key("a length [m], 0 or more", 0.0)] = None
+
+    def violations(self) -> Iterator[Violation]:
+        """Yield a band in percent."""
+        if self.band >= 0.5:
+            yield "band", "a share below 0.5", self.band, "It looks like percent; divide by 100."
+
+
+@dataclass(frozen=True, kw_only=True)
+class CsvFormat(Table, unknown="refuse"):
+    """Layout of a text file.
+
+    Attributes:
+        layout: a table, blocks of rows (one per frame), or lines of ``name=value``.
+        block_rows: rows of a block; 0: up to the next line that is not a row.
+        rate_hz: rows per second, for files without stamps [Hz]; None: a column holds the time.
+        order: order of events: that of the rows, or that of the stamps.
+        missing: texts that mean no value, beside an empty cell.
+    """
+
+    delimiter: str = ","
+    decimal: Literal[".", ","] = "."
+    encoding: str = "utf-8"
+    comment: str = ""
+    skip_rows: Count = 0
+    skip_after_header: Count = 0
+    header: bool = True
+    missing: Annotated[tuple[str, ...], Texts("texts that mean no value")] = ("NaN", "nan", "NA")
+    layout: Layout = "table"
+    block_rows: Count = 0
+    rate_hz: Annotated[float | None, Key("rows a second [Hz], more than 0", 1e-6)] = None
+    order: Order = "file"
+
+    @property
+    def blanks(self) -> tuple[str, ...]:
+        """Cells that mean no value."""
+        return ("", *self.missing)
+
+    def violations(self) -> Iterator[Violation]:
+        """Yield delimiters that are not single or not unique, and unknown encodings."""
+        if len(self.delimiter) != 1 and self.delimiter != "whitespace":
+            expected = 'one character, like ";" or "\\t", or "whitespace"'
+            yield "delimiter", expected, f'"{self.delimiter}"'
+        if self.delimiter == self.decimal:
+            yield "decimal", "another character than the delimiter", f'"{self.decimal}"'
+        try:
+            "".encode(self.encoding)  # refuses codecs that are not of text like unknown ones
+        except (LookupError, ValueError):
+            yield "encoding", "an encoding like utf-8, utf-16 or latin-1", f'"{self.encoding}"'
+
+
+@dataclass(frozen=True, kw_only=True)
+class CsvSource(CsvFormat):
+    """The text files with the taxels.
+
+    Attributes:
+        rows: meaning of a row.
+        files: their names, relative to the mapping.
+        drop_incomplete: whether rows without force or position are left out, instead of refused.
+    """
+
+    rows: Rows
+    files: Annotated[tuple[str, ...], Texts("names of files")] = ()
+    drop_incomplete: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry(Table, unknown="refuse"):
+    """An entry of ``[columns]``: the source of a column, or a constant."""
+
+    wanted = 'a table like { column = "Fz", unit = "mN" }, or for SI the name of a column'
+
+    value: Annotated[
+        float | str | tuple[float, float, float] | None, Key("a number, three numbers, or a text")
+    ] = None
+    unit: Annotated[str | tuple[str, ...] | None, Key("the name of a unit")] = None
+    sign: Annotated[float, Key("1 or -1", -1, 1)] = 1
+    scale: float = 1.0
+    offset: float = 0.0
+    words: Annotated[Map[str, str], Key('a table like { loading = "up" }')] = field(
+        default_factory=dict[str, str]
+    )
+    wraps_at: float | None = None
+    format: str = ""
+
+
+Named = Annotated[tuple[str, ...], Texts("a list of names")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CsvEntry(Entry):
+    """An entry for text files: a column, or several, of a file of ``[files]`` or of that with the taxels."""
+
+    file: str = ""
+    column: str | None = None
+    columns: Named = ()
+
+    @property
+    def source(self) -> tuple[str, str | None, Named]:
+        """File, and its column or columns."""
+        return self.file, self.column, self.columns
+
+
+@dataclass(frozen=True, kw_only=True)
+class BagEntry(Entry):
+    """An entry for bags: a field of a message, or several."""
+
+    topic: str = ""
+    fields: Annotated[tuple[str, ...], Texts("a list of names")] = ()
+    field: str | None = None
+
+    @property
+    def source(self) -> tuple[str, str | None, Named]:
+        """Topic, and the field or fields of its messages."""
+        return self.topic, self.field, self.fields
+
+
+@dataclass(frozen=True, kw_only=True)
+class JoinedFormat(CsvFormat):
+    """A table of ``[files]``: a further file with its own clock.
+
+    Attributes:
+        file: its name, or a pattern of names; relative to the mapping.
+        time: its stamps; None with a fixed rate.
+        resample: method of resampling at the times of the taxels.
+        max_age_s: validity of a value [s]; None: three of its own steps.
+        offset_s: offset from its clock to that of the taxels [s], or that it is found by correlation.
+        within_s: largest offset that is searched then [s].
+    """
+
+    file: Annotated[str, Key("the name of the file, or a pattern like gauge_*.csv")]
+    time: CsvEntry | None = None
+    resample: Resampling = "linear"
+    max_age_s: _Time | None = None
+    offset_s: Annotated[float | Literal["estimate"], Key('a time [s], or "estimate"')] = 0.0
+    within_s: _Time = np.inf
+
+    def violations(self) -> Iterator[Violation]:
+        """Yield a file without stamps."""
+        yield from super().violations()
+        if self.time is None and self.rate_hz is None:
+            yield "time", 'its stamps, like { column = "t", unit = "s" }', "nothing", "Add time, or rate_hz."
 
 
 @dataclass(frozen=True)
@@ -174,56 +323,14 @@ class JoinedFile:
     Attributes:
         name: name of its table in ``[files]``.
         place: place of that table in the mapping.
-        file: its name, or a pattern of names; relative to the mapping.
-        form: its layout.
+        form: the table.
         time: its stamps; None with a fixed rate.
-        resample: method of resampling at the times of the taxels.
-        max_age_s: validity of a value [s]; None: three of its own steps.
-        offset_s: offset from its clock to that of the taxels [s]; None: found by correlation.
-        within_s: largest offset that is searched then [s].
     """
 
     name: str
     place: str
-    file: str
-    form: CsvFormat
+    form: JoinedFormat
     time: Quantity | None
-    resample: Resampling = "linear"
-    max_age_s: float | None = None
-    offset_s: float | None = 0.0
-    within_s: float = np.inf
-
-
-@dataclass(frozen=True)
-class CsvFormat:
-    """Layout of text files.
-
-    Attributes:
-        rows: meaning of a row.
-        files: names of the files with the taxels, relative to the mapping.
-        layout: a table, blocks of rows (one per frame), or lines of ``name=value``.
-        block_rows: rows of a block; 0: up to the next line that is not a row.
-        rate_hz: rows per second, for files without stamps [Hz]; None: a column holds the time.
-        order: order of events: that of the rows, or that of the stamps.
-        joined: other files, by their names in ``[files]``.
-    """
-
-    rows: Rows
-    files: tuple[str, ...] = ()
-    layout: Layout = "table"
-    block_rows: int = 0
-    rate_hz: float | None = None
-    order: Order = "file"
-    joined: tuple[JoinedFile, ...] = ()
-    delimiter: str = ","
-    decimal: str = "."
-    encoding: str = "utf-8"
-    comment: str = ""
-    skip_rows: int = 0
-    skip_after_header: int = 0
-    header: bool = True
-    missing: tuple[str, ...] = ("", "NaN", "nan", "NA")
-    drop_incomplete: bool = False
 
 
 @dataclass(frozen=True)
@@ -273,6 +380,7 @@ class Mapping:
         placement: transformation of positions.
         cut: rules for cutting time series.
         source: options of the recording, text files or bags.
+        joined: other files, in the order of ``[files]``.
         positions: positions of taxels that form no grid.
         meshes: content of mesh files by name.
     """
@@ -283,14 +391,15 @@ class Mapping:
     taxels: Taxels
     placement: Placement
     cut: CutRules
-    source: CsvFormat | BagFormat
+    source: CsvSource | BagFormat
+    joined: tuple[JoinedFile, ...] = ()
     positions: TaxelPositions | None = None
     meshes: Map[str, bytes] = field(default_factory=dict[str, bytes])
 
     @property
     def rows(self) -> Rows:
         """Meaning of a row of the source."""
-        return self.source.rows if isinstance(self.source, CsvFormat) else "series"
+        return self.source.rows if isinstance(self.source, CsvSource) else "series"
 
     def quantity(self, target: str) -> Quantity | None:
         """Return the source of a column; None if it is not mapped."""

@@ -1,36 +1,33 @@
-"""Strict reader of mapping files: all violations at once, and suggestions for unknown keys."""
+"""Reading of mapping files: all violations at once, and suggestions for unknown keys."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping as Map
-from contextlib import suppress
 from dataclasses import replace
-from datetime import date, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from skincal.dataset import DatasetMeta
+import numpy as np
+
 from skincal.dataset.columns import NO_FORCE
 from skincal.dataset.companions import read_meshes, read_positions
 from skincal.dataset.findings import Findings, did_you_mean
-from skincal.dataset.meta_tables import TABLES, check_format, load_toml, meta_from, tables_of
-from skincal.imports import mapping_taxels, targets
-from skincal.imports.mapping import FORMAT, BagFormat, CsvFormat, CutRules, Mapping, Quantity
-from skincal.imports.mapping_columns import read_columns
-from skincal.imports.mapping_tables import (
-    CSV_KEYS,
-    FRAME_KEYS,
-    SERIES_KEYS,
-    read_bag_format,
-    read_csv_format,
-    read_cut,
-    read_placement,
+from skincal.dataset.schema import load_toml, read_table
+from skincal.dataset.schema_errors import Translator
+from skincal.imports import targets
+from skincal.imports.mapping import (
+    FORMAT,
+    BagFormat,
+    CutRules,
+    JoinedFile,
+    Mapping,
+    Placement,
+    Quantity,
+    TopicRules,
 )
+from skincal.imports.mapping_columns import read_columns, read_quantities, si_name
+from skincal.imports.mapping_file import BagMapping, CsvMapping, Frame
 from skincal.imports.mapping_taxels import read_taxels
-from skincal.imports.strict import StrictTable
-
-OWN = ("columns", "taxels", "frame", "series")
-KEYS = {"csv": ("csv", "files"), "bag": ("bag", "topics", "joints")}
 
 
 def read_mapping(path: Path, source: str) -> Mapping:
@@ -47,132 +44,184 @@ def read_mapping(path: Path, source: str) -> Mapping:
     values = load_toml(path, findings, what="mapping")
     findings.raise_errors()
     assert values is not None
+    other = "bag" if source == "csv" else "csv"
+    if other in values and source not in values:
+        place, verb = f"{path.name}, [{other}]", "rosbag" if other == "bag" else "csv"
+        findings.error(place, f"a table [{source}]", "another", f"Use `skincal import {verb}`.")
+        findings.raise_errors()
     mapping = _mapping(path, values, source, findings)
     findings.raise_errors()
     return mapping
 
 
 def _mapping(path: Path, values: Map[str, Any], source: str, findings: Findings) -> Mapping:
-    file = path.name
-    other = "bag" if source == "csv" else "csv"
-    known = ("format", "created", "source", "assumed", *TABLES, *OWN, *KEYS[source])
-    if other in values and source not in values:
-        verb = "rosbag" if other == "bag" else "csv"
-        findings.error(
-            f"{file}, [{other}]", f"a table [{source}]", "another", f"Use `skincal import {verb}`."
-        )
-        findings.raise_errors()
-    top = StrictTable(findings, file, "", values, known)
-    check_format(top, FORMAT)
-    meta = _meta(top, findings, file)
-    if not top.has(source):
-        top.error(f"[{source}]", f"a table [{source}]", "nothing")
-    table = top.table(source, CSV_KEYS, findings) if source == "csv" else top
-    files = top.table("files", (), findings, strict=False)
-    found = (
-        read_bag_format(top, findings) if source == "bag"
-        else read_csv_format(table, files, findings) if top.has("csv") else CsvFormat("presses")
-    )  # fmt: skip
-    rows = found.rows if isinstance(found, CsvFormat) else targets.SERIES
-    quantities = read_columns(top.table("columns", (), findings, strict=False), source, rows, findings)
-    _check_required(top, quantities, rows, meta, found)
-    taxel_keys = mapping_taxels.CSV_KEYS if source == "csv" else mapping_taxels.BAG_KEYS
+    name, given = path.name, values
+    if source == "csv":
+        given = {**values, "columns": _in_full(values.get("columns", {}))}
+    file = read_table(CsvMapping if source == "csv" else BagMapping, given, findings, name, FORMAT)
+    report = Translator(findings, name)
+    rows = targets.SERIES if isinstance(file, BagMapping) else file.csv.rows
+    quantities = read_columns(file.columns, rows, name, report) if rows else ()
+    form, joined = _sources(file, report, name)
+    cut = _cut(file, values.get("series"), quantities, rows, report) if rows else CutRules()
+    if rows:
+        _check_required(file, quantities, joined, rows, report)
     # One error for the missing table is enough: its keys are not reported as missing.
-    heard = findings if top.has("taxels") else Findings()
-    taxels = read_taxels(top.table("taxels", taxel_keys, heard), meta.sensor, source)
-    cut = _cut(top, quantities, rows, findings)
+    heard = report if "taxels" in values else Translator(Findings(), name)
+    timed = isinstance(file, CsvMapping) and file.csv.rate_hz
     return Mapping(
         path=path,
-        meta=meta,
+        meta=file.meta(created=file.created, source=file.source, assumed=file.assumed),
         quantities=quantities,
-        taxels=taxels,
-        placement=read_placement(top.table("frame", FRAME_KEYS, findings)),
-        cut=replace(cut, own_clocks=True) if isinstance(found, CsvFormat) and found.rate_hz else cut,
-        source=found,
-        positions=read_positions(path.parent, file, meta.sensor, findings),
-        meshes=read_meshes(path.parent, file, meta.surface, meta.indenter, findings),
+        taxels=read_taxels(file.taxels, file.sensor, name, heard),
+        placement=_placement(file.frame, report),
+        cut=replace(cut, own_clocks=True) if timed else cut,
+        source=form,
+        joined=joined,
+        positions=read_positions(path.parent, name, file.sensor, findings),
+        meshes=read_meshes(path.parent, name, file.surface, file.indenter, findings),
     )
 
 
-def _cut(top: StrictTable, quantities: tuple[Quantity, ...], rows: str, findings: Findings) -> CutRules:
-    mapped = {q.target for q in quantities}
-    table = top.table("series", SERIES_KEYS, findings)
+def _in_full(columns: Any) -> Any:
+    """Return ``[columns]`` with entries in SI, which may be names alone, written as tables."""
+    if not isinstance(columns, dict):
+        return columns
+    return {
+        target: {"column": entry, "unit": si_name(target)} if isinstance(entry, str) else entry
+        for target, entry in cast("dict[str, Any]", columns).items()
+    }
+
+
+def _sources(
+    file: CsvMapping | BagMapping, report: Translator, name: str
+) -> tuple[Any, tuple[JoinedFile, ...]]:
+    """Return the options of the recording, and the files that are joined."""
+    if isinstance(file, CsvMapping):
+        return file.csv, tuple(
+            JoinedFile(
+                table,
+                f"{name}, [files.{table}]",
+                form,
+                None
+                if form.time is None
+                else read_quantities(form.time, "time_s", ("files", table, "time"), name, report)[0],
+            )
+            for table, form in file.files.items()
+        )
+    bag, joints = file.bag, file.joints
+    default = TopicRules(bag.clock, bag.resample, bag.max_age_s)
+    topics = {
+        topic: TopicRules(
+            own.clock or default.clock,
+            own.resample or default.resample,
+            default.max_age_s if own.max_age_s is None else own.max_age_s,
+            own.lag_s,
+        )
+        for topic, own in file.topics.items()
+    }
+    topic, names = ("", ()) if joints is None else (joints.topic, joints.names)
+    return BagFormat(default, bag.files, topics, bag.definitions, topic, names), ()
+
+
+def _placement(frame: Frame, report: Translator) -> Placement:
+    from scipy.spatial.transform import Rotation
+
+    matrix = np.eye(3) if frame.matrix is None else np.array(frame.matrix)
+    if frame.rotation_deg is not None:
+        matrix = Rotation.from_euler("xyz", frame.rotation_deg, degrees=True).as_matrix()
+    elif frame.quaternion_xyzw is not None:
+        matrix = Rotation.from_quat(frame.quaternion_xyzw).as_matrix()
+    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3):
+        expected = "a rotation: rows of length 1, at right angles"
+        report.violation(("frame", "matrix"), expected, "something else")
+    elif np.linalg.det(matrix) < 0:
+        fix = "Is an axis of the source left-handed?"
+        report.violation(("frame", "matrix"), "a rotation", "a reflection (determinant -1)", fix)
+    a, b, c = ((x, y, z) for x, y, z in matrix.tolist())
+    return Placement((a, b, c), frame.translation_m, frame.project)
+
+
+def _cut(
+    file: CsvMapping | BagMapping,
+    given: Any,
+    quantities: tuple[Quantity, ...],
+    rows: str,
+    report: Translator,
+) -> CutRules:
+    """Return ``[series]``, of which some keys are given.
+
+    A press is a number in a column where there is one, else a contact.
+    """
     if rows == targets.PRESSES:
-        if top.has("series"):
-            top.error("[series]", "no such table if each row is a press", "one", "Remove it.")
+        if file.series is not None:
+            report.violation(("[series]",), "no such table if each row is a press", "one", "Remove it.")
         return CutRules()
-    if "phase" in mapped and "press" not in mapped:
-        top.error("[columns.phase]", "also a column press", "none", "Map press, or leave phase out.")
+    numbered = any(q.target == "press" for q in quantities)
     constant = any(q.target == "force_n" and q.constant is not None for q in quantities)
-    return read_cut(table, numbered="press" in mapped, constant_force=constant)
+    if any(q.target == "phase" for q in quantities) and not numbered:
+        fix = "Map press, or leave phase out."
+        report.violation(("[columns.phase]",), "also a column press", "none", fix)
+    cut = file.series or CutRules()
+    keys = cast("dict[str, Any]", given) if isinstance(given, dict) else {}
+    off_n = cut.off_n if "off_n" in keys else cut.on_n / 2
+    by = cut.by if "by" in keys else "press" if numbered else "taxels" if constant else "force"
+    if numbered and by != "press":
+        expected = '"press" where [columns.press] is mapped'
+        report.violation(("series", "by"), expected, f'"{by}"', "Remove one of them.")
+    if by == "press" and not numbered:
+        report.violation(("series", "by"), "a column press in [columns]", "none")
+    if off_n > cut.on_n:
+        report.violation(("series", "off_n"), f"at most on_n = {cut.on_n:g}", off_n)
+    return replace(cut, by=by, off_n=off_n)
 
 
 def _check_required(
-    top: StrictTable,
+    file: CsvMapping | BagMapping,
     quantities: tuple[Quantity, ...],
+    joined: tuple[JoinedFile, ...],
     rows: str,
-    meta: DatasetMeta,
-    found: CsvFormat | BagFormat,
+    report: Translator,
 ) -> None:
+    """Check that the columns that a dataset needs are mapped, and times come from one clock."""
     mapped = {q.target for q in quantities}
-    needed = targets.required_targets(rows, positions=meta.position.sigma_m != float("inf"))
-    bag = isinstance(found, BagFormat)
-    if not bag:
-        _check_files(top, quantities, found)
-    if bag and "time_s" in mapped:
-        top.error("[columns.time_s]", "no time: the clock of the taxels' topic is used", "one", "Remove it.")
-    for target in needed:
-        if target in mapped or (bag and target == "time_s"):
-            continue
-        if target == "time_s" and not bag and found.rate_hz is not None:
+    timed = isinstance(file, BagMapping) or file.csv.rate_hz is not None
+    if "time_s" in mapped and isinstance(file, BagMapping):
+        expected = "no time: the clock of the taxels' topic is used"
+        report.violation(("[columns.time_s]",), expected, "one", "Remove it.")
+    elif "time_s" in mapped and timed:
+        expected = "either stamps or rate_hz in [csv]"
+        report.violation(("[columns.time_s]",), expected, "both", "Remove one of them.")
+    if isinstance(file, CsvMapping):
+        _check_files(quantities, joined, rows, report)
+    for target in targets.required_targets(rows, positions=file.position.sigma_m != float("inf")):
+        if target in mapped or (timed and target == "time_s"):
             continue
         vector = next((name for name, parts in targets.VECTORS.items() if target in parts), target)
         known = f" (or {vector})" if vector != target else ""
         fix = f"Add [columns.{vector}]" + (", or rate_hz in [csv]." if target == "time_s" else ".")
         fix += f" {NO_FORCE}" if target == "force_n" else ""
-        top.error("[columns]", f"the column {target}{known}", "nothing", fix)
-    if not top.has("taxels"):
-        top.error("[taxels]", "a table [taxels]", "nothing")
+        report.violation(("[columns]",), f"the column {target}{known}", "nothing", fix)
 
 
-def _check_files(top: StrictTable, quantities: tuple[Quantity, ...], form: CsvFormat) -> None:
+def _check_files(
+    quantities: tuple[Quantity, ...], joined: tuple[JoinedFile, ...], rows: str, report: Translator
+) -> None:
     """Check that files are joined by time, and that ``[files]`` describes every file named in ``[columns]``."""
-    names = [joined.name for joined in form.joined]
-    if names and form.rows == targets.PRESSES:
-        top.error("[files]", "no other files if each row is a press", "one", 'Set rows = "series" in [csv].')
+    names = [one.name for one in joined]
+    if names and rows == targets.PRESSES:
+        fix = 'Set rows = "series" in [csv].'
+        report.violation(("[files]",), "no other files if each row is a press", "one", fix)
     for quantity in quantities:
-        if not quantity.topic:
-            continue
-        if quantity.target == "time_s":
-            top.error("[columns.time_s] file", "the clock of the file with the taxels", f'"{quantity.topic}"')
-        elif quantity.topic not in names:
+        place, got = ("columns", quantity.target, "file"), f'"{quantity.topic}"'
+        if quantity.topic and quantity.target == "time_s":
+            report.violation(place, "the clock of the file with the taxels", got)
+        elif quantity.topic and quantity.topic not in names:
             close = did_you_mean(quantity.topic, names)
             known = f"a table of [files], which has {', '.join(names) or 'none'}"
             fix = f'Did you mean "{close}"?' if close else f"Add [files.{quantity.topic}]."
-            top.error(f"[columns.{quantity.target}] file", known, f'"{quantity.topic}"', fix)
+            report.violation(place, known, got, fix)
     for name in names:
         if all(quantity.topic != name for quantity in quantities):
-            top.error(
-                f"[files.{name}]", "a column that is taken from it", "none", f'Write file = "{name}" there.'
-            )
-    if form.rate_hz is not None and any(q.target == "time_s" for q in quantities):
-        top.error("[columns.time_s]", "either stamps or rate_hz in [csv]", "both", "Remove one of them.")
-
-
-def _meta(top: StrictTable, findings: Findings, file: str) -> DatasetMeta:
-    meta = meta_from(top, tables_of(top))
-    created = top.raw("created")
-    if isinstance(created, str):
-        with suppress(ValueError):
-            created = datetime.fromisoformat(created.strip())
-    if created is not None and not isinstance(created, date):
-        top.error("created", "a date and time like 2026-11-20T12:00:00Z", created)
-        created = None
-    return replace(
-        meta,
-        created=created,
-        source=top.text("source", "a text", default=""),
-        assumed=top.texts("assumed", 'a list of texts like ["force_n"]', default=())
-        if top.raw("assumed") != []
-        else (),
-    )
+            fix = f'Write file = "{name}" there.'
+            report.violation((f"[files.{name}]",), "a column that is taken from it", "none", fix)

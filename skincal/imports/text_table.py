@@ -247,7 +247,7 @@ def _parse(
             pcsv.ConvertOptions(
                 column_types=kinds,
                 include_columns=list(types),
-                null_values=list(form.missing),
+                null_values=list(form.blanks),
                 strings_can_be_null=True,
                 decimal_point=form.decimal,
             ),
@@ -275,7 +275,7 @@ def _column(column: Any, kind: str, form: CsvFormat) -> Column:
     if str(column.type) == "double":
         values = np.array(column.to_numpy(), dtype=np.float64)
         # A number that stands for nothing may be written as -1, -1.0 or -1.00.
-        marks, no_mark = _parsed(np.array(form.missing, dtype=object), form.decimal)
+        marks, no_mark = _parsed(np.array(form.blanks, dtype=object), form.decimal)
         values[np.isin(values, marks[np.isfinite(marks) & ~no_mark])] = np.nan
         return values
     cells = ["" if cell is None else str(cell).strip() for cell in column.to_pylist()]

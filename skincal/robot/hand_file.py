@@ -1,17 +1,21 @@
-"""Strict reader of ``hand.toml``; it reports all violations at once."""
+"""``hand.toml``: its schema, and the description of a hand that is read from it."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal, cast
 
 import numpy as np
 
 from skincal.bounded import UnreadableError, read_bytes
-from skincal.dataset import DatasetMeta
 from skincal.dataset.findings import Findings
-from skincal.dataset.meta_tables import TABLES, check_format, load_toml, meta_from, tables_of
-from skincal.dataset.toml_table import TomlTable
+from skincal.dataset.keys import Key, Names
+from skincal.dataset.schema import Table, load_toml, read_table
+from skincal.dataset.schema_errors import Violation, report
+from skincal.dataset.spec import Description
 from skincal.robot.description import (
     FingerDescription,
     FloatArray,
@@ -23,14 +27,114 @@ from skincal.robot.urdf import MOVING, Urdf, read_urdf
 
 FORMAT = "skincal-hand/1"
 
-_TOP = ("format", "hand", "joints", "gains", "fingers", *TABLES)
-_HAND = ("name", "urdf", "max_force_n")
-_JOINTS = ("names", "lower_deg", "upper_deg", "velocity_deg_per_s", "torque_nm", "home_deg")
-_GAINS = ("stiffness_nm_per_rad", "damping_nms_per_rad", "low_pass_hz", "compliance_rad_per_nm")
-_FINGER = ("carries", "joints", "tip_link")
-_NAMES = "a list of joint names, every joint once"
 _ROUNDING_RAD = 1e-3
 """Tolerance by which limits may exceed those of the URDF [rad], for files with rounded numbers."""
+
+_PER_JOINT = "a number, or a list with one for each joint"
+_Numbers = float | tuple[float, ...]
+_Any = Annotated[_Numbers, Key(_PER_JOINT)]
+_Positive = Annotated[_Numbers, Key(f"{_PER_JOINT}, at least 1e-6", 1e-6)]
+_NotNegative = Annotated[_Numbers, Key(f"{_PER_JOINT}, at least 0", 0.0)]
+_JointNames = Annotated[tuple[str, ...], Names("a list of joint names, every joint once")]
+
+
+@dataclass(frozen=True)
+class _Hand(Table):
+    name: str
+    urdf: Annotated[str, Key("the URDF's file name")]
+    max_force_n: Annotated[float, Key("a force [N] > 0", 1e-3)]
+
+
+@dataclass(frozen=True)
+class _Joints(Table):
+    names: _JointNames
+    lower_deg: _Any
+    upper_deg: _Any
+    velocity_deg_per_s: _Positive
+    torque_nm: _Positive
+    home_deg: _Any
+
+
+@dataclass(frozen=True)
+class _Gains(Table):
+    stiffness_nm_per_rad: _Positive
+    damping_nms_per_rad: _NotNegative
+    low_pass_hz: Annotated[float, Key("a frequency [Hz] > 0", 1e-3)]
+    compliance_rad_per_nm: _NotNegative | None = None
+
+
+@dataclass(frozen=True)
+class _Finger(Table):
+    carries: Literal["skin", "indenter"]
+    joints: _JointNames
+    tip_link: Annotated[str, Key("the name of a link of the URDF")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _File(Description):
+    hand: _Hand
+    joints: _Joints
+    gains: _Gains
+    fingers: Mapping[str, _Finger]
+
+    def violations(self) -> Iterator[Violation]:
+        yield from super().violations()
+        count, tables = len(self.joints.names), {"joints": self.joints, "gains": self.gains}
+        for place, value in (
+            ((name, key), v) for name, table in tables.items() for key, v in vars(table).items()
+        ):
+            if (
+                place[1] != "names"
+                and isinstance(value, tuple)
+                and len(cast("tuple[float, ...]", value)) != count
+            ):
+                yield place, f"a number, or a list of {count} finite numbers", value
+        lower, upper, home = map(
+            self.per_joint, (self.joints.lower_deg, self.joints.upper_deg, self.joints.home_deg)
+        )
+        if np.any(lower >= upper):
+            yield ("joints", "upper_deg"), "more than lower_deg", self.joints.upper_deg
+        if np.any((home < lower) | (home > upper)):
+            yield ("joints", "home_deg"), "angles within the limits", self.joints.home_deg
+        yield from self._finger_violations()
+        if self.surface.kind == "mesh":
+            yield (
+                ("surface", "kind"),
+                '"cylinder" or "plane": contacts are found in closed form',
+                '"mesh"',
+            )
+        if self.indenter.kind not in ("sphere", ""):
+            kind = f'"{self.indenter.kind}"'
+            yield ("indenter", "kind"), 'a "sphere": contacts are found from its centre', kind
+        if self.sensor.positions is not None:
+            yield ("sensor", "positions"), "a grid: taxel_size_m and pitch_m", self.sensor.positions
+
+    def _finger_violations(self) -> Iterator[Violation]:
+        carried = [finger.carries for finger in self.fingers.values()]
+        for what in ("skin", "indenter"):
+            if (count := carried.count(what)) != 1:
+                yield "[fingers.*]", f'one finger with carries = "{what}"', str(count or "none")
+        joints = [set(finger.joints) for finger in self.fingers.values()]
+        if len(joints) != 2 or not all(joints):
+            return
+        if both := joints[0] & joints[1]:
+            yield "[fingers.*]", "fingers without a joint in common", ", ".join(sorted(both))
+        if idle := set(self.joints.names) - joints[0] - joints[1]:
+            named = ", ".join(sorted(idle))
+            yield ("joints", "names"), "joints of the two fingers only", named, "Leave them out."
+
+    def per_joint(self, value: _Numbers) -> FloatArray:
+        """Return a number, or a list with one for each joint, as an array (n,); NaN for a list of another length."""
+        count = len(self.joints.names)
+        good = not isinstance(value, tuple) or len(value) == count
+        return np.full(count, value if good else np.nan, dtype=np.float64)
+
+    def finger(self, carries: str) -> FingerDescription:
+        """Return the finger that carries the skin or the indenter; an empty one if there is none."""
+        for name, finger in self.fingers.items():
+            if finger.carries == carries:
+                return FingerDescription(name, finger.joints, finger.tip_link)
+        return FingerDescription("", (), "")
 
 
 def read_hand(path: str | Path) -> HandDescription:
@@ -48,164 +152,68 @@ def read_hand(path: str | Path) -> HandDescription:
     values = load_toml(path, findings, what="hand")
     findings.raise_errors()
     assert values is not None
-    top = TomlTable(findings, path.name, "", values, _TOP)
-    check_format(top, FORMAT)
-    reader = _Reader(path, findings, top)
-    description = reader.description()
+    file = read_table(_File, values, findings, path.name, FORMAT)
+    urdf_path = path.parent / file.hand.urdf
+    urdf = read_urdf(urdf_path, findings, path.parent) if file.hand.urdf else None
+    if urdf is not None:
+        report(_urdf_violations(file, urdf), findings, path.name)
     findings.raise_errors()
-    return description
+    joints, gains = file.joints, file.gains
+    compliance = gains.compliance_rad_per_nm
+    return HandDescription(
+        name=file.hand.name,
+        urdf=urdf_path,
+        joints=joints.names,
+        limits=_limits(file),
+        gains=ImpedanceGains(
+            file.per_joint(gains.stiffness_nm_per_rad),
+            file.per_joint(gains.damping_nms_per_rad),
+            gains.low_pass_hz,
+        ),
+        skin_finger=file.finger("skin"),
+        indenter_finger=file.finger("indenter"),
+        home_rad=np.radians(file.per_joint(joints.home_deg)),
+        max_force_n=file.hand.max_force_n,
+        meta=file.meta(),
+        digest=_digest(path, urdf_path),
+        compliance_rad_per_nm=None if compliance is None else file.per_joint(compliance),
+    )
 
 
-class _Reader:
-    """Reader of the tables of one file; a wrong value adds an error and reads as a placeholder."""
+def _limits(file: _File) -> JointLimits:
+    joints = file.joints
+    return JointLimits(
+        lower_rad=np.radians(file.per_joint(joints.lower_deg)),
+        upper_rad=np.radians(file.per_joint(joints.upper_deg)),
+        velocity_rad_per_s=np.radians(file.per_joint(joints.velocity_deg_per_s)),
+        torque_nm=file.per_joint(joints.torque_nm),
+    )
 
-    def __init__(self, path: Path, findings: Findings, top: TomlTable) -> None:
-        self._path = path
-        self._findings = findings
-        self._top = top
-        self._joints = top.inner("joints", _JOINTS)
-        self._gains = top.inner("gains", _GAINS)
-        self._hand = top.inner("hand", _HAND)
 
-    def description(self) -> HandDescription:
-        joints = self._joints.names("names", _NAMES)
-        limits = self._limits(len(joints))
-        urdf_path = self._path.parent / (self._hand.text("urdf", "the URDF's file name") or "?")
-        skin, indenter = self._fingers()
-        urdf = read_urdf(urdf_path, self._findings, self._path.parent) if self._hand.has("urdf") else None
-        if urdf is not None:
-            for finger in (skin, indenter):
-                self._check_finger(finger, urdf, joints)
-            self._check_limits(urdf, joints, limits)
-        self._check_shared(skin, indenter, joints)
-        return HandDescription(
-            name=self._hand.text("name", "the hand's name"),
-            urdf=urdf_path,
-            joints=joints,
-            limits=limits,
-            gains=ImpedanceGains(
-                self._gains.array("stiffness_nm_per_rad", len(joints), low=1e-6),
-                self._gains.array("damping_nms_per_rad", len(joints), low=0.0),
-                self._gains.number("low_pass_hz", "a frequency [Hz] > 0", low=1e-3),
-            ),
-            skin_finger=skin,
-            indenter_finger=indenter,
-            home_rad=self._home(len(joints), limits),
-            max_force_n=self._hand.number("max_force_n", "a force [N] > 0", low=1e-3),
-            meta=self._meta(),
-            digest=_digest(self._path, urdf_path),
-            compliance_rad_per_nm=self._gains.array("compliance_rad_per_nm", len(joints), low=0.0)
-            if self._gains.has("compliance_rad_per_nm")
-            else None,
-        )
-
-    def _limits(self, count: int) -> JointLimits:
-        limits = JointLimits(
-            lower_rad=np.radians(self._joints.array("lower_deg", count)),
-            upper_rad=np.radians(self._joints.array("upper_deg", count)),
-            velocity_rad_per_s=np.radians(self._joints.array("velocity_deg_per_s", count, low=1e-6)),
-            torque_nm=self._joints.array("torque_nm", count, low=1e-6),
-        )
-        if np.any(limits.lower_rad >= limits.upper_rad):
-            self._joints.error("upper_deg", "more than lower_deg", self._joints.raw("upper_deg"))
-        return limits
-
-    def _home(self, count: int, limits: JointLimits) -> FloatArray:
-        home = np.radians(self._joints.array("home_deg", count))
-        if np.any((home < limits.lower_rad) | (home > limits.upper_rad)):
-            self._joints.error("home_deg", "angles within the limits", self._joints.raw("home_deg"))
-        return home
-
-    def _fingers(self) -> tuple[FingerDescription, FingerDescription]:
-        """Return the finger with the skin and the one with the indenter; a missing one is empty, with an error."""
-        found: dict[str, FingerDescription] = {}
-        fingers = self._top.inner("fingers", (), optional=True, open_keys=True)
-        for name in fingers.extra:
-            reader = fingers.inner(name, _FINGER)
-            carries = reader.choice("carries", ("skin", "indenter"))
-            finger = FingerDescription(
-                name,
-                reader.names("joints", _NAMES),
-                reader.text("tip_link", "the name of a link of the URDF"),
-            )
-            if carries in found:
-                reader.error("carries", f"one finger with the {carries}", "two")
-            found[carries] = finger
-        for what in ("skin", "indenter"):
-            if what not in found:
-                self._top.error("[fingers.*]", f'a finger with carries = "{what}"', "none")
-        nothing = FingerDescription("", (), "")
-        return found.get("skin", nothing), found.get("indenter", nothing)
-
-    def _check_finger(self, finger: FingerDescription, urdf: Urdf, joints: tuple[str, ...]) -> None:
-        if not finger.tip_link:
-            return
-        place = f"{self._path.name}, [fingers.{finger.name}]"
-        if finger.tip_link not in urdf.links:
-            self._findings.error(
-                f"{place} tip_link", f"one of {', '.join(urdf.links)}", f'"{finger.tip_link}"'
-            )
-            return
-        driven = tuple(joint.name for joint in urdf.chain(finger.tip_link) if joint.kind in MOVING)
-        if driven != finger.joints:
-            self._findings.error(
-                f"{place} joints",
-                f"the joints between root and {finger.tip_link}: {', '.join(driven)}",
-                ", ".join(finger.joints),
-            )
-        for name in finger.joints:
-            if name not in joints:
-                self._findings.error(
-                    f"{place} joints", f"joints of [joints] names ({', '.join(joints)})", name
-                )
-
-    def _check_shared(
-        self, skin: FingerDescription, indenter: FingerDescription, joints: tuple[str, ...]
-    ) -> None:
-        if not (skin.joints and indenter.joints):
-            return
-        both = set(skin.joints) & set(indenter.joints)
-        if both:
-            self._top.error("[fingers.*]", "fingers without a joint in common", ", ".join(sorted(both)))
-        idle = set(joints) - set(skin.joints) - set(indenter.joints)
-        if idle:
-            self._joints.error(
-                "names", "joints of the two fingers only", ", ".join(sorted(idle)), "Leave them out."
-            )
-
-    def _check_limits(self, urdf: Urdf, joints: tuple[str, ...], limits: JointLimits) -> None:
-        named = {joint.name: joint for joint in urdf.joints.values()}
-        for i, name in enumerate(joints):
-            joint = named.get(name)
-            if joint is None:
-                driven = ", ".join(n for n, j in named.items() if j.kind in MOVING)
-                self._joints.error("names", f"driven joints of the URDF ({driven})", f'"{name}"')
-            elif (
-                limits.lower_rad[i] < joint.lower_rad - _ROUNDING_RAD
-                or limits.upper_rad[i] > joint.upper_rad + _ROUNDING_RAD
-            ):
-                low, high = np.degrees([joint.lower_rad, joint.upper_rad])
-                got = np.degrees([limits.lower_rad[i], limits.upper_rad[i]])
-                self._joints.error(
-                    "lower_deg, upper_deg",
-                    f"{name} within the URDF's {low:.1f} to {high:.1f}",
-                    f"{got[0]:.1f} to {got[1]:.1f}",
-                )
-
-    def _meta(self) -> DatasetMeta:
-        tables = tables_of(self._top)
-        meta = meta_from(self._top, tables)
-        if meta.surface.kind == "mesh":
-            tables["surface"].error(
-                "kind", '"cylinder" or "plane": contacts are found in closed form', '"mesh"'
-            )
-        if meta.indenter.kind not in ("sphere", ""):
-            tables["indenter"].error(
-                "kind", 'a "sphere": contacts are found from its centre', f'"{meta.indenter.kind}"'
-            )
-        if meta.sensor.positions is not None:
-            tables["sensor"].error("positions", "a grid: taxel_size_m and pitch_m", meta.sensor.positions)
-        return meta
+def _urdf_violations(file: _File, urdf: Urdf) -> Iterator[Violation]:
+    """Yield what does not fit the URDF: links, the joints between them, and limits."""
+    names = file.joints.names
+    for name, finger in file.fingers.items():
+        table = ("fingers", name)
+        if finger.tip_link and finger.tip_link not in urdf.links:
+            yield (*table, "tip_link"), f"one of {', '.join(urdf.links)}", f'"{finger.tip_link}"'
+        elif finger.tip_link:
+            driven = tuple(joint.name for joint in urdf.chain(finger.tip_link) if joint.kind in MOVING)
+            if driven != finger.joints:
+                expected = f"the joints between root and {finger.tip_link}: {', '.join(driven)}"
+                yield (*table, "joints"), expected, ", ".join(finger.joints)
+            for joint in set(finger.joints) - set(names):
+                yield (*table, "joints"), f"joints of [joints] names ({', '.join(names)})", joint
+    limits = _limits(file)
+    named = {joint.name: joint for joint in urdf.joints.values()}
+    for name, lower, upper in zip(names, limits.lower_rad, limits.upper_rad, strict=True):
+        if (joint := named.get(name)) is None:
+            driven = ", ".join(n for n, j in named.items() if j.kind in MOVING)
+            yield ("joints", "names"), f"driven joints of the URDF ({driven})", f'"{name}"'
+        elif lower < joint.lower_rad - _ROUNDING_RAD or upper > joint.upper_rad + _ROUNDING_RAD:
+            low, high, *got = np.degrees([joint.lower_rad, joint.upper_rad, lower, upper])
+            expected = f"{name} within the URDF's {low:.1f} to {high:.1f}"
+            yield ("joints", "lower_deg, upper_deg"), expected, f"{got[0]:.1f} to {got[1]:.1f}"
 
 
 def _digest(*paths: Path) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 import onnx
@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from skincal.bounded import UnreadableError, parse_json
+from skincal.dataset.findings import Findings
+from skincal.dataset.schema import read_table
+from skincal.errors import InputError
 from skincal.files import whole_file
 from skincal.train.network import Network
-from skincal.train.policy_file import DESCRIPTION_KEY, INPUT, OUTPUT, Description
+from skincal.train.policy_file import DESCRIPTION_KEY, FORMAT, INPUT, OUTPUT, Description
 
 OPSET: Final = 17
 IR_VERSION: Final = 8
@@ -80,8 +83,11 @@ def parse_policy(content: bytes) -> tuple[Network, Description]:
     if DESCRIPTION_KEY not in properties:
         raise UnreadableError("a policy", "an ONNX model without a description")
     try:
-        description = Description.from_table(parse_json(properties[DESCRIPTION_KEY]))
-    except (LookupError, TypeError, ValueError) as error:
+        findings = Findings()
+        table = cast("dict[str, Any]", dict(parse_json(properties[DESCRIPTION_KEY])))
+        description = read_table(Description, table, findings, "its table", FORMAT)
+        findings.raise_errors()
+    except (InputError, TypeError, ValueError) as error:
         raise UnreadableError("a policy", f"a description with a fault: {error}") from error
     return _network(numbers, layers), description
 

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Annotated, Any, Final, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.bounded import UnreadableError, read_bytes
+from skincal.dataset.keys import Key, Word
+from skincal.dataset.schema import Table
+from skincal.dataset.schema_errors import Violation
 from skincal.errors import InputError, Problem, WorkError
 from skincal.files import reason
 from skincal.train.network import Network
@@ -29,8 +33,12 @@ LARGEST_BYTES: Final = 50_000_000
 """A policy is half a megabyte; whatever is larger than this is none."""
 
 
+_MOST: Final = 2**20
+"""Length of an observation or an action that no policy has."""
+
+
 @dataclass(frozen=True)
-class Description:
+class Description(Table, unknown="keep"):
     """What a policy is for, and where it comes from.
 
     Attributes:
@@ -49,10 +57,10 @@ class Description:
         start: name of the policy that the run went on from; "": none.
     """
 
-    task: Task
-    policy: PolicyKind
+    task: Annotated[Task, Word(options=Task)]
+    policy: Annotated[PolicyKind, Word(options=PolicyKind)]
     observation: tuple[dict[str, Any], ...]
-    actions: int
+    actions: Annotated[int, Key(f"1 to {_MOST - 1}", 1, _MOST - 1)]
     ranges_sha256: str
     seed: int
     steps: int
@@ -73,39 +81,16 @@ class Description:
         table = {**asdict(self), "task": str(self.task), "policy": str(self.policy)}
         return {"format": FORMAT, **table, "observation": [dict(part) for part in self.observation]}
 
-    @classmethod
-    def from_table(cls, table: dict[str, Any]) -> Description:
-        """Inverse of :meth:`as_table`; unknown names are left out.
-
-        Raises:
-            KeyError, TypeError, ValueError: something is missing or of a wrong kind.
-        """
-        if table["format"] != FORMAT:
-            raise ValueError(f'the format "{table["format"]}"')
-        # Older files do not say what a run went on from.
-        table = {"start": "", **table}
-        known: dict[str, Any] = {part.name: table[part.name] for part in fields(cls)}
-        known["observation"] = tuple(dict(part) for part in known["observation"])
-        known |= {"task": Task(known["task"]), "policy": PolicyKind(known["policy"])}
-        for size in (known["actions"], *(part["size"] for part in known["observation"])):
-            if type(size) is not int or not 0 < size < 2**20:
-                raise ValueError(f"a size of {size!r:.40}")
-        for part in known["observation"]:
-            ago = part.get("steps_ago", 0)
-            if not isinstance(part["name"], str) or type(ago) is not int or not 0 <= ago <= LONGEST_AGO:
-                raise ValueError(f"an observation of {part!r:.80}")
-        for name, kinds in _PLAIN.items():
-            value = known[name]
-            if not isinstance(value, kinds) or isinstance(value, bool) or not _is_plain(value):
-                raise ValueError(f"{name} of {value!r:.40}")
-        return cls(**known)
-
-
-_PLAIN: Final[dict[str, tuple[type, ...]]] = {
-    "ranges_sha256": (str,), "seed": (int,), "steps": (int,), "wall_time_s": (int, float), "backend": (str,),
-    "environment": (dict,), "versions": (dict,), "created": (str,), "start": (str,),
-}  # fmt: skip
-"""What the other fields of a description are."""
+    def violations(self) -> Iterator[Violation]:
+        """Yield parts of an observation that are none, and values that are not plain."""
+        for part in self.observation:
+            size, ago = part.get("size"), part.get("steps_ago", 0)
+            if type(size) is not int or not 0 < size < _MOST:
+                yield "observation", f"a size of 1 to {_MOST - 1}", size
+            elif not isinstance(part.get("name"), str) or type(ago) is not int or not 0 <= ago <= LONGEST_AGO:
+                yield "observation", "a name, and steps_ago from 0 on", str(part)[:80]
+        if not _is_plain(self.environment):
+            yield "environment", "texts and finite numbers", str(self.environment)[:40]
 
 
 def _is_plain(value: Any) -> bool:

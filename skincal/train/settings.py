@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import Any, Final, cast
+from typing import Annotated, Any, Final
+
+from skincal.dataset.keys import Key, Word
+from skincal.dataset.schema import Table
 
 
 class Task(StrEnum):
@@ -42,8 +45,15 @@ PUBLISHED_STEPS: Final = {Task.marble: 800_000, Task.bolt: 600_000, Task.pellets
 """Length of a training run [environment steps], Kasolowsky & Bäuml, IROS 2024, section V-E; pellets: ICRA 2026."""
 
 
+class Within(Key):
+    """A number within bounds; beyond them a run would not begin, or never end."""
+
+    def __init__(self, low: float, high: float) -> None:
+        super().__init__(f"{low:g} to {high:g}", low, high)
+
+
 @dataclass(frozen=True)
-class Settings:
+class Settings(Table, unknown="refuse"):
     """Soft actor-critic as published (Kasolowsky & Bäuml, IROS 2024, and the authors' list of settings).
 
     Attributes:
@@ -63,19 +73,19 @@ class Settings:
         observation_clip: normalised observations are cut off here [standard deviations].
     """
 
-    environments: int = 8
-    buffer_size: int = 200_000
-    learning_starts: int = 6000
-    train_every: int = 60
-    gradient_steps: int = 200
-    discount: float = 0.95
-    polyak: float = 5e-3
-    target_entropy: float = -4.0
-    entropy_coefficient: float = 0.2
-    learning_rate: float = 3e-4
-    batch_size: int = 256
-    hidden: tuple[int, ...] = (256, 256)
-    observation_clip: float = 10.0
+    environments: Annotated[int, Within(1, 4096)] = 8
+    buffer_size: Annotated[int, Within(1, 10**9)] = 200_000
+    learning_starts: Annotated[int, Within(0, 10**12)] = 6000
+    train_every: Annotated[int, Within(1, 10**6)] = 60
+    gradient_steps: Annotated[int, Within(1, 10**6)] = 200
+    discount: Annotated[float, Within(0, 1)] = 0.95
+    polyak: Annotated[float, Within(0, 1)] = 5e-3
+    target_entropy: Annotated[float, Within(-1e06, 1e06)] = -4.0
+    entropy_coefficient: Annotated[float, Within(0, 1e06)] = 0.2
+    learning_rate: Annotated[float, Within(0, 1)] = 3e-4
+    batch_size: Annotated[int, Within(1, 10**7)] = 256
+    hidden: Annotated[tuple[int, ...], Within(1, 10**5)] = (256, 256)
+    observation_clip: Annotated[float, Within(1e-06, 1e06)] = 10.0
 
     @property
     def steps_per_round(self) -> int:
@@ -88,7 +98,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class PpoSettings:
+class PpoSettings(Table, unknown="refuse"):
     """Proximal policy optimisation as published for the pellets (the authors' list of settings, ICRA 2026).
 
     Attributes:
@@ -106,18 +116,18 @@ class PpoSettings:
         observation_clip: normalised observations are cut off here [standard deviations]; assumed.
     """
 
-    environments: int = 160
-    rollout_steps: int = 60_000
-    batch_size: int = 4000
-    epochs: int = 5
-    learning_rate: float = 3e-4
-    discount: float = 0.99
-    gae_lambda: float = 0.95
-    gradient_clip: float = 0.5
-    value_coefficient: float = 0.5
-    deviation: float = 0.4
-    hidden: tuple[int, ...] = (256, 256)
-    observation_clip: float = 10.0
+    environments: Annotated[int, Within(1, 4096)] = 160
+    rollout_steps: Annotated[int, Within(1, 10**9)] = 60_000
+    batch_size: Annotated[int, Within(1, 10**7)] = 4000
+    epochs: Annotated[int, Within(1, 10000)] = 5
+    learning_rate: Annotated[float, Within(0, 1)] = 3e-4
+    discount: Annotated[float, Within(0, 1)] = 0.99
+    gae_lambda: Annotated[float, Within(0, 1)] = 0.95
+    gradient_clip: Annotated[float, Within(1e-09, 1e09)] = 0.5
+    value_coefficient: Annotated[float, Within(0, 1e06)] = 0.5
+    deviation: Annotated[float, Within(1e-06, 1000)] = 0.4
+    hidden: Annotated[tuple[int, ...], Within(1, 10**5)] = (256, 256)
+    observation_clip: Annotated[float, Within(1e-06, 1e06)] = 10.0
 
     @property
     def steps_per_round(self) -> int:
@@ -130,7 +140,7 @@ class PpoSettings:
 
 
 @dataclass(frozen=True)
-class Work:
+class Work(Table, unknown="keep"):
     """One training run: everything its result depends on.
 
     Attributes:
@@ -146,13 +156,13 @@ class Work:
         start: name of the policy that the run goes on from; "": none, it begins with random networks.
     """
 
-    task: Task
-    policy: PolicyKind
-    seed: int
-    steps: int
-    backend: BackendName = BackendName.sb3
+    task: Annotated[Task, Word(options=Task)]
+    policy: Annotated[PolicyKind, Word(options=PolicyKind)]
+    seed: Annotated[int, Within(0, 2**63)]
+    steps: Annotated[int, Within(1, 10**12)]
+    backend: Annotated[BackendName, Word(options=BackendName)] = BackendName.sb3
     settings: Settings | PpoSettings = field(default_factory=Settings)
-    rounds_per_checkpoint: int = 42
+    rounds_per_checkpoint: Annotated[int, Within(1, 10**9)] = 42
     environment: dict[str, Any] = field(default_factory=dict[str, Any])
     start: str = ""
 
@@ -161,49 +171,3 @@ class Work:
         table = asdict(self)
         table["settings"]["hidden"] = list(self.settings.hidden)
         return {**table, "task": str(self.task), "policy": str(self.policy), "backend": str(self.backend)}
-
-    @classmethod
-    def from_table(cls, table: dict[str, Any]) -> Work:
-        """Inverse of :meth:`as_table`.
-
-        Raises:
-            KeyError, TypeError, ValueError: something is missing, unknown or of a wrong kind.
-        """
-        settings: dict[str, Any] = {**table["settings"], "hidden": tuple(table["settings"]["hidden"])}
-        whole = {name: table[name] for name in ("seed", "steps", "rounds_per_checkpoint")}
-        for name, value in (settings | whole).items():
-            numbers: tuple[object, ...] = cast("tuple[object, ...]", value) if name == "hidden" else (value,)
-            for number in numbers:
-                _check(name, number)
-        return cls(
-            task=Task(table["task"]),
-            policy=PolicyKind(table["policy"]),
-            backend=BackendName(table["backend"]),
-            settings=(PpoSettings if "rollout_steps" in settings else Settings)(**settings),
-            environment=dict(table["environment"]),
-            start=str(table.get("start", "")),
-            **whole,
-        )
-
-
-_BOUNDS: Final[dict[str, tuple[float, float]]] = {
-    "environments": (1, 4096), "buffer_size": (1, 10**9), "learning_starts": (0, 10**12), "train_every": (1, 10**6),
-    "gradient_steps": (1, 10**6), "discount": (0.0, 1.0), "polyak": (0.0, 1.0), "target_entropy": (-1e6, 1e6),
-    "entropy_coefficient": (0.0, 1e6), "learning_rate": (0.0, 1.0), "batch_size": (1, 10**7), "hidden": (1, 10**5),
-    "rollout_steps": (1, 10**9), "epochs": (1, 10**4), "gae_lambda": (0.0, 1.0), "gradient_clip": (1e-9, 1e9),
-    "value_coefficient": (0.0, 1e6), "deviation": (1e-6, 1e3), "observation_clip": (1e-6, 1e6),
-    "seed": (0, 2**63), "steps": (1, 10**12), "rounds_per_checkpoint": (1, 10**9),
-}  # fmt: skip
-"""What a file may say: beyond it a run would not begin, or never end."""
-
-
-def _check(name: str, value: object) -> None:
-    """Checks a number of a file; those with whole bounds are whole.
-
-    Raises:
-        KeyError, ValueError: there is no such setting, or it is out of bounds.
-    """
-    low, high = _BOUNDS[name]
-    kinds = int if isinstance(low, int) else int | float
-    if not isinstance(value, kinds) or isinstance(value, bool) or not low <= value <= high:
-        raise ValueError(f"{name} = {value!r:.40}, not within {low:g} to {high:g}")

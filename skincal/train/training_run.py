@@ -7,14 +7,15 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import tomli_w
 
-from skincal.bounded import parse_toml, read_text
+from skincal.dataset.findings import Findings
+from skincal.dataset.schema import load_toml, read_table
 from skincal.errors import InputError, Problem, WorkError
-from skincal.files import alone, reason, recover, refuse_existing, whole_folder
+from skincal.files import alone, recover, refuse_existing, whole_folder
 from skincal.ranges import Ranges, read_ranges, write_ranges
 from skincal.train.checkpoint import ARRAYS, STATE, Progress, load_checkpoint, save_checkpoint
 from skincal.train.curve import Curve
@@ -23,7 +24,7 @@ from skincal.train.environments import Make, end, in_full, parallel, segment_see
 from skincal.train.learner import Learner
 from skincal.train.onnx_file import write_policy
 from skincal.train.policy_file import Description, Policy, read_policy
-from skincal.train.settings import BackendName, PpoSettings, Work
+from skincal.train.settings import BackendName, PpoSettings, Settings, Work
 from skincal.train.watch import Round
 
 MARKER: Final = "run.toml"
@@ -116,14 +117,14 @@ def read_run(folder: Path) -> tuple[Work, Ranges]:
     place = folder / MARKER
     for one in (folder, folder / CHECKPOINT):
         recover(one)
-    try:
-        table = parse_toml(read_text(place, within=folder))
-        if table.get("format") != FORMAT:
-            raise ValueError(f'the format "{table.get("format")}"')
-        work = Work.from_table(table)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        got = reason(error) if isinstance(error, OSError) else f"{error}"
-        raise InputError([Problem(str(place), "a training run begun by `skincal train`", got)]) from error
+    findings = Findings(folder)
+    table = dict(load_toml(place, findings, what="training run", within=folder) or {})
+    findings.raise_errors()
+    settings: dict[str, Any] = table.pop("settings") if isinstance(table.get("settings"), dict) else {}
+    kind = PpoSettings if "rollout_steps" in settings else Settings
+    work = read_table(Work, table, findings, MARKER, FORMAT)
+    work = replace(work, settings=read_table(kind, settings, findings, MARKER, within=("settings",)))
+    findings.raise_errors()
     return work, read_ranges(folder / RANGES)
 
 

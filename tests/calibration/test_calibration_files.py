@@ -20,7 +20,7 @@ from skincal.calibration import (
     read_calibration,
     write_calibration,
 )
-from skincal.calibration.toml_file import ELASTICITY_PA_PER_M
+from skincal.calibration.parts import ELASTICITY_PA_PER_M
 from skincal.dataset import IndenterSpec, SurfaceSpec, TaxelPositions
 from skincal.effects import EFFECTS
 from skincal.errors import InputError

@@ -12,7 +12,8 @@ import pandas as pd
 import pytest
 
 from skincal.dataset import read_dataset
-from skincal.imports.mapping_tables import SERIES_KEYS
+from skincal.dataset.schema import keys_of
+from skincal.imports.mapping import CutRules
 from skincal.imports.units import FACTORS
 
 ROOT = Path(__file__).parents[2]
@@ -79,5 +80,5 @@ def test_refusals_name_the_place_and_leave_nothing(page: tuple[Path, str]):
 def test_page_names_every_unit_and_every_rule():
     units = [name for kind, names in FACTORS.items() if kind != "number" for name in names]
     assert [
-        name for name in (*units, *SERIES_KEYS) if f"`{name}`" not in PAGE and f"`{name} " not in PAGE
+        name for name in (*units, *keys_of(CutRules)) if f"`{name}`" not in PAGE and f"`{name} " not in PAGE
     ] == []

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from skincal.dataset.schema import keys_of
 from skincal.errors import InputError
 from skincal.imports import template
-from skincal.imports.mapping import CsvFormat
+from skincal.imports.mapping import CsvFormat, CsvSource, JoinedFormat
+from skincal.imports.mapping_file import BagTable, BagTaxels, CsvTaxels, Frame, TopicTable
 from skincal.imports.read_mapping import read_mapping
 from skincal.imports.units import FACTORS, unit_of
 from tests.imports.foreign import PRESS_ROWS, SERIES, mapping, write_mapping
@@ -36,7 +38,7 @@ def test_everything_at_once(tmp_path: Path):
     found = problems(tmp_path, content)
     for text in (
         "[sensor] rows: expected a whole number, at least 1; got 0",
-        "[csv] delimeter: expected one of rows, files, delimiter",
+        "[csv] delimeter: expected one of delimiter, decimal",
         'Did you mean "delimiter"?',
         '[columns.force_n] unit: expected a unit of force: N, kN, cN, mN, uN, gf, kgf, lbf; got "mm". '
         "mm is a unit of length.",
@@ -155,17 +157,8 @@ def test_template_names_every_key_that_there_is(tmp_path: Path, kind: str):
     (tmp_path / "m.toml").write_text(text, encoding="utf-8")
     found = read_mapping(tmp_path / "m.toml", "csv" if kind == "csv" else "bag")
     assert isinstance(found.source, CsvFormat) == (kind == "csv")
-    from skincal.imports import mapping_tables, mapping_taxels
-
-    keys = {
-        *mapping_tables.FRAME_KEYS,
-        *(mapping_taxels.CSV_KEYS if kind == "csv" else mapping_taxels.BAG_KEYS),
-    }
-    keys |= (
-        {*mapping_tables.CSV_KEYS}
-        if kind == "csv"
-        else {*mapping_tables.BAG_KEYS, *mapping_tables.TOPIC_KEYS}
-    )
+    tables = (CsvTaxels, CsvSource, JoinedFormat) if kind == "csv" else (BagTaxels, BagTable, TopicTable)
+    keys = {key for table in (Frame, *tables) for key in keys_of(table)}
     assert [key for key in sorted(keys) if key not in text] == []
 
 

@@ -125,13 +125,16 @@ def _changed(path: Path, **about: object) -> None:
     ("about", "got"),
     [
         ({"format": "skincal-policy/9"}, "skincal-policy/9"),
-        ({"task": "pen"}, "'pen' is not a valid Task"),
+        ({"task": "pen"}, 'got "pen"'),
         ({"actions": 3}, "described as one from"),
         ({"observation": [{"name": "policy", "size": 7}]}, "described as one from"),
         ({"observation": 7}, "a description with a fault"),
         ({"observation": [{"name": "policy"}]}, "a description with a fault"),
         ({"observation": [{"name": "policy", "size": 10**400}]}, "a description with a fault"),
-        ({"observation": [{"name": "policy", "size": -6}, {"name": "x", "size": 12}]}, "a size of -6"),
+        (
+            {"observation": [{"name": "policy", "size": -6}, {"name": "x", "size": 12}]},
+            "a size of 1 to 1048575; got -6",
+        ),
     ],
 )
 def test_descriptions_with_a_fault(tmp_path, about, got):

@@ -1,0 +1,218 @@
+"""What a value of a file must be beyond its type: words, bounds and units, for ``Annotated`` fields of a table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from datetime import date, datetime
+from enum import EnumType
+from typing import Any, cast
+
+from skincal.dataset.findings import did_you_mean
+
+MILLIMETRES = "It looks like millimetres; the file is in metres: divide by 1000."
+TWICE = "It looks as if millimetres were converted to metres twice; multiply by 1000."
+
+OURS = "skincal"
+"""Type of the errors that hold our words."""
+
+NUMBER = {"float_type": "a number", "finite_number": "a number", "int_type": "a whole number"}
+"""Errors of pydantic about numbers, and what was expected."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """What a value must be, beyond its type.
+
+    Attributes:
+        expected: what an error says of it.
+        low: smallest number.
+        high: largest number.
+        inf: whether a number may be infinite.
+        fix: what to do about a wrong value.
+    """
+
+    expected: str
+    low: float = -math.inf
+    high: float = math.inf
+    inf: bool = False
+    fix: str = ""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_wrap_validator_function(
+            self._read, adjusted(handler(source), inf=self.inf)
+        )
+
+    def _read(self, value: Any, handler: Callable[[Any], Any]) -> Any:
+        from pydantic_core import ValidationError
+
+        try:
+            found = handler(self._prepared(value))
+        except (ValidationError, ValueError) as error:
+            types = [one["type"] for one in error.errors()] if isinstance(error, ValidationError) else []
+            raise wrong(*self._refused(value), number=not NUMBER.keys().isdisjoint(types)) from None
+        if (fault := self._fault(found)) is not None:
+            raise wrong(*fault)
+        return found
+
+    def _prepared(self, value: Any) -> Any:
+        """Return the value in the form that its type has.
+
+        Raises:
+            ValueError: it has none.
+        """
+        return value
+
+    def _refused(self, value: Any) -> tuple[str, str]:
+        """Return what was expected of a value of another type, and what to do."""
+        return self.expected, self.fix
+
+    def _fault(self, value: Any) -> tuple[str, str] | None:
+        """Return what was expected of a value of the right type, and what to do; None if nothing is wrong."""
+        inside = all(
+            self.low <= one <= self.high and (self.inf or math.isfinite(one)) for one in _numbers(value)
+        )
+        return None if inside else (self.expected, self.fix)
+
+
+@dataclass(frozen=True)
+class Length(Key):
+    """A length [m], or several, whose size lies within the bounds; its error tells millimetres.
+
+    Attributes:
+        signed: whether it may be negative.
+    """
+
+    signed: bool = False
+
+    def _fault(self, value: Any) -> tuple[str, str] | None:
+        for one in _numbers(value):
+            size = abs(one)
+            if math.isnan(one) or not (self.signed or one >= 0) or (one == 0 < self.low):
+                return self.expected, self.fix
+            if size > self.high and not math.isinf(one):
+                return f"{self.expected}, at most {self.high:g} m", self._if(size / 1000, MILLIMETRES)
+            if size < self.low:
+                return f"{self.expected}, at least {self.low:g} m", self._if(size * 1000, TWICE)
+        return None
+
+    def _if(self, size: float, fix: str) -> str:
+        return fix if self.low <= size <= self.high else self.fix
+
+
+@dataclass(frozen=True)
+class Size(Length):
+    """A length along both axes, or a pair ``[du, dv]`` of them [m]."""
+
+    def _prepared(self, value: Any) -> Any:
+        return value if isinstance(value, list) or value is None else [value, value]
+
+
+@dataclass(frozen=True)
+class Range(Key):
+    """A pair ``[low, high]`` in order; ``high`` of the key bounds both.
+
+    Attributes:
+        beyond: what to do about a pair beyond that bound.
+    """
+
+    beyond: str = ""
+
+    def _fault(self, value: Any) -> tuple[str, str] | None:
+        low, high = value
+        if not low <= high or not (self.inf or math.isfinite(low + high)):
+            return f"{self.expected}, in ascending order", ""
+        if any(abs(one) > self.high for one in value if math.isfinite(one)):
+            return f"{self.expected}, within ±{self.high:g}", self.beyond
+        return None
+
+
+@dataclass(frozen=True)
+class Word(Key):
+    """One of some words, or of an enumeration of texts."""
+
+    expected: str = ""
+    options: Iterable[str] = ()
+
+    def _prepared(self, value: Any) -> Any:
+        return self.options(value) if isinstance(self.options, EnumType) else value
+
+    def _refused(self, value: Any) -> tuple[str, str]:
+        return choice(value, self.options)
+
+    def _fault(self, value: Any) -> tuple[str, str] | None:
+        return None if value in self.options else self._refused(value)
+
+
+@dataclass(frozen=True)
+class Names(Key):
+    """A list of names, each once."""
+
+    def _fault(self, value: Any) -> tuple[str, str] | None:
+        good = value and all(value) and len({*value}) == len(value)
+        return None if good else (self.expected, self.fix)
+
+
+@dataclass(frozen=True)
+class Texts(Key):
+    """A list of texts; a single one may stand alone."""
+
+    def _prepared(self, value: Any) -> Any:
+        return [value] if isinstance(value, str) else value
+
+    def _fault(self, value: Any) -> tuple[str, str] | None:
+        return None if value is None or all(value) else (self.expected, self.fix)
+
+
+@dataclass(frozen=True)
+class When(Key):
+    """A date with a time, also as a text in ISO 8601."""
+
+    expected: str = "a date and time like 2026-11-20T12:00:00Z"
+
+    def _prepared(self, value: Any) -> Any:
+        if not isinstance(value, str | date | None):
+            raise ValueError
+        return datetime.fromisoformat(value.strip()) if isinstance(value, str) else value
+
+
+def choice(value: object, options: Iterable[str]) -> tuple[str, str]:
+    """Return what was expected where none of some words came, and which one was meant."""
+    words = list(options)
+    close = did_you_mean(value, words) if isinstance(value, str) else None
+    expected = "one of " + ", ".join(f'"{word}"' for word in words)
+    return expected, f'Did you mean "{close}"?' if close else ""
+
+
+def wrong(expected: str, fix: str = "", **told: Any) -> Any:
+    """Return an error of pydantic with our words; ``told`` is for :mod:`skincal.dataset.schema`."""
+    from pydantic_core import PydanticCustomError
+
+    return PydanticCustomError(OURS, "{expected}", {"expected": expected, "fix": fix, **told})
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """Yield the numbers of a value, which may be lists."""
+    if isinstance(value, tuple):
+        for one in cast("tuple[Any, ...]", value):
+            yield from _numbers(one)
+    elif isinstance(value, int | float):
+        yield value
+
+
+def adjusted(schema: Any, *, inf: bool = False) -> Any:
+    """Let a list be a tuple, a day a time, and numbers infinite where they may be; the rest of a schema is strict."""
+    if isinstance(schema, dict):
+        if schema.get("type") in ("tuple", "datetime", "union"):
+            schema["strict"] = False
+        if schema.get("type") == "float" and inf:
+            schema["allow_inf_nan"] = True
+        for inner in cast("dict[str, Any]", schema).values():
+            adjusted(inner, inf=inf)
+    elif isinstance(schema, list):
+        for inner in cast("list[Any]", schema):
+            adjusted(inner, inf=inf)
+    return schema

@@ -1,0 +1,268 @@
+"""Tables of files as frozen dataclasses: pydantic validates them, and its errors become ours.
+
+A subclass of :class:`Table` is both the schema of a table and the object that it is read into: its fields are the
+keys, their types say what a value must be, and a :class:`Key` in ``Annotated`` adds words and bounds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import MISSING, fields
+from functools import cache, partial
+from pathlib import Path
+from types import UnionType
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from skincal.bounded import UnreadableError, parse_toml, read_text
+from skincal.dataset.findings import Findings
+from skincal.dataset.keys import adjusted, wrong
+from skincal.dataset.schema_errors import (
+    ABSENT,
+    BLANK,
+    Place,
+    Translator,
+    Violation,
+    in_full,
+    in_our_words,
+    shown,
+    unknown_key,
+    within,
+)
+from skincal.files import reason
+
+Unknown = Literal["warn", "refuse", "keep"]
+MOST_UNKNOWN = 100
+"""Most unknown keys of a table that are reported."""
+
+
+class Table:
+    """Base of a frozen dataclass that is a table of a file; its fields are the keys.
+
+    A field ``extra`` holds unknown keys. ``unknown`` says what becomes of them: ``warn``: a misspelt one is an error,
+    another one is kept with a warning; ``keep``: all are kept; ``refuse``: each is an error.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "allow_inf_nan": False}
+    unknown_keys: ClassVar[Unknown] = "warn"
+    wanted: ClassVar[str] = ""
+    """What an error says of a value that is no table; '' for its name."""
+
+    def __init_subclass__(cls, unknown: Unknown | None = None) -> None:
+        cls.unknown_keys = unknown or cls.unknown_keys
+
+    def violations(self) -> Iterator[Violation]:
+        """Yield what is wrong between keys; placeholders of wrong values are NaN, 0, '' or empty."""
+        return iter(())
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema
+
+        schema = handler(source)
+        # The definition itself is wrapped, as further uses of the class refer to it.
+        definition = handler.resolve_ref_schema(schema)
+        inner = adjusted({key: value for key, value in definition.items() if key != "ref"})
+        inner["strict"] = False
+        hints = get_type_hints(cls, include_extras=True)
+        for field in inner["schema"]["fields"]:
+            placeholder = _placeholder(hints[field["name"]])
+            if field["schema"]["type"] != "default" and placeholder is not BLANK:
+                read = partial(_blank_or, placeholder)
+                field["schema"] = core_schema.no_info_wrap_validator_function(read, field["schema"])
+        read = partial(_read_table, cls)
+        wrapped = core_schema.with_info_wrap_validator_function(read, inner, ref=definition.get("ref"))
+        definition.clear()
+        definition.update(wrapped)
+        return schema
+
+
+Kind = TypeVar("Kind", bound=Table)
+
+
+def keys_of(kind: type[Table]) -> list[str]:
+    """Return the keys that a table may have."""
+    return [field.name for field in fields(cast(Any, kind)) if field.name != "extra"]
+
+
+def load_toml(
+    path: Path, findings: Findings, what: str, within: Path | None = None
+) -> Mapping[str, Any] | None:
+    """Return the content of a TOML file that describes ``what``; None, with an error added, if it cannot be read."""
+    try:
+        return parse_toml(read_text(path, within=within))
+    except FileNotFoundError:
+        fix = "" if what == "mapping" else f"Is this a {what}'s folder?"
+        findings.error(str(path), f"the description of the {what}", "no such file", fix)
+    except UnreadableError as error:
+        # The message holds the line and the column.
+        fix = "Correct that line: quote texts, put lists in brackets, give every key and table once."
+        findings.error(str(path), error.expected, error.got, fix if error.expected == "TOML" else "")
+    except OSError as error:
+        findings.error(str(path), f"the description of the {what}", reason(error))
+    return None
+
+
+def read_table(
+    kind: type[Kind],
+    values: Mapping[str, Any],
+    findings: Findings,
+    file: str,
+    form: str = "",
+    first: int = 1,
+    within: Place = (),
+) -> Kind:
+    """Return the content of a file as an object; add an error for every violation.
+
+    A wrong value reads as a placeholder (NaN, 0, '', empty), so that the rest can be checked as well; the errors
+    prevent that a placeholder is used.
+
+    Args:
+        kind: the dataclass of the file.
+        values: its content.
+        findings: collects errors and warnings.
+        file: its name.
+        form: value of its key ``format``; '' if it has none.
+        first: number of the first table of a list.
+        within: the table of the file that is read; (): all of it.
+    """
+    from pydantic_core import ValidationError
+
+    if form:
+        _check_format(values.get("format", ABSENT), form, findings, file)
+        values = {key: value for key, value in values.items() if key != "format"}
+    translator = Translator(findings, file, first, within)
+    validate = _validator(kind)
+    blanked = dict(values)
+    try:
+        found = validate(values)
+    except ValidationError as error:
+        for place in translator.report(error):
+            _blank(blanked, place)
+        found = validate(blanked, context=BLANK)
+    if violations := [*map(in_full, _violations(found, ()))]:
+        for violation in violations:
+            translator.violation(*violation)
+            _blank(blanked, violation[0])
+        found = validate(blanked, context=BLANK)
+    return found
+
+
+def _violations(found: Any, place: Place) -> Iterator[Violation]:
+    """Yield what the tables at a place, and those inside them, say is wrong between their keys."""
+    if isinstance(found, tuple | dict):
+        inside = found.items() if isinstance(found, dict) else enumerate(found)
+        for name, inner in cast("Iterable[tuple[Any, Any]]", inside):
+            yield from _violations(inner, (*place, name))
+    elif isinstance(found, Table):
+        for field in fields(cast(Any, found)):
+            if field.name != "extra":
+                yield from _violations(getattr(found, field.name), (*place, field.name))
+        yield from within(place, found.violations())
+
+
+def plain_table(spec: Any) -> dict[str, Any]:
+    """Return a table as TOML writes it, without None; a square size is one number."""
+    values = {field.name: getattr(spec, field.name) for field in fields(spec) if field.name != "extra"}
+    for key in ("taxel_size_m", "pitch_m"):
+        if (pair := values.get(key)) is not None and pair[0] == pair[1]:
+            values[key] = pair[0]
+    plain = {key: list(v) if isinstance(v, tuple) else v for key, v in values.items() if v is not None}
+    return {**plain, **getattr(spec, "extra", {})}
+
+
+@cache
+def _validator(kind: type[Table]) -> Callable[..., Any]:
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(kind).validate_python
+
+
+def _check_format(value: object, form: str, findings: Findings, file: str) -> None:
+    if value != form:
+        fix = "Another kind of file, or from a newer version of skincal."
+        fix = "Add it as the first line." if value is ABSENT else fix
+        findings.error(f"{file}, format", f'"{form}"', shown(value), fix)
+
+
+def _blank(values: dict[str, Any], place: Place) -> None:
+    """Put BLANK at a place of nested tables and lists, whose copies replace the originals."""
+    inside: Any = values
+    for key in place[:-1]:
+        inner = inside.get(key) if isinstance(inside, dict) else inside[key]
+        if not isinstance(inner, dict | list):
+            inside[key] = BLANK
+            return
+        inside[key] = inner.copy()
+        inside = inside[key]
+    inside[place[-1]] = BLANK
+
+
+def _blank_or(placeholder: Any, value: Any, handler: Callable[[Any], Any]) -> Any:
+    return placeholder if value is BLANK else handler(value)
+
+
+def _placeholder(hint: Any) -> Any:
+    """Return what a value of a type reads as after an error; BLANK for a table, which has placeholders inside."""
+    origin, args = get_origin(hint), get_args(hint)
+    if origin in (Annotated, Union, UnionType):
+        return _placeholder(args[0])
+    if origin is tuple:
+        return () if Ellipsis in args else tuple(_placeholder(one) for one in args)
+    if origin is Literal:
+        return ""
+    if isinstance(hint, type) and issubclass(hint, Table):
+        return BLANK
+    return {int: 0, float: math.nan, str: "", bool: False, dict: {}, Mapping: {}}.get(origin or hint)
+
+
+def _read_table(cls: type[Any], value: Any, handler: Callable[[Any], Any], info: Any) -> Any:
+    """Validate one table; its unknown and missing keys, and the errors of its values, are told in our words."""
+    from pydantic_core import ValidationError
+
+    known = {field.name: field for field in fields(cls) if field.name != "extra"}
+    needed = [
+        k for k, field in known.items() if field.default is MISSING and field.default_factory is MISSING
+    ]
+    absent = ABSENT
+    if value is BLANK:
+        value, absent = {}, BLANK
+    if not isinstance(value, Mapping):
+        raise wrong(cls.wanted, table=True)
+    table = cast("Mapping[str, Any]", value)
+    extra = {key: inner for key, inner in table.items() if key not in known}
+    given = dict.fromkeys(needed, absent) | {
+        name: inner
+        for name, inner in table.items()
+        if name in known and (name in needed or inner is not BLANK)
+    }
+    if len(known) < len(fields(cls)):
+        given["extra"] = extra
+    free = [name for name in known if name not in table]
+    problems = (
+        []
+        if info.context
+        else [
+            unknown_key(key, extra[key], cls.unknown_keys, [*known], free) for key in [*extra][:MOST_UNKNOWN]
+        ]
+    )
+    try:
+        found = handler(given)
+    except ValidationError as error:
+        problems += [in_our_words(one, known[str(one["loc"][0])]) for one in error.errors(include_url=False)]
+        found = None
+    problems = [one for one in problems if one is not None]
+    if problems:
+        raise ValidationError.from_exception_data(cls.__name__, problems)
+    return found

@@ -1,0 +1,185 @@
+"""Errors of the tables of files in our words: place, what was expected, what came, what to do."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import Field
+from enum import Enum
+from typing import Any, cast
+
+from skincal.dataset.findings import Findings, did_you_mean
+from skincal.dataset.keys import NUMBER, OURS, choice, wrong
+
+KEPT = "It is kept but not used."
+Place = tuple[str | int, ...]
+Violation = tuple[str | Place, str, object] | tuple[str | Place, str, object, str]
+"""Key, or keys from table to table; expected; got, a value or words for it; what to do, if that is not clear."""
+
+
+class _Value(Enum):
+    ABSENT = 0
+    BLANK = 1
+    """Stands for a value that was reported, and reads as a placeholder (NaN, 0, '', ...)."""
+
+
+ABSENT, BLANK = _Value.ABSENT, _Value.BLANK
+
+_NATIVE = NUMBER | {
+    "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "string_type": "a text",
+    "tuple_type": "a list, of tables [[{key}]]",
+    "dict_type": "a table",
+}
+
+
+def within(table: Place, violations: Iterable[Violation]) -> Iterator[Violation]:
+    """Yield violations of a table as those of the file that holds it."""
+    for one in violations:
+        place, expected, got, fix = in_full(one)
+        yield (*table, *place), expected, got, fix
+
+
+def in_full(violation: Violation) -> tuple[Place, str, object, str]:
+    """Return place, expected, got and what to do of a violation."""
+    key, expected, got = violation[:3]
+    return (key,) if isinstance(key, str) else key, expected, got, violation[3] if len(violation) > 3 else ""
+
+
+def missing(key: str, expected: str) -> Violation:
+    """Return the violation of a key that is needed in this case."""
+    return key, expected, ABSENT, ""
+
+
+def superfluous(key: str, reason: str, value: object) -> Violation:
+    """Return the violation of a key that cannot stand in this case."""
+    return key, f"no such key: {reason}", value, "Remove it."
+
+
+def report(
+    violations: Iterable[Violation], findings: Findings, file: str, first: int = 1, within: Place = ()
+) -> None:
+    """Add an error for each violation that was found after a file was read; arguments as :func:`read_table`."""
+    translator = Translator(findings, file, first, within)
+    for one in violations:
+        translator.violation(*in_full(one))
+
+
+class Translator:
+    """Reports the errors of pydantic, and violations between keys, with their place in a file.
+
+    Args:
+        findings: collects them.
+        file: the file's name.
+        first: number of the first table of a list.
+        within: the table that places begin in.
+    """
+
+    def __init__(self, findings: Findings, file: str, first: int = 1, within: Place = ()) -> None:
+        self._findings, self._file, self._first, self._within = findings, file, first, within
+        self._reported = {problem.place for problem in findings.errors}
+
+    def report(self, error: Any) -> Iterator[Place]:
+        """Add a problem for each error; yield the places of wrong values."""
+        for one in error.errors(include_url=False):
+            told, got = one["ctx"], one["input"]
+            key = () if told.get("table") else told["key"]
+            table = one["loc"][: len(one["loc"]) - len(key)]
+            expected, fix = told["expected"], told["fix"]
+            if told.get("table"):
+                expected = expected or f"a table [{self._path(table)}]"
+                fix = "Add it." if got is ABSENT else f"Write [{self._path(table)}] on its own line."
+            elif told.get("number") and isinstance(got, str) and _is_text_of_number(got):
+                fix = "Write it without quotes."
+            words = told.get("got") or shown(got)
+            self._add(
+                table,
+                key,
+                expected,
+                words,
+                fix or self._add_it(table, key, got),
+                warn=told.get("warn", False),
+            )
+            if not told.get("unknown"):
+                yield (*table, *key[:1])
+
+    def violation(self, place: Place, expected: str, got: object, fix: str = "") -> None:
+        """Add one violation at a key, the last of its place; ``got`` is a value, or words for it."""
+        outer, key = place[:-1], place[-1:]
+        words = got if isinstance(got, str) else shown(got)
+        # A wrong value may read as a missing one.
+        if got is not ABSENT or self._place(outer, key) not in self._reported:
+            self._add(outer, key, expected, words, fix or self._add_it(outer, key, got))
+
+    def _add(
+        self, table: Place, key: Place, expected: str, got: str, fix: str, *, warn: bool = False
+    ) -> None:
+        place = self._place(table, key)
+        self._reported.add(place)
+        (self._findings.warn if warn else self._findings.error)(place, expected, got, fix)
+
+    def _place(self, table: Place, key: Place) -> str:
+        table = (*self._within, *table)
+        named = " ".join(filter(None, (f"[{self._path(table)}]" if table else "", self._path(key))))
+        return f"{self._file}, {named}"
+
+    def _path(self, keys: Place) -> str:
+        """Return keys from table to table: ``taxels.first``, ``effects 1``."""
+        return "".join(f" {k + self._first}" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
+
+    def _add_it(self, table: Place, key: Place, got: object) -> str:
+        table = (*self._within, *table)
+        where = f"[{self._path(table)}]" if table else "the top"
+        return f"Add {key[-1]} = … to {where}." if got is ABSENT else ""
+
+
+def _is_text_of_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def shown(value: Any) -> str:
+    """Return a value of a file as an error shows it."""
+    if value is ABSENT:
+        return "nothing"
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, bool):
+        return str(value).lower()
+    return str(list(cast("tuple[Any, ...]", value)) if isinstance(value, tuple) else value)
+
+
+def unknown_key(key: str, value: Any, unknown: str, known: Sequence[str], absent: Sequence[str]) -> Any:
+    """Return the error of an unknown key; None where any is welcome."""
+    close, told = did_you_mean(key, absent or known), {"key": (key,), "unknown": True}
+    if unknown == "keep":
+        return None
+    if unknown == "refuse":
+        close = close or did_you_mean(key, known)
+        fix = f'Did you mean "{close}"?' if close else "Remove it."
+        error = wrong(f"one of {', '.join(known)}", fix, got="an unknown key", **told)
+    elif close:
+        error = wrong("a known key", f'Did you mean "{close}"?', got="an unknown one", **told)
+    else:
+        error = wrong(f"one of {', '.join(known)}", KEPT, got="an unknown key", warn=True, **told)
+    return {"type": error, "loc": (key,), "input": value}
+
+
+def in_our_words(one: Any, field: Field[Any]) -> Any:
+    """Return an error of pydantic as one with our words; ``key`` is its place in the innermost table."""
+    kind, told = one["type"], dict(one.get("ctx", {}))
+    if kind == OURS:
+        told = {"key": one["loc"], **told}
+    elif kind == "literal_error":
+        expected, fix = choice(one["input"], re.findall(r"'(.*?)'", told["expected"]))
+        told = {"expected": expected, "fix": fix}
+    else:
+        optional = kind in NUMBER and field.default is None
+        fix = f"Leave {field.name} out where it is not known." if optional else ""
+        expected = str(_NATIVE.get(kind) or one["msg"]).replace("{key}", field.name)
+        told = {"expected": expected, "fix": fix, "number": kind in NUMBER}
+    return {"type": wrong(**{"key": one["loc"], **told}), "loc": one["loc"], "input": one["input"]}
