@@ -80,8 +80,8 @@ class Scene(ABC):
         """Ends it; may be called twice."""
 
     def _begin_drives(self, grip: Grip) -> None:
-        self.drives = Drives(grip.drives, grip.angles_rad.tolist(), 1.0 / PHYSICS_HZ)
-        self.drives.target_rad = grip.command_rad.tolist()
+        self.drives = Drives(grip.drives, grip.angles_rad, 1.0 / PHYSICS_HZ)
+        self.drives.target_rad = grip.command_rad
         self.force_n = [0.0, 0.0, 0.0]
 
 
