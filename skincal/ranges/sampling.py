@@ -92,20 +92,14 @@ def _draw_row(joint: JointDraws, rng: np.random.Generator) -> dict[str, float]:
 def _draw_one(
     path: str, parameter: Parameter, rng: np.random.Generator, size: int | None, episode: Draws | None
 ) -> Draw:
-    values = _values(path, parameter, rng, 1 if size is None else size, episode)
-    return float(values[0]) if size is None else values
-
-
-def _values(
-    path: str, parameter: Parameter, rng: np.random.Generator, size: int, episode: Draws | None
-) -> FloatArray:
     figures = parameter.arrays
     if parameter.sigma_from is not None:
         figures = {**figures, "sigma": _sigma(path, parameter.sigma_from, episode)}
-    drawn = DISTRIBUTIONS[parameter.distribution].draw(figures, rng, size)
-    name = find(path) if path.startswith(EFFECTS_PREFIX) else None
-    # The parameter of an effect has bounds that the skin enforces.
-    return drawn if name is None else np.clip(drawn, name.least, name.most)
+    drawn = DISTRIBUTIONS[parameter.distribution].draw(figures, rng, 1 if size is None else size)
+    if path.startswith(EFFECTS_PREFIX) and (name := find(path)) is not None:
+        # The parameter of an effect has bounds that the skin enforces.
+        drawn = np.clip(drawn, name.least, name.most)
+    return float(drawn[0]) if size is None else drawn
 
 
 def _sigma(path: str, sigma_from: str, episode: Draws | None) -> FloatArray:
