@@ -83,8 +83,7 @@ class BulletScene(Scene):
         links = {row[12].decode(): row[0] for row in rows}
         description = self._pinch.description
         self._joints = [joints[name] for name in description.joints]
-        self._skin_link: int = links[description.skin_finger.tip_link]
-        self._thumb_link: int = links[self._pinch.thumb.tip_link]
+        self._tip_links = (links[description.skin_finger.tip_link], links[self._pinch.thumb.tip_link])
         for joint, angle in zip(self._joints, grip.angles_rad.tolist(), strict=True):
             engine.resetJointState(self.fingers, joint, angle, 0.0, physicsClientId=client)
         # PyBullet's own motors would hold the joints.
@@ -95,7 +94,10 @@ class BulletScene(Scene):
             engine.changeDynamics(
                 self.fingers, link, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client
             )
-        for link in (self._skin_link, self._thumb_link):
+            if not engine.getCollisionShapeData(self.fingers, link, physicsClientId=client):
+                # Nothing of it can touch: the engine need not look.
+                engine.setCollisionFilterGroupMask(self.fingers, link, 0, 0, physicsClientId=client)
+        for link in self._tip_links:
             self._soften(self.fingers, link, grip, grip.finger_friction, 0.0, 0.0)
 
     @property
@@ -180,24 +182,22 @@ class BulletScene(Scene):
         self.held = False
 
     def run(self, steps: int) -> None:
-        """See :meth:`Scene.run`."""
+        """See :meth:`Scene.run`. PyBullet reads arguments by position faster than by name."""
         engine, client, fingers, bodies = self.engine, self.client, self.fingers, self.bodies
         joints, force, drive = self._joints, self.force_n, self.drives.step
         states, torques = engine.getJointStates, engine.setJointMotorControlArray
-        where, push, move = (
+        pose, push, move = (
             engine.getBasePositionAndOrientation,
             engine.applyExternalForce,
             engine.stepSimulation,
         )
         torque_control, world_frame = engine.TORQUE_CONTROL, engine.WORLD_FRAME
         for _ in range(steps):
-            rows = states(fingers, joints, physicsClientId=client)
-            torque = drive([row[0] for row in rows], [row[1] for row in rows])
-            torques(fingers, joints, torque_control, forces=torque, physicsClientId=client)
+            q, dq, _forces, _torques = zip(*states(fingers, joints, client), strict=True)
+            torques(fingers, joints, torque_control, forces=drive(q, dq), physicsClientId=client)
             for body in bodies:
-                centre = where(body, physicsClientId=client)[0]
-                push(body, -1, force, centre, world_frame, physicsClientId=client)
-            move(physicsClientId=client)
+                push(body, -1, force, pose(body, client)[0], world_frame, client)
+            move(client)
 
     def touches(self, which: int | None = None) -> tuple[Touching | None, Touching | None]:
         """See :meth:`Scene.touches`."""
@@ -206,34 +206,26 @@ class BulletScene(Scene):
             for body in (self.bodies if which is None else [self.bodies[which]])
             for row in self.engine.getContactPoints(self.fingers, body, physicsClientId=self.client) or ()
         ]
-        skin, thumb = ([_point(row) for row in rows if row[3] == link] for link in self._links)
+        skin, thumb = ([_point(row) for row in rows if row[3] == link] for link in self._tip_links)
         return merged(skin, LARGEST_FORCE_N), merged(thumb, LARGEST_FORCE_N)
 
     def joints(self) -> tuple[FloatArray, FloatArray]:
         """See :meth:`Scene.joints`."""
-        rows = self.engine.getJointStates(self.fingers, self._joints, physicsClientId=self.client)
-        table = np.array([row[:2] for row in rows], dtype=np.float64)
-        return table[:, 0], table[:, 1]
-
-    @property
-    def _links(self) -> tuple[int, int]:
-        return self._skin_link, self._thumb_link
+        rows = self.engine.getJointStates(self.fingers, self._joints, self.client)
+        q, dq, _forces, _torques = zip(*rows, strict=True)
+        return np.array(q), np.array(dq)
 
     def tips(self) -> tuple[Frame, Frame]:
         """See :meth:`Scene.tips`."""
-        return self._tip(self._skin_link), self._tip(self._thumb_link)
-
-    def _tip(self, link: int) -> Frame:
-        state = self.engine.getLinkState(
-            self.fingers, link, computeForwardKinematics=1, physicsClientId=self.client
+        skin, thumb = self.engine.getLinkStates(
+            self.fingers, self._tip_links, computeForwardKinematics=1, physicsClientId=self.client
         )
-        return Frame(np.array(state[4]), self._matrix(state[5]))
+        return self._frame(skin[4], skin[5]), self._frame(thumb[4], thumb[5])
 
     def object_frame(self, which: int = 0) -> Frame:
         """See :meth:`Scene.object_frame`."""
         place = self.engine.getBasePositionAndOrientation
-        position, turn = place(self.bodies[which], physicsClientId=self.client)
-        return Frame(np.array(position), self._matrix(turn))
+        return self._frame(*place(self.bodies[which], self.client))
 
     def object_motion(self, which: int = 0) -> tuple[FloatArray, FloatArray]:
         """See :meth:`Scene.object_motion`."""
@@ -246,7 +238,7 @@ class BulletScene(Scene):
         rows = [
             row for body in self.bodies for row in near(self.fingers, body, 0.05, physicsClientId=self.client)
         ]
-        return min((row[8] for row in rows if row[3] in self._links), default=0.05)
+        return min((row[8] for row in rows if row[3] in self._tip_links), default=0.05)
 
     def close(self) -> None:
         """See :meth:`Scene.close`."""
@@ -256,8 +248,9 @@ class BulletScene(Scene):
                 self.engine.disconnect(client)
             self._tidy()
 
-    def _matrix(self, turn: Sequence[float]) -> FloatArray:
-        return np.array(self.engine.getMatrixFromQuaternion(turn)).reshape(3, 3)
+    def _frame(self, origin_m: Sequence[float], turn: Sequence[float]) -> Frame:
+        rotation = np.array(self.engine.getMatrixFromQuaternion(turn)).reshape(3, 3)
+        return Frame(np.array(origin_m), rotation)
 
 
 def _point(row: Sequence[Any]) -> Point:

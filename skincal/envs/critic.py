@@ -72,24 +72,30 @@ def state_values(seen: View, own: Mapping[str, ArrayLike]) -> dict[str, Any]:
         seen: what is true; positions and vectors are given in the fingertip frame.
         own: what the environment itself knows.
     """
-    inside, turned = seen.tip.inside, seen.tip.turned
-    nothing = np.zeros(3)
     skin, thumb = seen.skin, seen.thumb
+    vectors = np.zeros((6, 3))
+    vectors[0], vectors[1] = seen.body.rotation[:, 0], seen.velocity_m_per_s
+    vectors[2] = seen.spin_rad_per_s
+    if skin:
+        vectors[3], vectors[4] = skin.normal, skin.friction_n
+    if thumb:
+        vectors[5] = thumb.normal
+    axis, velocity, spin, skin_normal, skin_friction, thumb_normal = seen.tip.turned(vectors)
     return {
         **own,
         "angles": seen.q_rad,
         "speeds": seen.dq_rad_per_s,
-        "body": inside(seen.body.origin_m),
-        "body_axis": turned(seen.body.rotation[:, 0]),
-        "velocity": turned(seen.velocity_m_per_s),
-        "spin": turned(seen.spin_rad_per_s),
+        "body": seen.tip.inside(seen.body.origin_m),
+        "body_axis": axis,
+        "velocity": velocity,
+        "spin": spin,
         "position": seen.position_m,
         "skin_force": skin.force_n if skin else 0.0,
-        "skin_normal": turned(np.array(skin.normal)) if skin else nothing,
-        "skin_friction": turned(np.array(skin.friction_n)) if skin else nothing,
+        "skin_normal": skin_normal,
+        "skin_friction": skin_friction,
         "thumb_force": thumb.force_n if thumb else 0.0,
-        "thumb_place": seen.thumb_tip.inside(np.array(thumb.point_m)) if thumb else nothing,
-        "thumb_normal": turned(np.array(thumb.normal)) if thumb else nothing,
+        "thumb_place": seen.thumb_tip.inside(np.array(thumb.point_m)) if thumb else np.zeros(3),
+        "thumb_normal": thumb_normal,
         "held": float(seen.held),
     }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Final, cast
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,10 +15,10 @@ from skincal.envs.pinch import Pinch
 from skincal.errors import InputError, Problem
 from skincal.ranges import NAMES, PRESETS, Ranges
 from skincal.ranges.names import EFFECTS_PREFIX, find
-from skincal.ranges.sampling import Sample
+from skincal.ranges.sampling import Draw, Draws
 
 FloatArray = NDArray[np.float64]
-Value = float | FloatArray
+Value = Draw
 Values = dict[str, Value]
 """Draws by full name: a float, or an array of one value a joint, a taxel or a direction."""
 
@@ -56,11 +56,11 @@ class Drawer:
         except ValueError as error:
             raise InputError([Problem("ranges", "one number, or one for each", str(error))]) from error
 
-    def _episode_draws(self, rng: np.random.Generator) -> Sample:
-        return self.ranges.sample(rng, "episode", joints=self._joints, taxels=self._taxels)
+    def _episode_draws(self, rng: np.random.Generator) -> Draws:
+        return self.ranges.draw(rng, "episode", joints=self._joints, taxels=self._taxels)
 
-    def _step_draws(self, rng: np.random.Generator, episode: Sample) -> Sample:
-        return self.ranges.sample(rng, "step", joints=self._joints, taxels=self._taxels, episode=episode)
+    def _step_draws(self, rng: np.random.Generator, episode: Draws) -> Draws:
+        return self.ranges.draw(rng, "step", joints=self._joints, taxels=self._taxels, episode=episode)
 
     @property
     def ignored(self) -> tuple[str, ...]:
@@ -76,7 +76,7 @@ class Drawer:
 
     def episode(
         self, rng: np.random.Generator, randomize: Sequence[str] | None, given: Mapping[str, ArrayLike]
-    ) -> tuple[Values, Sample]:
+    ) -> tuple[Values, Draws]:
         """Values of an episode.
 
         Args:
@@ -88,7 +88,7 @@ class Drawer:
             All values, those drawn per step being nominal ones; and the draws themselves, which the steps need.
         """
         sample = self._episode_draws(rng)
-        drawn = {path: value for path, value in flat(sample).items() if path in self._nominal}
+        drawn = {path: value for path, value in sample.items() if path in self._nominal}
         values = self._nominal | {path: v for path, v in drawn.items() if is_chosen(path, randomize)}
         for path, value in given.items():
             values[path] = self._shaped(path, value)
@@ -97,12 +97,12 @@ class Drawer:
     def step(
         self,
         rng: np.random.Generator,
-        episode: Sample,
+        episode: Draws,
         randomize: Sequence[str] | None,
         given: Mapping[str, ArrayLike],
     ) -> Values:
         """Return what is drawn anew in a step: noise and forces; of what is not randomized, the nominal value."""
-        drawn = flat(self._step_draws(rng, episode))
+        drawn = self._step_draws(rng, episode)
         return {
             path: value if is_chosen(path, randomize) and path not in given else _copy(self._nominal[path])
             for path, value in drawn.items()
@@ -160,17 +160,6 @@ class Drawer:
         if path.startswith(EFFECTS_PREFIX):
             return path.split(".")[2] not in RIG_EFFECTS
         return path in self._defaults
-
-
-def flat(sample: Sample, prefix: str = "") -> Values:
-    """Nested draws by full name."""
-    found: Values = {}
-    for key, value in sample.items():
-        if isinstance(value, dict):
-            found |= flat(cast(Sample, value), f"{prefix}{key}.")
-        else:
-            found[prefix + key] = value
-    return found
 
 
 def effects_of(values: Values) -> dict[str, dict[str, Value]]:

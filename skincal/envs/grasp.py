@@ -150,7 +150,7 @@ class Grasp:
         while scene.held and width > self._postures.widths_m[0]:
             width -= options.closing_m_per_s * _LOOK_STEPS / PHYSICS_HZ
             command = self._postures.at(width)
-            scene.drives.target_rad = (command - offset).tolist()
+            scene.drives.target_rad = command - offset
             scene.run(_LOOK_STEPS)
             if None not in scene.touches():
                 if single:
@@ -167,13 +167,13 @@ class Grasp:
         The torques J^T F of both fingers, by the hand's own figures of stiffness and friction. Moving the tips towards
         each other instead would push them sideways as well, as the joints do not yield alike in all directions.
         """
-        measured = np.array(scene.drives.motor_rad) + offset_rad
+        measured = scene.drives.motor_rad + offset_rad
         torque = self._torque(measured)
         goal = measured + (torque + self._friction * np.sign(torque)) / self._stiffness
         pieces = max(1, round(self._options.squeeze_s * PHYSICS_HZ / _LOOK_STEPS))
         for i in range(pieces):
             command = command_rad + (goal - command_rad) * (i + 1) / pieces
-            scene.drives.target_rad = (command - offset_rad).tolist()
+            scene.drives.target_rad = command - offset_rad
             scene.run(_LOOK_STEPS)
         return goal
 

@@ -61,7 +61,7 @@ class PelletSeparateEnv(RollEnv):
             self._look()
             if self._held >= LEAST:
                 break
-        self._targets = self._shares(self._held, len(self._targets))
+        self._aim(self._shares(self._held, len(self._targets)))
 
     def _body(self, values: Values) -> Body:
         drawn = int(self.np_random.integers(2, self.objects + 1))

@@ -199,9 +199,9 @@ class ReferenceHand(HandDriver):
         drives = scene.drives
         return HandState(
             time_s=time_s,
-            q_rad=np.array(drives.motor_rad) + offset + noise.get("finger.joint_noise_rad", 0.0),
-            dq_rad_per_s=np.array(drives.speed_rad_per_s),
-            tau_nm=np.array(drives.torque_nm),
+            q_rad=drives.motor_rad + offset + noise.get("finger.joint_noise_rad", 0.0),
+            dq_rad_per_s=drives.speed_rad_per_s.copy(),
+            tau_nm=drives.torque_nm.copy(),
             q_desired_rad=self._desired.copy(),
             taxels=image,
             taxel_time_s=np.full(len(image), time_s),
@@ -242,7 +242,7 @@ class ReferenceHand(HandDriver):
         if not self._halted.is_set():
             self._desired = np.array(command.q_desired_rad, dtype=np.float64)
             offset = array(self._truth, "finger.joint_offset_rad")
-            scene.drives.target_rad = (self._desired - offset).tolist()
+            scene.drives.target_rad = self._desired - offset
 
     def object_position_m(self) -> FloatArray | None:
         """See :meth:`HandDriver.object_position_m`."""
@@ -251,7 +251,7 @@ class ReferenceHand(HandDriver):
 
     def _hold(self, scene: Scene) -> None:
         scene.drives.hold()
-        self._desired = np.array(scene.drives.motor_rad) + array(self._truth, "finger.joint_offset_rad")
+        self._desired = scene.drives.motor_rad + array(self._truth, "finger.joint_offset_rad")
 
     def stop(self) -> None:
         """Hold to where the motors are."""

@@ -169,10 +169,11 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         if self.policy != "tactile":
             self._fix_sensor(values, asked)
         self._values, self._body_now = values, self._body(values)
+        self._offset_rad = array(values, "finger.joint_offset_rad")
         self._sensor = Sensor.of(self.pinch, values)
         self._step, self._steps = 0, max(1, round(self._duration_s(asked) * POLICY_HZ))
         rotation = self._place(values, asked)
-        self._targets = self._plan(asked, self._steps + 1 + max(AHEAD))
+        self._aim(self._plan(asked, self._steps + 1 + max(AHEAD)))
         if self._scene is None:
             self._scene = self._make_scene()
         places = self._places(values)
@@ -181,6 +182,14 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         if self.policy == "tactile":
             self.skin.begin(values, self._sensor.pose, self._body_now, self._age_s)
         self._seen.begin(values)
+
+    def _aim(self, targets_m: FloatArray) -> None:
+        """Sets the targets (steps, target_size), their changes, and how those ahead differ from them."""
+        k = np.arange(len(targets_m))
+        self._targets = targets_m
+        self._movements = targets_m - targets_m[np.maximum(k - 1, 0)]
+        ahead = [targets_m[np.minimum(k + a, len(k) - 1)] - targets_m for a in AHEAD]
+        self._ahead = np.concatenate(ahead, axis=1)
 
     def _duration_s(self, asked: EpisodeOptions) -> float:
         return self.options.duration_s if asked.duration_s is None else asked.duration_s
@@ -202,7 +211,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def _clipped(self, q_rad: FloatArray) -> FloatArray:
         limits = self.pinch.description.limits
-        return np.clip(q_rad, limits.lower_rad, limits.upper_rad)
+        return np.minimum(np.maximum(q_rad, limits.lower_rad), limits.upper_rad)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Moves on by 0.1 s.
@@ -213,10 +222,12 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         scene = self._scene
         if scene is None:
             raise gymnasium.error.ResetNeeded("Cannot call env.step() before calling env.reset()")
-        wanted = np.clip(np.nan_to_num(np.asarray(action, dtype=np.float64)), -1.0, 1.0)
+        wanted = np.array(action, dtype=np.float64)
+        wanted[np.isnan(wanted)] = 0.0
+        wanted = np.minimum(np.maximum(wanted, -1.0), 1.0)
         self._desired = self._clipped(self._desired + wanted * self.options.speed_rad_per_s / POLICY_HZ)
         # The controller sees the angles with the sensors' offsets.
-        scene.drives.target_rad = (self._desired - array(self._values, "finger.joint_offset_rad")).tolist()
+        scene.drives.target_rad = self._desired - self._offset_rad
         self._noise = self._drawer.step(
             self.np_random, self._sample, self._asked.randomize, self._asked.values
         )
@@ -298,21 +309,20 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         )
 
     def _error_m(self) -> float:
-        return float(np.linalg.norm(self._target_m() - self._view.position_m))
+        away = self._target_m() - self._view.position_m
+        return math.sqrt(away @ away)
 
     def _observe(self) -> Observation:
         seen, k = self._view, self._step
         assert self._scene is not None
-        motor = np.array(self._scene.drives.motor_rad)
-        measured = (
-            motor + array(self._values, "finger.joint_offset_rad") + self._drawn("finger.joint_noise_rad")
-        )
+        motor = self._scene.drives.motor_rad.copy()
+        measured = motor + self._offset_rad + self._drawn("finger.joint_noise_rad")
         values: dict[str, Any] = {
             "desired": self._desired,
             "measured": measured,
             "error": self._desired - measured,
             "target": self._targets[k],
-            "movement": self._targets[k] - self._targets[max(k - 1, 0)],
+            "movement": self._movements[k],
         }
         if self.policy == "ideal":
             values["truth"] = self._contact_truth()
@@ -327,10 +337,10 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         own: dict[str, ArrayLike] = {
             **values,
             "motor": motor,
-            "true_error": self._desired - array(self._values, "finger.joint_offset_rad") - seen.q_rad,
+            "true_error": self._desired - self._offset_rad - seen.q_rad,
             "to_target": target - seen.position_m,
             "distance": self._error_m(),
-            "ahead": np.concatenate([self._targets[k + a] - self._targets[k] for a in AHEAD]),
+            "ahead": self._ahead[k],
             "orientation": self._orientation(),
             "own": self._own(),
         }
@@ -406,8 +416,9 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
 def _worst(values: FloatArray) -> float:
     """The largest; what is not finite counts as far beyond the limit."""
-    return max(v if math.isfinite(v) else 1e3 for v in values.tolist())
+    worst = float(values.max())
+    return worst if math.isfinite(worst) else float(np.where(np.isfinite(values), values, 1e3).max())
 
 
 def _plain(value: Value) -> Value:
-    return value if isinstance(value, float) else np.array(value)
+    return value if isinstance(value, float) else value.copy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import Final
 
@@ -23,7 +24,9 @@ PHYSICS_HZ = 1000
 LARGEST_FORCE_N = 200.0
 """Contact forces beyond this are a solver's slip, and not believed [N]; the drives can exert some 20 N."""
 _LARGEST_ANGLE_RAD = 1e2
+"""A norm of all joint angles beyond this is absurd [rad]."""
 _FAR_M = 10.0
+"""An object beyond this is absurdly far [m]."""
 
 
 class Scene(ABC):
@@ -80,8 +83,8 @@ class Scene(ABC):
         """Ends it; may be called twice."""
 
     def _begin_drives(self, grip: Grip) -> None:
-        self.drives = Drives(grip.drives, grip.angles_rad.tolist(), 1.0 / PHYSICS_HZ)
-        self.drives.target_rad = grip.command_rad.tolist()
+        self.drives = Drives(grip.drives, grip.angles_rad, 1.0 / PHYSICS_HZ)
+        self.drives.target_rad = grip.command_rad
         self.force_n = [0.0, 0.0, 0.0]
 
 
@@ -123,6 +126,6 @@ def check_engine(engine: str, place: str) -> None:
 def sound(q_rad: FloatArray, dq_rad_per_s: FloatArray, place_m: FloatArray) -> bool:
     """Return whether angles and velocities of the joints and the object's place (3,) are finite and not absurd."""
     # A comparison with NaN is false.
-    moves = float(np.abs(dq_rad_per_s).max()) < np.inf
-    there = float(np.abs(place_m).max()) < _FAR_M
-    return moves and there and float(np.abs(q_rad).max()) < _LARGEST_ANGLE_RAD
+    moves = float(dq_rad_per_s @ dq_rad_per_s) < math.inf
+    there = float(place_m @ place_m) < _FAR_M**2
+    return moves and there and float(q_rad @ q_rad) < _LARGEST_ANGLE_RAD**2

@@ -123,8 +123,9 @@ class TactileSkin:
             return self._stream.step(self._samples(felt, time_s))[0]
         if felt is None:
             return np.zeros(self.taxels)
+        values = self._skin.values(self._body.indenter, felt.contacts)
         # Contacts that lie apart press on tactile points of their own.
-        return self._skin.values(self._body.indenter, felt.contacts).sum(axis=0)
+        return values[0] if len(values) == 1 else values.sum(axis=0)
 
     def _samples(self, felt: Felt | None, time_s: float) -> Samples:
         """The contact with what effects need to know besides.

@@ -59,37 +59,32 @@ def merged(points: Sequence[Point], largest_n: float) -> Touching | None:
         The contact; None where no point carries a force.
     """
     total, count = 0.0, 0
-    place, normal, friction = [0.0] * 3, [0.0] * 3, [0.0] * 3
+    x = y = z = nx = ny = nz = fx = fy = fz = 0.0
     for point in points:
         if not _sound(point, largest_n):
             continue
-        force = point.force_n
+        place, normal, force, friction = point
         total += force
         count += 1
-        for i in range(3):
-            place[i] += force * point.place_m[i]
-            normal[i] += force * point.normal[i]
-            friction[i] += point.friction_n[i]
-    length = math.sqrt(sum(v * v for v in normal))
+        x, y, z = x + force * place[0], y + force * place[1], z + force * place[2]
+        nx, ny, nz = nx + force * normal[0], ny + force * normal[1], nz + force * normal[2]
+        fx, fy, fz = fx + friction[0], fy + friction[1], fz + friction[2]
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
     if not total > 0 or not length > 0:
         return None
-    return Touching(
-        (place[0] / total, place[1] / total, place[2] / total),
-        (normal[0] / length, normal[1] / length, normal[2] / length),
-        total,
-        (friction[0], friction[1], friction[2]),
-        count,
-    )
+    place = (x / total, y / total, z / total)
+    return Touching(place, (nx / length, ny / length, nz / length), total, (fx, fy, fz), count)
 
 
 def _sound(point: Point, largest_n: float) -> bool:
     """Return whether a point carries a force that can be believed; a comparison with NaN is false."""
-    x, y, z = point.normal
-    finite = all(map(math.isfinite, (*point.place_m, *point.friction_n)))
-    unit = abs(x * x + y * y + z * z - 1.0) <= 2e-3
+    (x, y, z), (nx, ny, nz), force, (fx, fy, fz) = point
+    most = 4 * largest_n
     return (
-        0.0 < point.force_n <= largest_n
-        and unit
-        and finite
-        and max(map(abs, point.friction_n)) <= 4 * largest_n
+        0.0 < force <= largest_n
+        and abs(nx * nx + ny * ny + nz * nz - 1.0) <= 2e-3
+        and math.isfinite(x + y + z)
+        and -most <= fx <= most
+        and -most <= fy <= most
+        and -most <= fz <= most
     )

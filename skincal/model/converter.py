@@ -42,6 +42,6 @@ class Converter:
         counts = np.array(values, dtype=np.float64)
         if self.integer:
             np.rint(counts, out=counts)
-        if self.value_min is None and self.value_max is None:
-            return counts
-        return np.clip(counts, self.value_min, self.value_max)
+        if self.value_min is not None:
+            np.maximum(counts, self.value_min, out=counts)
+        return counts if self.value_max is None else np.minimum(counts, self.value_max, out=counts)

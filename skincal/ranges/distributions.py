@@ -35,7 +35,7 @@ class Distribution:
 
 def _uniform(f: Figures, rng: np.random.Generator, size: int) -> FloatArray:
     # A span of equal bounds, or of neighbouring floats, must not round beyond them.
-    return np.clip(rng.uniform(f["low"], f["high"], size), f["low"], f["high"])
+    return np.minimum(np.maximum(rng.uniform(f["low"], f["high"], size), f["low"]), f["high"])
 
 
 def _log_uniform(f: Figures, rng: np.random.Generator, size: int) -> FloatArray:

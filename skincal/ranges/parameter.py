@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -92,16 +94,17 @@ class Parameter:
 
     def middle(self) -> FloatArray:
         """Return the middle of the distribution, (): one number for all joints or taxels, or one for each."""
-        return DISTRIBUTIONS[self.distribution].middle(self.arrays())
+        return DISTRIBUTIONS[self.distribution].middle(self.arrays)
 
-    def arrays(self) -> dict[str, FloatArray]:
-        """Return the figures that are set, as arrays."""
+    @cached_property
+    def arrays(self) -> Mapping[str, FloatArray]:
+        """The figures that are set, as arrays."""
         return {name: np.asarray(numbers, dtype=np.float64) for name, numbers in self.figures().items()}
 
     def __str__(self) -> str:
         """The figures in a few characters, for tables."""
-        if self.size() is not None:
-            return f"{self.size()} {'values' if self.value is not None else 'ranges'}"
+        if self.size is not None:
+            return f"{self.size} {'values' if self.value is not None else 'ranges'}"
         sigma = {} if self.sigma_from is None else {"sigma": self.sigma_from.rpartition(".")[2]}
         text = DISTRIBUTIONS[self.distribution].text
         return (text.replace("{sigma:g}", "`{sigma}`") if sigma else text).format(**self.figures(), **sigma)
@@ -111,6 +114,7 @@ class Parameter:
         pairs = {name: getattr(self, name) for name in ("low", "high", "mean", "sigma", "value")}
         return {name: numbers for name, numbers in pairs.items() if numbers is not None}
 
+    @cached_property
     def size(self) -> int | None:
         """Length of the figures that are lists; None if one number stands for all joints or taxels."""
         sizes = {len(numbers) for numbers in self.figures().values() if isinstance(numbers, tuple)}
@@ -118,7 +122,7 @@ class Parameter:
 
     def width(self) -> float:
         """Return the width of the range (the widest of several): 4 sigma of a normal; nan if sigma is drawn itself."""
-        figures = self.arrays()
+        figures = self.arrays
         if "low" in figures:
             return float(np.max(figures["high"] - figures["low"]))
         if "mean" in figures:
@@ -182,7 +186,7 @@ def _order_problems(parameter: Parameter, place: str) -> list[Problem]:
     sizes = {len(numbers) for numbers in parameter.figures().values() if isinstance(numbers, tuple)}
     if len(sizes) > 1:
         return [Problem(place, "lists of one length", f"lengths {sorted(sizes)}")]
-    figures, found = parameter.arrays(), list[Problem]()
+    figures, found = parameter.arrays, list[Problem]()
     if "low" in figures and np.any(figures["low"] > figures["high"]):
         got = f"low = {parameter.low}, high = {parameter.high}"
         found.append(Problem(f"{place} low", "not above high", got))

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.errors import InputError, Problem
 from skincal.ranges.names import NAMES, find, sort_key
-from skincal.ranges.parameter import Mode, Parameter, Source
+from skincal.ranges.parameter import MODES, Mode, Parameter, Source
 from skincal.ranges.rules import collection_problems, joint_problems
-from skincal.ranges.sampling import Sample, draw
+from skincal.ranges.sampling import Draw, Draws, Sample, draw, flat, nested
 
 FloatArray = NDArray[np.float64]
 
@@ -66,8 +66,9 @@ class Ranges(Mapping[str, Parameter]):
         warnings: warnings from their making; not written to files.
     """
 
-    __slots__ = ("_parameters", "joint", "provenance", "warnings")
+    __slots__ = ("_drawn", "_parameters", "joint", "provenance", "warnings")
     _parameters: dict[str, Parameter]
+    _drawn: dict[str, dict[str, Parameter]]
     joint: JointDraws | None
     provenance: Mapping[str, str]
     warnings: tuple[Problem, ...]
@@ -95,6 +96,12 @@ class Ranges(Mapping[str, Parameter]):
         ordered = {path: parameters[path] for path in sorted(parameters, key=sort_key)}
         object.__setattr__(self, "_parameters", ordered)
         object.__setattr__(self, "joint", joint)
+        together = () if joint is None else joint.columns
+        drawn = {
+            mode: {path: p for path, p in ordered.items() if p.mode == mode and path not in together}
+            for mode in MODES
+        }
+        object.__setattr__(self, "_drawn", drawn)
         object.__setattr__(self, "provenance", dict(provenance or {}))
         object.__setattr__(self, "warnings", tuple(warnings))
 
@@ -183,7 +190,23 @@ class Ranges(Mapping[str, Parameter]):
         Raises:
             ValueError: the mode is unknown, the sizes do not fit, or ``episode`` is needed and not given.
         """
-        return draw(self, self.joint, rng, mode, joints=joints, taxels=taxels, episode=episode)
+        draws = None if episode is None else flat(episode)
+        return nested(self.draw(rng, mode, joints=joints, taxels=taxels, episode=draws))
+
+    def draw(
+        self,
+        rng: np.random.Generator,
+        mode: Mode = "episode",
+        *,
+        joints: int = 6,
+        taxels: int = 16,
+        episode: Draws | None = None,
+    ) -> dict[str, Draw]:
+        """Draw as :meth:`sample` does, by full names instead of tables; so is ``episode``."""
+        if mode not in MODES:
+            raise ValueError(f"mode must be one of {', '.join(MODES)}; got {mode!r}")
+        joint = self.joint if mode == "episode" else None
+        return draw(self._drawn[mode], joint, rng, joints=joints, taxels=taxels, episode=episode)
 
 
 def _meaning(path: str) -> str:

@@ -41,7 +41,7 @@ def unknown_name(path: str, place: str = "") -> Problem:
 
 
 def _shape_problems(name: Name, parameter: Parameter, place: str) -> list[Problem]:
-    size = parameter.size()
+    size = parameter.size
     if size is None or name.shape not in ("scalar", "xyz") or (name.shape == "xyz" and size == 3):
         return []
     expected = "one number" if name.shape == "scalar" else "one number, or three"

@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 
 from skincal.ranges.distributions import DISTRIBUTIONS
 from skincal.ranges.names import EFFECTS_PREFIX, Shape, find
-from skincal.ranges.parameter import MODES, Mode, Parameter
+from skincal.ranges.parameter import Parameter
 
 if TYPE_CHECKING:
     from skincal.ranges.ranges import JointDraws
 
 FloatArray = NDArray[np.float64]
 Draw = float | FloatArray
+Draws = Mapping[str, Draw]
+"""Draws by the full names of their parameters."""
 Sample = dict[str, Any]
 """Nested dictionaries by the tables of the file; the leaves are :data:`Draw`."""
 
@@ -26,26 +28,48 @@ def draw(
     parameters: Mapping[str, Parameter],
     joint: JointDraws | None,
     rng: np.random.Generator,
-    mode: Mode,
     *,
     joints: int,
     taxels: int,
-    episode: Sample | None,
-) -> Sample:
-    """Draw every parameter of one mode; see :meth:`skincal.ranges.Ranges.sample`."""
-    if mode not in MODES:
-        raise ValueError(f"mode must be one of {', '.join(MODES)}; got {mode!r}")
-    sample: Sample = {}
-    # The joint draws come first and their box is not drawn, so that the draws do not depend on the box.
-    together = _draw_row(joint, rng) if joint is not None and mode == "episode" else {}
-    covered = set(joint.columns) if joint is not None else set[str]()
+    episode: Draws | None,
+) -> dict[str, Draw]:
+    """Draw parameters by full name; see :meth:`skincal.ranges.Ranges.sample`.
+
+    Args:
+        parameters: those that are drawn by themselves.
+        joint: those that are drawn together, or None.
+        rng: the generator, advanced by the draws.
+        joints: number of joints.
+        taxels: number of taxels J.
+        episode: the episode's draws, for a standard deviation that is one of them.
+    """
+    # The joint draws come first, so that the others do not depend on how many there are.
+    together = {} if joint is None else _draw_row(joint, rng)
+    drawn: dict[str, Draw] = {}
     for path, parameter in parameters.items():
-        if parameter.mode == mode and path not in covered:
-            size = _size(path, parameter.size(), joints=joints, taxels=taxels)
-            put(sample, path, _draw_one(path, parameter, rng, size, episode))
-    for path, value in together.items():
-        put(sample, path, value)
+        size = _size(path, parameter.size, joints=joints, taxels=taxels)
+        drawn[path] = _draw_one(path, parameter, rng, size, episode)
+    return drawn | together
+
+
+def nested(draws: Draws) -> Sample:
+    """Return draws in nested dictionaries, by the tables of the file."""
+    sample: Sample = {}
+    for path, value in draws.items():
+        *tables, name = path.split(".")
+        table = sample
+        for key in tables:
+            table = table.setdefault(key, {})
+        table[name] = value
     return sample
+
+
+def flat(sample: Sample, prefix: str = "") -> dict[str, Draw]:
+    """Return nested draws by full name."""
+    found: dict[str, Draw] = {}
+    for key, value in sample.items():
+        found |= flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: value}
+    return found
 
 
 def get(sample: Sample, path: str) -> Draw:
@@ -60,45 +84,31 @@ def get(sample: Sample, path: str) -> Draw:
     return node
 
 
-def put(sample: Sample, path: str, value: Draw) -> None:
-    """Store a draw by its full name."""
-    *tables, name = path.split(".")
-    for table in tables:
-        sample = sample.setdefault(table, {})
-    sample[name] = value
-
-
 def _draw_row(joint: JointDraws, rng: np.random.Generator) -> dict[str, float]:
     row = joint.draws[int(rng.integers(len(joint.draws)))]
     return dict(zip(joint.columns, (float(value) for value in row), strict=True))
 
 
 def _draw_one(
-    path: str, parameter: Parameter, rng: np.random.Generator, size: int | None, episode: Sample | None
+    path: str, parameter: Parameter, rng: np.random.Generator, size: int | None, episode: Draws | None
 ) -> Draw:
-    values = _values(path, parameter, rng, 1 if size is None else size, episode)
-    return float(values[0]) if size is None else values
-
-
-def _values(
-    path: str, parameter: Parameter, rng: np.random.Generator, size: int, episode: Sample | None
-) -> FloatArray:
-    figures = parameter.arrays()
+    figures = parameter.arrays
     if parameter.sigma_from is not None:
-        figures["sigma"] = _sigma(path, parameter.sigma_from, episode)
-    drawn = DISTRIBUTIONS[parameter.distribution].draw(figures, rng, size)
-    name = find(path) if path.startswith(EFFECTS_PREFIX) else None
-    # The parameter of an effect has bounds that the skin enforces.
-    return drawn if name is None else np.clip(drawn, name.least, name.most)
+        figures = {**figures, "sigma": _sigma(path, parameter.sigma_from, episode)}
+    drawn = DISTRIBUTIONS[parameter.distribution].draw(figures, rng, 1 if size is None else size)
+    if path.startswith(EFFECTS_PREFIX) and (name := find(path)) is not None:
+        # The parameter of an effect has bounds that the skin enforces.
+        drawn = np.clip(drawn, name.least, name.most)
+    return float(drawn[0]) if size is None else drawn
 
 
-def _sigma(path: str, sigma_from: str, episode: Sample | None) -> FloatArray:
+def _sigma(path: str, sigma_from: str, episode: Draws | None) -> FloatArray:
     if episode is None:
         raise ValueError(
             f"{path} takes its standard deviation from the episode's draw of {sigma_from}; "
             'pass it: sample(rng, "step", episode=ranges.sample(rng, "episode"))'
         )
-    return np.asarray(get(episode, sigma_from), dtype=np.float64)
+    return np.asarray(episode[sigma_from], dtype=np.float64)
 
 
 @lru_cache(maxsize=1024)

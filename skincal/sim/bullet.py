@@ -118,10 +118,11 @@ class Fingers:
         for joint, angle in zip(self._joints, q_rad, strict=True):
             self._engine.resetJointState(self._body, joint, angle, 0.0, physicsClientId=self._client)
 
-    def joints(self) -> tuple[list[float], list[float]]:
+    def joints(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return angles [rad] and velocities [rad/s] of the links (n,)."""
-        rows = self._engine.getJointStates(self._body, self._joints, physicsClientId=self._client)
-        return [row[0] for row in rows], [row[1] for row in rows]
+        rows = self._engine.getJointStates(self._body, self._joints, self._client)
+        q, dq, _forces, _torques = zip(*rows, strict=True)
+        return q, dq
 
     def step(self, torque_nm: Sequence[float]) -> None:
         """Advance by one step under torques (n,) [N m]."""
@@ -129,7 +130,7 @@ class Fingers:
         engine.setJointMotorControlArray(
             self._body, self._joints, engine.TORQUE_CONTROL, forces=torque_nm, physicsClientId=client
         )
-        engine.stepSimulation(physicsClientId=client)
+        engine.stepSimulation(client)
 
     def force(self) -> FloatArray:
         """Return the force of the indenter on the skin in the last step (3,), frame of the URDF's root [N]."""

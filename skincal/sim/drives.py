@@ -16,9 +16,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 
@@ -47,35 +49,46 @@ class DriveParameters:
 
 
 class Drives:
-    """All drives of a hand, computed with plain numbers: for six joints numpy would be slower.
+    """All drives of a hand: a compiled step, as six joints are too few for numpy.
 
     Args:
         parameters: parameters of the drives.
         q_rad: initial angles of the links, at rest [rad].
         step_s: time step [s].
+
+    Attributes:
+        filtered_rad: (n,) commanded angles after the low-pass [rad].
+        motor_rad: (n,) angles of the motors [rad].
+        speed_rad_per_s: (n,) speeds of the motors [rad/s].
+        torque_nm: (n,) torques on the links [N m].
     """
 
-    def __init__(self, parameters: DriveParameters, q_rad: Sequence[float], step_s: float) -> None:
+    def __init__(self, parameters: DriveParameters, q_rad: ArrayLike, step_s: float) -> None:
         stiff, damp = parameters.stiffness_nm_per_rad, parameters.damping_nms_per_rad
-        elastic, count = parameters.drive_stiffness_nm_per_rad, len(q_rad)
-        self._share = -math.expm1(-2 * math.pi * parameters.low_pass_hz * step_s)
-        self._damping = parameters.link_damping_nms_per_rad
-        self._step = step_s
+        elastic, count = parameters.drive_stiffness_nm_per_rad, np.size(q_rad)
         # The motor's speed is solved implicitly, so that any step is stable.
         slow = damp + step_s * (stiff + elastic)
         columns = (stiff, elastic, parameters.friction_nm, parameters.torque_limit_nm, 1 / slow)
-        table: list[list[float]] = np.column_stack([np.broadcast_to(v, count) for v in columns]).tolist()
-        self._constants = [(j, *_five(row)) for j, row in enumerate(table)]
-        self.target_rad = [float(q) for q in q_rad]
-        self.filtered_rad = list(self.target_rad)
-        self.motor_rad = list(self.target_rad)
-        self.speed_rad_per_s = [0.0] * count
-        self.torque_nm = [0.0] * count
+        share = -math.expm1(-2 * math.pi * parameters.low_pass_hz * step_s)
+        self._constants = np.array([np.broadcast_to(v, count) for v in columns], dtype=np.float64)
+        self._numbers = (share, float(step_s), float(parameters.link_damping_nms_per_rad))
+        self._state = np.zeros((5, count))
+        self._target, self.filtered_rad, self.motor_rad, self.speed_rad_per_s, self.torque_nm = self._state
+        self._state[:3] = q_rad
+        self._step = _compiled()
+
+    @property
+    def target_rad(self) -> FloatArray:
+        """(n,) commanded angles [rad]; assigning to it sets them."""
+        return self._target
+
+    @target_rad.setter
+    def target_rad(self, q_rad: ArrayLike) -> None:
+        self._target[:] = q_rad
 
     def hold(self) -> None:
         """Hold the motors' present angles: the exerted torques fade, and no new ones arise."""
-        self.target_rad = list(self.motor_rad)
-        self.filtered_rad = list(self.motor_rad)
+        self._state[:2] = self.motor_rad
 
     def step(self, q_rad: Sequence[float], dq_rad_per_s: Sequence[float]) -> list[float]:
         """Advance by one step.
@@ -87,32 +100,38 @@ class Drives:
         Returns:
             Torques on the links [N m].
         """
-        share, dt, damping = self._share, self._step, self._damping
-        target, filtered, motor = self.target_rad, self.filtered_rad, self.motor_rad
-        speed, torque = self.speed_rad_per_s, self.torque_nm
-        for j, stiff, elastic, friction, limit, per_nm in self._constants:
-            smooth = filtered[j]
-            smooth += share * (target[j] - smooth)
-            filtered[j] = smooth
-            angle = motor[j]
-            wanted = stiff * (smooth - angle)
-            if wanted > limit:
-                wanted = limit
-            elif wanted < -limit:
-                wanted = -limit
-            net = wanted - elastic * (angle - q_rad[j])
-            if net > friction:
-                rate = (net - friction) * per_nm
-            elif net < -friction:
-                rate = (net + friction) * per_nm
-            else:
-                rate = 0.0
-            angle += dt * rate
-            motor[j] = angle
-            speed[j] = rate
-            torque[j] = elastic * (angle - q_rad[j]) + damping * (rate - dq_rad_per_s[j])
-        return torque
+        self._step(self._constants, self._numbers, self._state, tuple(q_rad), tuple(dq_rad_per_s))
+        return self.torque_nm.tolist()
 
 
-def _five(row: list[float]) -> tuple[float, float, float, float, float]:
-    return row[0], row[1], row[2], row[3], row[4]
+def _advance(
+    constants: FloatArray,
+    numbers: tuple[float, float, float],
+    state: FloatArray,
+    q_rad: tuple[float, ...],
+    dq_rad_per_s: tuple[float, ...],
+) -> None:
+    share, dt, damping = numbers
+    for j in range(len(q_rad)):
+        stiff, elastic, friction = constants[0, j], constants[1, j], constants[2, j]
+        limit, per_nm = constants[3, j], constants[4, j]
+        smooth = state[1, j] + share * (state[0, j] - state[1, j])
+        angle = state[2, j]
+        wanted = min(max(stiff * (smooth - angle), -limit), limit)
+        net = wanted - elastic * (angle - q_rad[j])
+        rate = 0.0
+        if net > friction:
+            rate = (net - friction) * per_nm
+        elif net < -friction:
+            rate = (net + friction) * per_nm
+        angle += dt * rate
+        state[1, j], state[2, j], state[3, j] = smooth, angle, rate
+        state[4, j] = elastic * (angle - q_rad[j]) + damping * (rate - dq_rad_per_s[j])
+
+
+@cache
+def _compiled() -> Any:
+    """Compile the step, or load it; numba is imported with the first drives."""
+    from skincal.model.press.jit import cached
+
+    return cached(_advance, "drives", {"nogil": True, "error_model": "numpy"})

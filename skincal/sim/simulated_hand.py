@@ -86,7 +86,7 @@ class SimulatedHand:
         stiffness = contact_stiffness(description, truth.elasticity_pa_per_m, options.contact_depth_force_n)
         self._drives = Drives(
             _drive_parameters(description, truth, options),
-            description.home_rad.tolist(),
+            description.home_rad,
             1 / options.physics_hz,
         )
         self._fingers = Fingers(description, options, stiffness)
@@ -130,8 +130,8 @@ class SimulatedHand:
         """Advance by some physics steps."""
         fingers, drives = self._fingers, self._drives
         # The controller sees angles with the sensors' errors, which change little in such a time.
-        motors = np.array(drives.motor_rad)
-        drives.target_rad = (self._desired - self._truth_error(motors)).tolist()
+        motors = drives.motor_rad
+        drives.target_rad = self._desired - self._truth_error(motors)
         q, dq = fingers.joints()
         for _ in range(steps):
             fingers.step(drives.step(q, dq))
@@ -150,8 +150,8 @@ class SimulatedHand:
         """Return the present readings of the sensors; every call draws new noise."""
         joints, count = self.truth.joints, len(self._desired)
         noise = self._rng.standard_normal((3, count))
-        speed = np.array(self._drives.speed_rad_per_s)
-        tau = np.array(self._drives.torque_nm) * joints.torque_scale + joints.torque_offset_nm
+        speed = self._drives.speed_rad_per_s
+        tau = self._drives.torque_nm * joints.torque_scale + joints.torque_offset_nm
         return SimReading(
             time_s=self.time_s,
             q_rad=self._measured_angles() + joints.noise_rad * noise[0],
@@ -202,17 +202,17 @@ class SimulatedHand:
         if self._memory is not None:
             self._memory.close()
 
-    def _look(self, q: list[float]) -> None:
+    def _look(self, q: tuple[float, ...]) -> None:
         contact = self._contact(q)
         self.truth_log.append(contact)
-        look = Look(contact, self._measured_angles(), np.array(self._drives.torque_nm))
+        look = Look(contact, self._measured_angles(), self._drives.torque_nm.copy())
         if contact.force_n > _TOUCH_N:
             self._touches.append(look)
         if self._memory is not None:
             self._memory.keep(look)
         self._image, self._image_time_s = self._skin.image(contact), contact.time_s
 
-    def _contact(self, q: list[float]) -> TrueContact:
+    def _contact(self, q: tuple[float, ...]) -> TrueContact:
         return true_contact(self._kinematics, self.time_s, np.array(q), self._fingers.force())
 
     def _truth_error(self, q_rad: FloatArray) -> FloatArray:
@@ -223,7 +223,7 @@ class SimulatedHand:
         if self.description.compliance_rad_per_nm is None:
             q = np.array(self._fingers.joints()[0])
         else:
-            q = np.array(self._drives.motor_rad)
+            q = self._drives.motor_rad.copy()
         return q + self._truth_error(q)
 
 

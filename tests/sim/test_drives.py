@@ -54,7 +54,7 @@ def test_friction_holds_small_and_reduces_large_torques() -> None:
     drive = drives(friction=0.08)
     drive.target_rad = [0.2 + 0.015]
     assert settle(drive, 0.2) == 0.0
-    assert drive.motor_rad == [0.2]
+    assert drive.motor_rad[0] == 0.2
     drive.target_rad = [0.2 + 0.1]
     # The motor stops where the controller's torque and the spring's differ by the friction.
     torque = settle(drive, 0.2)
