@@ -27,7 +27,13 @@ from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.contact_law import beaten_foundation
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.search import Found, Search
-from skincal.inference.start import base_fit, raw_residual, wild_presses, without_presses
+from skincal.inference.start import (
+    base_fit,
+    raw_residual,
+    wild_presses,
+    with_image_error,
+    without_presses,
+)
 from skincal.model.arrays import FloatArray
 
 Heard = Callable[[str], None]
@@ -108,7 +114,7 @@ def diagnose(
         whole = observed.whole()
         ready = placed_presses(whole, found.fitted.state, np.flatnonzero(observed.held))
         wild = wild_presses(whole, ready)
-        last_fitter = without_presses(whole, wild)
+        last_fitter = with_image_error(without_presses(whole, wild), ready)
         last = last_fitter.solve(ready, found.fitted.free, steps=C.joint_steps)
         wide = covariance(dataset, last_fitter, last)
         final = new_calibration(
@@ -210,10 +216,9 @@ def refitted_effects(
     fitter = observed.fitter
     last = fitter.solve(state, tuple(free), steps=C.last_steps)
     wild = wild_presses(fitter, last.state)
-    if len(wild):
-        # They have drawn sensor, places and effects after them: again without them.
-        fitter = without_presses(fitter, wild)
-        last = fitter.solve(state, tuple(free), steps=C.last_steps)
+    # They have drawn sensor, places and effects after them: again without them.
+    fitter = with_image_error(without_presses(fitter, wild), last.state)
+    last = fitter.solve(state if len(wild) else last.state, tuple(free), steps=C.last_steps)
     wide = covariance(dataset, fitter, last)
     made = new_calibration(both, observed, last, wide, drawn, wild, unexplained=False, law=law)
     return replace(made, provenance=calibration.provenance, grid=calibration.grid)

@@ -25,6 +25,7 @@ class BaselineDrift(SignalEffect):
 
     name = "baseline_drift"
     stage = Stage.CONVERTER
+    zero_error = 0.0
     meaning = "the level at rest moves over the session"
     parameters = (
         EffectParameter(

@@ -36,6 +36,7 @@ class ContactOffset(InputEffect):
     name = "contact_offset"
     meaning = "the measured contact positions are off in a way that the pose cannot absorb"
     equation_error = 0.0
+    zero_error = 0.0
     parameters = (
         _of_pose("pose_across_m", "towards growing beta"),
         _of_pose("pose_along_m", "along +y"),

@@ -29,6 +29,7 @@ class DeadTaxel(SignalEffect):
     stage = Stage.CONVERTER
     meaning = "one or more taxels do not answer or are stuck"
     equation_error = 0.0
+    zero_error = 0.0
     parameters = (
         EffectParameter(
             "answer", "-", 1.0, 0.0, 1.0, "a_j: part of the value that shows", typical=-1.0, shape="per-taxel"

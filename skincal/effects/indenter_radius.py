@@ -28,6 +28,7 @@ class IndenterRadius(InputEffect):
     name = "indenter_radius"
     meaning = "the indenter is not the size the dataset says"
     equation_error = 0.0
+    zero_error = 0.0
     parameters = (
         EffectParameter(
             "scale",

@@ -30,6 +30,7 @@ class Latency(MemoryEffect):
     """The effect ``latency``, with the equation of the module."""
 
     name = "latency"
+    zero_error = 0.0
     meaning = "the taxels lag behind the force in time"
     parameters = (
         EffectParameter("delay_s", "s", 0.0, 0.0, 1.0, "tau: the mean lag", typical=0.06),

@@ -23,6 +23,7 @@ class Saturation(SignalEffect):
 
     name = "saturation"
     stage = Stage.CONVERTER
+    zero_error = 0.0
     meaning = "large values are compressed or clipped"
     parameters = (
         EffectParameter(

@@ -32,6 +32,7 @@ class Spread(SpreadEffect):
     """The effect ``spread``, with the equation of the module."""
 
     name = "spread"
+    zero_error = 0.0
     meaning = "a cover spreads the pressure sideways before it reaches the taxels"
     parameters = (
         EffectParameter("width_m", "m", 0.0, 0.0, 6e-3, "standard deviation of the kernel", typical=0.9e-3),

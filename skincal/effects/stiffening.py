@@ -18,6 +18,8 @@ class Stiffening(LawEffect):
     """The effect ``stiffening``, with the equation of the module."""
 
     name = "stiffening"
+    # The stiffness may be that at eps_0, or where the penetration begins.
+    zero_error = 1.0
     meaning = "stress is a nonlinear function of penetration"
     parameters = (
         EffectParameter("exponent", "-", 1.0, 0.3, 4.0, "n", typical=0.6, scale="log"),

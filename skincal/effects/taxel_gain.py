@@ -17,6 +17,7 @@ class TaxelGain(SignalEffect):
     stage = Stage.TRANSFER
     meaning = "taxels differ in gain"
     equation_error = 0.0
+    zero_error = 0.0
     parameters = (
         EffectParameter("gain", "-", 1.0, 0.05, 20.0, "g_j", typical=0.12, shape="per-taxel", scale="log"),
     )

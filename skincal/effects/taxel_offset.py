@@ -17,6 +17,7 @@ class TaxelOffset(SignalEffect):
     stage = Stage.CONVERTER
     meaning = "taxels differ in their level at rest"
     equation_error = 0.0
+    zero_error = 0.0
     parameters = (
         EffectParameter(
             "offset_counts", "counts", 0.0, -65535.0, 65535.0, "o_j", typical=3.0, shape="per-taxel"
