@@ -28,7 +28,6 @@ class DeadBand(SignalEffect):
 
     name = "dead_band"
     stage = Stage.CONVERTER
-    zero_error = 0.0
     meaning = "small values are swallowed"
     parameters = (
         EffectParameter("width_counts", "counts", 0.0, 0.0, 60.0, "b", typical=8.0),

@@ -23,7 +23,6 @@ class Saturation(SignalEffect):
 
     name = "saturation"
     stage = Stage.CONVERTER
-    zero_error = 0.0
     meaning = "large values are compressed or clipped"
     parameters = (
         EffectParameter(
