@@ -1,4 +1,4 @@
-"""``python -m benchmarks.blind make|run|score|pack|unpack``; each has ``--help``."""
+"""``python -m benchmarks.blind make|run|score|held|pack|unpack``; each has ``--help``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from benchmarks.blind import kept
 
-VERBS = ("make", "run", "score", "pack", "unpack")
+VERBS = ("make", "run", "score", "held", "pack", "unpack")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -15,10 +15,11 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO, Any
 
-from benchmarks.blind.quick import diagnosed
+from benchmarks.blind.quick import calibrated, diagnosed
 from benchmarks.blind.truth.session import make_session
 from benchmarks.blind.truth.spec import Spec
 from benchmarks.blind.truth.writing import sealed, write_session
+from skincal.calibration import read_calibration
 from skincal.cli.terminal import plain
 
 Record = dict[str, Any]
@@ -116,6 +117,8 @@ class Bench:
             record["fit"] = self._fitted(folder).record()
             if record["fit"]["status"] == 0:
                 record["diagnose"] = self._diagnosed(folder).record()
+                if (folder / "new").exists():
+                    record["diagnose"]["calibrated"] = calibrated(read_calibration(folder / "new"))
         write_whole(self.result_file(spec), (json.dumps(record, indent=1) + "\n").encode())
         if not self.keep:
             shutil.rmtree(folder, ignore_errors=True)

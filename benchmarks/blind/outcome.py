@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from benchmarks.blind.suites import CLASS_OF
@@ -41,6 +41,7 @@ class Outcome:
         gap: of the held-out presses, as the diagnosis told it.
         wall_s, cpu_s: that the diagnosis took.
         best_p: the smallest p-value of a score in the first round; 1 where no effect was searched.
+        calibrated: best value, low and high end of the new calibration's parameters, where they were kept.
     """
 
     label: Record
@@ -52,9 +53,17 @@ class Outcome:
     wall_s: float = 0.0
     cpu_s: float = 0.0
     best_p: float = 1.0
+    calibrated: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, label: Record, said: Record, wall_s: float = 0.0, cpu_s: float = 0.0) -> Outcome:
+    def of(
+        cls,
+        label: Record,
+        said: Record,
+        wall_s: float = 0.0,
+        cpu_s: float = 0.0,
+        calibrated: Mapping[str, Sequence[float]] | None = None,
+    ) -> Outcome:
         """From the JSON of ``skincal diagnose``.
 
         Raises:
@@ -74,8 +83,9 @@ class Outcome:
         first = next(iter(said.get("candidates") or [[]]))
         best_p = min((float(tried["p_value"]) for tried in first), default=1.0)
         return cls(
-            label, str(verdict), named, bool(said.get("unexplained")), seen, gap, wall_s, cpu_s, best_p
-        )
+            label, str(verdict), named, bool(said.get("unexplained")), seen, gap, wall_s, cpu_s, best_p,
+            calibrated or {},
+        )  # fmt: skip
 
     @property
     def hidden(self) -> list[str]:

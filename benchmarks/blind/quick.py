@@ -55,10 +55,15 @@ def diagnosed(folder: Path, plain: Callable[[Any], Any]) -> Record:
         return {"fit": fit}
     found, done = _timed(lambda: diagnose(dataset, calibration))
     if found is not None:
-        best, ends = found.calibration.model.best(), found.calibration.intervals
         done["json"] = plain(summary(found))
-        done["calibrated"] = {k: [best[k], *map(float, ends[k])] for k in best}
+        done["calibrated"] = calibrated(found.calibration)
     return {"fit": fit, "diagnose": done}
+
+
+def calibrated(calibration: Calibration) -> Record:
+    """Best value, low and high end of each parameter."""
+    best, ends = calibration.model.best(), calibration.intervals
+    return {k: [best[k], *map(float, ends[k])] for k in best}
 
 
 def _timed(work: Callable[[], Any]) -> tuple[Any, Record]:

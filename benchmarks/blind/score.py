@@ -53,7 +53,9 @@ def opened(folder: Path) -> tuple[list[Outcome], list[Record]]:
             failed.append(label)
             continue
         try:
-            outcomes.append(Outcome.of(label, done["json"], done["wall_s"], done["cpu_s"]))
+            outcomes.append(
+                Outcome.of(label, done["json"], done["wall_s"], done["cpu_s"], done.get("calibrated"))
+            )
         except OutcomeError as error:
             print(error, file=sys.stderr)
             failed.append(label)

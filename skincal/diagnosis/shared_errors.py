@@ -13,10 +13,12 @@ import numpy as np
 
 from skincal.calibrate.problem import joint_angles
 from skincal.dataset import Dataset
-from skincal.effects import effect
+from skincal.effects import InputEffect, LawEffect, effect
 from skincal.fitting.posterior import GAIN_SIGMA
 from skincal.fitting.shared import smooth_field
+from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
+from skincal.inference.forward import Seen
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray
 
@@ -29,26 +31,58 @@ _TURN = 2
 def covariance(dataset: Dataset, fitter: Fitter, fit: Fitted) -> FloatArray:
     """Mean squares (n, n) of base, law and effects about a fit, with errors that presses share.
 
+    Errors of positions and gains have priors, and presses tell of them what they can. What the equation of an effect
+    errs by they do not: no list of shapes has the true one in it. So each shape counts with all that it would move.
+
     Args:
         dataset: the session.
         fitter: of it.
         fit: of base and effects.
     """
-    seen, free = fit.seen, fit.free
-    own, errors = fitter.equations(seen)
+    seen, free, n = fit.seen, fit.free, fit.numbers
     field, told = _field(dataset, fitter, fit)
-    parts = [fitter.columns(seen, free), Slopes.of(errors), Slopes.of(field)]
+    parts = [fitter.columns(seen, free), Slopes.of(field)]
     if not any(effect(f.effect).replaces_range == GAINS for f in free):
         taxels = seen.values.shape[1]
         parts += [Slopes.of_taxel(GAIN_SIGMA * seen.values[:, j], j, taxels) for j in range(taxels)]
-    columns = Slopes.joined(parts)
-    wide = fitter.built(seen, free, fitter.whitened(seen, columns, own), len(columns) - fit.numbers)
-    out = wide.covariance
+    done = {name: fitter.done_by(seen, name) for name in seen.state.effects}
+    errors = [C.equation * d * x for d in done.values() for x in fitter.manners(seen)]
+    known = sum(len(p) for p in parts)
+    columns = Slopes.joined([*parts, *(Slopes.of(e[..., None]) for e in errors)])
+    own, _ = fitter.equations(seen, word=True)
+    wide = fitter.built(seen, free, fitter.whitened(seen, columns, own), len(columns) - n)
+    h = wide.blocks.h.sum(axis=0) + np.diag(wide.prior)
+    inverse = np.linalg.inv(h[:known, :known])[:n]
+    moved = inverse @ h[:known, known:]
+    out = inverse[:, :n] + moved @ moved.T
     out[:2, :2] += np.diag(told**2)
     force = dataset.meta.force.scale_sigma if dataset.meta.force is not None else 0.0
     # Were all forces larger by a factor, the same images would come from that much more E, and less S.
-    out[3:5, 3:5] += force**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    return out
+    ways = [
+        force * _OF_FORCE,
+        np.array([0.0, C.law_scale]),
+        *(_way(fitter, seen, name, d) for name, d in done.items()),
+    ]
+    return out + np.pad(sum(np.outer(w, w) for w in ways), ((3, n - 5), (3, n - 5)))
+
+
+_OF_FORCE = np.array([1.0, -1.0])
+
+
+def _way(fitter: Fitter, seen: Seen, name: str, done: FloatArray) -> FloatArray:
+    """(2,) how far logarithms of E and S may lie from where an effect does nothing, one standard deviation.
+
+    Where that is, its equation says, and another one of the same effect says it elsewhere: at rising force or in the
+    middle of a loop, at once or after a while, at rest or at the speed of presses.
+    """
+    own, values = effect(name), seen.state.effects[name]
+    if isinstance(own, LawEffect):
+        return own.zero_error * np.array([own.law(own.checked(values, done.shape[1])).exponent - 1, 0.0])
+    press = fitter.forward.row[on := fitter.forward.samples.touching & (fitter.forward.row >= 0)]
+    now, did = (np.bincount(press, x[on].sum(axis=1)) for x in (seen.values, done))
+    each = (np.abs(did) / np.maximum(now - did, 1e-9))[np.unique(press)]
+    size = own.zero_error * float(np.sqrt(np.mean(np.minimum(each, 1.0) ** 2)))
+    return size * (_OF_FORCE if isinstance(own, InputEffect) else np.array([0.0, 1.0]))
 
 
 def _field(dataset: Dataset, fitter: Fitter, fit: Fitted) -> tuple[FloatArray, FloatArray]:

@@ -27,7 +27,13 @@ from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.contact_law import beaten_foundation
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.search import Found, Search
-from skincal.inference.start import base_fit, raw_residual, wild_presses, without_presses
+from skincal.inference.start import (
+    base_fit,
+    raw_residual,
+    wild_presses,
+    with_image_error,
+    without_presses,
+)
 from skincal.model.arrays import FloatArray
 
 Heard = Callable[[str], None]
@@ -94,23 +100,23 @@ def diagnose(
     unexplained = (not named and found.open) or order is not None
     verdict = "unknown" if taken_back or unexplained else "effects" if named else "none"
     unexplained = (found.open or order is not None) and verdict != "none"
-    effects = _named(found, observed) if verdict == "effects" else ()
     heard("calibration")
-    final = calibration
+    final, effects = calibration, ()
     beaten = None if verdict == "unknown" else beaten_foundation(fitter, found.fitted, dealt)
     law = False
     if beaten is not None:
         # The presses of the end can take it back.
         by_law = gap_of(observed, beaten.state, found.fitted.state, again)
         law = by_law.after < by_law.before
-        gap = by_law if law and not effects and calibration.contact_law is None else gap
-    if effects or law:
+        gap = by_law if law and verdict != "effects" and calibration.contact_law is None else gap
+    if verdict == "effects" or law:
         whole = observed.whole()
         ready = placed_presses(whole, found.fitted.state, np.flatnonzero(observed.held))
         wild = wild_presses(whole, ready)
-        last_fitter = without_presses(whole, wild)
+        last_fitter = with_image_error(without_presses(whole, wild), ready)
         last = last_fitter.solve(ready, found.fitted.free, steps=C.joint_steps)
         wide = covariance(dataset, last_fitter, last)
+        effects = _named(found, observed, last, wide) if verdict == "effects" else ()
         final = new_calibration(
             calibration, observed, last, wide, drawn, wild, unexplained=unexplained, law=law
         )
@@ -144,9 +150,9 @@ def _residual(fitter: Fitter, fit: Fitted) -> FloatArray:
     return np.where(np.isfinite(fitter.counts), raw_residual(fitter, fit.state), np.nan)
 
 
-def _named(found: Found, observed: Observed) -> tuple[NamedEffect, ...]:
+def _named(found: Found, observed: Observed, last: Fitted, wide: FloatArray) -> tuple[NamedEffect, ...]:
+    """Of what was found; numbers are those of the last fit, to all presses, as in the calibration."""
     fit, fitter = found.fitted, observed.fitter
-    covariance = fit.covariance
     excess = [float(np.nansum(_residual(fitter, x) ** 2 - 1)) for x in (found.base, fit)]
     whole = max(excess[0] - excess[1], 1e-9)
     made = []
@@ -163,8 +169,8 @@ def _named(found: Found, observed: Observed) -> tuple[NamedEffect, ...]:
         )
         made.append(
             NamedEffect(
-                one.name, one.alike, one.p_value, one.gain, dict(fit.state.effects[one.name]),
-                effect_intervals(fit, one.name, covariance),
+                one.name, one.alike, one.p_value, one.gain, dict(last.state.effects[one.name]),
+                effect_intervals(last, one.name, wide),
                 where_text(_residual(fitter, found.base) if alone else residual, observed.session,
                 observed.dataset.layout()),
                 float(np.clip(share, 0.0, 1.0)), EFFECTS[one.name].in_places,
@@ -210,10 +216,9 @@ def refitted_effects(
     fitter = observed.fitter
     last = fitter.solve(state, tuple(free), steps=C.last_steps)
     wild = wild_presses(fitter, last.state)
-    if len(wild):
-        # They have drawn sensor, places and effects after them: again without them.
-        fitter = without_presses(fitter, wild)
-        last = fitter.solve(state, tuple(free), steps=C.last_steps)
+    # They have drawn sensor, places and effects after them: again without them.
+    fitter = with_image_error(without_presses(fitter, wild), last.state)
+    last = fitter.solve(state if len(wild) else last.state, tuple(free), steps=C.last_steps)
     wide = covariance(dataset, fitter, last)
     made = new_calibration(both, observed, last, wide, drawn, wild, unexplained=False, law=law)
     return replace(made, provenance=calibration.provenance, grid=calibration.grid)

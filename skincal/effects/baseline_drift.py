@@ -22,6 +22,7 @@ from skincal.model.arrays import FloatArray
 class BaselineDrift(SignalEffect):
     name = "baseline_drift"
     stage = Stage.CONVERTER
+    zero_error = 0.0
     meaning = "the level at rest moves over the session"
     parameters = (
         per_taxel(

@@ -22,6 +22,7 @@ class ContactOffset(InputEffect):
     name = "contact_offset"
     meaning = "the measured contact positions are off in a way that the pose cannot absorb"
     equation_error = 0.0
+    zero_error = 0.0
     parameters = (
         per_pose(
             "pose_across_m", "m", 0.0, -3e-3, 3e-3, "d_p: to be added towards growing beta", typical=0.15e-3

@@ -23,6 +23,7 @@ class DeadTaxel(SignalEffect):
     stage = Stage.CONVERTER
     meaning = "one or more taxels do not answer or are stuck"
     equation_error = 0.0
+    zero_error = 0.0
     parameters = (
         per_taxel("answer", "-", 1.0, 0.0, 1.0, "a_j: part of the value that shows", typical=-1.0),
         form("stuck_counts", "counts", 0.0, -100.0, 4096.0, "v_j: what it reads", shape="per-taxel"),

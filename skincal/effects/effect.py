@@ -64,6 +64,8 @@ class Effect(ABC):
             are known, as in an environment, it does not apply.
         equation_error: relative error that its equation may have against a real skin, one standard deviation; 0 where
             the effect is what its equation says.
+        zero_error: how far scale and stiffness of the base model may lie from where its equation does nothing, in parts
+            of what it does, relative, in the mean over a press; 0 where all equations of it agree about that.
         shows: presses that show it best in a picture, by their names in :mod:`skincal.report.signatures`; empty: over
             force, or over time if it has memory.
         replaces_range: the range of a preset that holds what is assumed where this effect is not known.
@@ -82,6 +84,7 @@ class Effect(ABC):
     has_memory: ClassVar[bool] = False
     of_rig: ClassVar[bool] = False
     equation_error: ClassVar[float] = 0.2
+    zero_error: ClassVar[float] = 0.3
     shows: ClassVar[str] = ""
     replaces_range: ClassVar[str] = ""
     source: ClassVar[str]

@@ -23,6 +23,8 @@ _OPERATORS = 6
 
 class Hysteresis(MemoryEffect):
     name = "hysteresis"
+    # The base model may be the middle of the loop as well as its lower curve, and a press has little of the other one.
+    zero_error = 2.0
     meaning = "at the same force the signal differs between loading and unloading"
     parameters = (
         strength("height", "-", 0.0, -0.8, 1.5, "h: weight of what lags behind", typical=0.45),

@@ -25,6 +25,7 @@ class IndenterRadius(InputEffect):
     name = "indenter_radius"
     meaning = "the indenter is not the size the dataset says"
     equation_error = 0.0
+    zero_error = 0.0
     parameters = (
         strength("scale", "-", 1.0, 0.3, 3.0, "s: true over said radius, at 5 mm", typical=0.5, scale="log"),
         form("coat", "-", 0.0, 0.0, 1.0, "w: how far it is a length that others are off by, too"),

@@ -27,6 +27,7 @@ _NO_LAG_S = 1e-9
 
 class Latency(MemoryEffect):
     name = "latency"
+    zero_error = 0.0
     meaning = "the taxels lag behind the force in time"
     parameters = (
         strength("delay_s", "s", 0.0, 0.0, 1.0, "tau: the mean lag", typical=0.06),

@@ -15,6 +15,8 @@ from skincal.model import StressLaw
 
 class Stiffening(LawEffect):
     name = "stiffening"
+    # The stiffness may be that at eps_0, or where the penetration begins.
+    zero_error = 1.0
     meaning = "stress is a nonlinear function of penetration"
     parameters = (
         strength("exponent", "-", 1.0, 0.3, 4.0, "n", typical=0.6, scale="log"),

@@ -14,6 +14,7 @@ class TaxelGain(SignalEffect):
     stage = Stage.TRANSFER
     meaning = "taxels differ in gain"
     equation_error = 0.0
+    zero_error = 0.0
     parameters = (per_taxel("gain", "-", 1.0, 0.05, 20.0, "g_j", typical=0.12, scale="log"),)
     shows = "taxels"
     replaces_range = "skin.scale_offset_per_n"

@@ -14,6 +14,7 @@ class TaxelOffset(SignalEffect):
     stage = Stage.CONVERTER
     meaning = "taxels differ in their level at rest"
     equation_error = 0.0
+    zero_error = 0.0
     parameters = (per_taxel("offset_counts", "counts", 0.0, -65535.0, 65535.0, "o_j", typical=3.0),)
     shows = "taxels"
     replaces_range = "skin.taxel_offset_counts"

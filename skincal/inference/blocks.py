@@ -133,6 +133,7 @@ def blocks(
     precision: FloatArray,
     draws: FloatArray | None = None,
     rng: np.random.Generator | None = None,
+    image: float = C.image,
 ) -> Blocks:
     """Builds them.
 
@@ -147,6 +148,7 @@ def blocks(
         precision: (3,) of these, beforehand.
         draws: (N, J, S) whitened residuals of S simulated sessions; nuisances are added here.
         rng: for those.
+        image: relative error of a press's image, taxel by taxel.
     """
     taxels, n, dense = w.residual.shape[1], len(w.columns), w.columns.dense.shape[2]
     lists = [r for r in block_rows(press) if w.seen[r].any()]
@@ -170,15 +172,15 @@ def blocks(
         return np.add.reduceat(signal[..., None] * x, begin[:-1], axis=0)
 
     square = np.add.reduceat(signal**2, begin[:-1], axis=0)
-    freed = C.image**2 / (1 + square * C.image**2)
-    image, own_image = along(side), along(own)
+    freed = image**2 / (1 + square * image**2)
+    by_image, own_image = along(side), along(own)
     flat = side.reshape(-1, side.shape[2])
     spans = list(pairwise(begin.tolist()))
     parts = [slice(taxels * a, taxels * b) for a, b in spans]
     product = np.stack([flat[p].T @ flat[p] for p in parts])
-    product -= np.swapaxes(image * freed[..., None], 1, 2) @ image
+    product -= np.swapaxes(by_image * freed[..., None], 1, 2) @ by_image
     mixed, single = _of_taxels(side, own, spans)
-    mixed -= image[..., None] * (freed[..., None] * own_image)[:, :, None]
+    mixed -= by_image[..., None] * (freed[..., None] * own_image)[:, :, None]
     single -= own_image[..., None] * (freed[..., None] * own_image)[:, :, None]
     m = np.zeros((len(lists), k))
     m[owner >= 0, :3] = at[owner[owner >= 0]]
@@ -193,7 +195,7 @@ def blocks(
     drawn_own = np.zeros((len(lists), k, sessions))
     drawn, drawn_chi = np.zeros((len(lists), n, sessions)), np.zeros((len(lists), sessions))
     if draws is not None and rng is not None:
-        errors = rng.standard_normal((len(lists), taxels, sessions)) * C.image
+        errors = rng.standard_normal((len(lists), taxels, sessions)) * image
         moved = rng.standard_normal((len(lists), k, sessions)) / np.sqrt(lam)[:, None]
         for b, (one, span) in enumerate(zip(parts, spans, strict=True)):
             rows = slice(*span)
@@ -202,7 +204,7 @@ def blocks(
             along_it = np.einsum("rj,rjs->js", signal[rows], each)
             taken = freed[b][:, None] * along_it
             looked = (
-                flat[one, : k + dense].T @ each.reshape(-1, sessions) - image[b, :, : k + dense].T @ taken
+                flat[one, : k + dense].T @ each.reshape(-1, sessions) - by_image[b, :, : k + dense].T @ taken
             )
             of_one_looked = own[rows].transpose(1, 2, 0) @ each.transpose(1, 0, 2)
             of_one_looked -= own_image[b][..., None] * taken[:, None]
@@ -228,7 +230,7 @@ def blocks(
     constant[owner[owner >= 0]], by[owner[owner >= 0]] = step[owner >= 0, :3, n], step[owner >= 0, :3, :n]
     seen, log_sd = w.seen[order], np.where(w.seen, w.log_sd, 0.0)[order]
     count = np.add.reduceat(seen.sum(axis=1), begin[:-1])
-    loss = 2 * np.add.reduceat(log_sd.sum(axis=1), begin[:-1]) + np.log1p(square * C.image**2).sum(axis=1)
+    loss = 2 * np.add.reduceat(log_sd.sum(axis=1), begin[:-1]) + np.log1p(square * image**2).sum(axis=1)
     loss += 2 * (np.log(np.diagonal(chol, axis1=1, axis2=2)) - np.log(unit)).sum(axis=1) - np.log(lam).sum()
     chi, place = squares[:, 0], np.empty(n, dtype=np.int64)
     place[~of_one], place[of_one] = np.arange(dense), slot

@@ -37,6 +37,7 @@ class Beforehand:
         move: (3,) precision of a press's shift across and along [1/m²] and of the logarithm of its force.
         slack_m: most that a contact may be off.
         weights: (N, J) roots of robust weights, found once with the base model; 1 where nothing is wild.
+        image: relative error of a press's image, taxel by taxel.
     """
 
     base: FloatArray
@@ -44,6 +45,7 @@ class Beforehand:
     move: FloatArray
     slack_m: float
     weights: FloatArray
+    image: float = C.image
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +172,7 @@ class Fitter:
 
     def spread(self, seen: Seen, moves: FloatArray) -> FloatArray:
         """(K, J) within what levels are known beforehand, by what a press's own numbers do to them (K, J, 3)."""
-        return np.sqrt((moves**2) @ (1 / self.before.move) + (C.image * seen.values) ** 2)
+        return np.sqrt((moves**2) @ (1 / self.before.move) + (self.before.image * seen.values) ** 2)
 
     def columns(self, seen: Seen, free: tuple[Free, ...]) -> Slopes:
         """Slopes (K, J, n) of base, law and effects."""
@@ -185,23 +187,33 @@ class Fitter:
             phase, and in another proportion to the force, to what a taxel reads, and over the session; at their word
             none.
         """
-        samples, parts = self.forward.samples, []
-        for name in seen.state.effects:
-            if error := effect(name).equation_error:
-                without = {n: v for n, v in seen.state.effects.items() if n != name}
-                parts.append(error * (seen.values - self.forward.with_effects(seen, without)))
+        sized = [(effect(n).equation_error, n) for n in seen.state.effects]
+        parts = [error * self.done_by(seen, n) for error, n in sized if error]
         if not parts:
             none = np.zeros((*seen.values.shape, 0))
             return none, none
         own = np.stack(parts, axis=-1)
         if word:
             return own, own[..., :0]
+        return own, np.concatenate([own * x[..., None] for x in self.manners(seen)], axis=2)
+
+    def done_by(self, seen: Seen, name: str) -> FloatArray:
+        """(K, J) what an effect in the model does to values."""
+        without = {n: v for n, v in seen.state.effects.items() if n != name}
+        return seen.values - self.forward.with_effects(seen, without)
+
+    def manners(self, seen: Seen) -> list[FloatArray]:
+        """Factors (K, 1) or (K, J) by which all presses alike may be off, at one standard deviation.
+
+        In each phase, and in another proportion to the force, to what a taxel reads, and over the session.
+        """
+        samples = self.forward.samples
         force = np.nan_to_num(samples.contacts.force_n) * samples.touching
         factors = [_about_none(force)[:, None], _about_none(seen.values)]
-        factors.append(np.linspace(-1.0, 1.0, len(own))[:, None])
+        factors.append(np.linspace(-1.0, 1.0, len(samples))[:, None])
         if samples.phase is not None:
             factors += [(samples.phase == p)[:, None].astype(np.float64) for p in np.unique(samples.phase)]
-        return own, np.concatenate([own * x[..., None] for x in factors], axis=2)
+        return factors
 
     def linear(
         self,
@@ -229,9 +241,15 @@ class Fitter:
     ) -> Fitted:
         """A linearisation of whitened columns; columns beyond those of the model have no prior."""
         state = seen.state
-        found = blocks(w, self.press, self.phase, state.move, self.before.move, **more)  # type: ignore[arg-type]
+        found = self.blocks(w, state.move, **more)
         prior, pull = self.prior(state, free)
         return Fitted(seen, free, found, np.append(prior, np.ones(errors)), np.append(pull, np.zeros(errors)))
+
+    def blocks(self, w: Whitened, at: FloatArray, **more: object) -> Blocks:
+        """Blocks of whitened columns about where presses are (P, 3)."""
+        return blocks(
+            w, self.press, self.phase, at, self.before.move, image=self.before.image, **more  # type: ignore[arg-type]
+        )  # fmt: skip
 
     def prior(self, state: State, free: tuple[Free, ...]) -> tuple[FloatArray, FloatArray]:
         """(n,) precisions beforehand, and their slope at a state."""
@@ -361,8 +379,7 @@ class Fitter:
         """What a state reads, and what it leaves."""
         seen = self.forward.see(state)
         own, none = self.equations(seen, word=True)
-        w = self.whitened(seen, none, own, only)
-        return seen, blocks(w, self.press, self.phase, state.move, self.before.move)
+        return seen, self.blocks(self.whitened(seen, none, own, only), state.move)
 
 
 def _about_none(x: FloatArray) -> FloatArray:

@@ -405,19 +405,21 @@ class Forward:
         out = np.zeros((*seen.values.shape, len(BASE) + len(LAW)))
         alike = self.surface.is_uniform
         turned = self._turned(seen, places, _STEP["alpha"]) - self._turned(seen, places, -_STEP["alpha"])
+        out[..., 2] = self.with_loads(seen, turned / 2) / _STEP["alpha"]
         if alike:
             # Everywhere alike: a patch that moves one way is presses that move the other way, and exactly so, or the
             # difference would seem to tell the one from the other. A turn is a shift of presses, and a turn about each.
-            moves = seen.table.slopes(self.row, x / e, at) * e
-            out[..., 0] = self.with_loads(seen, -2e-5 * moves[1]) / 2e-5
-            out[..., 1] = self.with_loads(seen, -2e-5 * moves[0]) / 2e-5
-            far = self._from_centre(s, places)[np.maximum(self.row, 0)].T[..., None]
-            turned = turned + 2 * _STEP["alpha"] * (far[1] * moves[0] - far[0] * moves[1])
-        out[..., 2] = self.with_loads(seen, turned / 2) / _STEP["alpha"]
+            # Of what memory keeps of the press before, too: that press went another way in a turn, but is not asked.
+            moves = self.press_columns(seen)
+            far = self._from_centre(s, places)[np.maximum(self.row, 0)][:, None]
+            out[..., 0], out[..., 1] = -moves[..., 1], -moves[..., 0]
+            out[..., 2] += far[..., 1] * moves[..., 0] - far[..., 0] * moves[..., 1]
         for k, name in enumerate(() if alike else ("y", "turn")):
             other = self.skin(replace(s, pose=moved_pose(self.surface, s.pose, name, _STEP[name])))
             table = self._make(other, seen.felt, s, places, lattice=False)
             out[..., k] = self.with_loads(seen, e * (table.at(self.row, x / e) - own)) / _STEP[name]
+        # Nor does what a press leaves in the rest after it tell its place: there it has no shift of its own.
+        out[self.row < 0, :, :3] = 0.0
         harder = float(np.exp(s.log_e + _SOFT))
         change = harder * seen.table.at(self.row, x / harder, at) - e * seen.table.at(self.row, x / e, at)
         out[..., 3] = self.with_loads(seen, change) / _SOFT

@@ -39,6 +39,8 @@ from skincal.inference.start import placed
 from skincal.model.arrays import FloatArray, IntArray
 
 _SCALES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.1, 0.06, 1.5, 2.0, 3.0)
+_LIKE_NONE, _SOFTER = 2.5, (0.7, 1.5)
+"""Standard deviations from which on a contact law is none of a layer, and by how much logarithms of E are then less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,17 +327,20 @@ class Search:
     def _from_start(self, fit: Fitted) -> Fitted:
         """The fit, or one from where the sensor was thought to be, if it has gone far from there and that is better.
 
-        A base that gave way to what was missing can end at another pose, with all presses moved, and stay there.
+        A base that gave way to what was missing can end at another pose, with all presses moved, and stay there. Or it
+        ends at a skin that is far too hard, under a law like none: then it begins at softer ones, too.
         """
-        start = self.fitter.before.start
+        start, begin = self.fitter.before.start, list[float]()
         sd = np.sqrt(np.diag(fit.covariance)[:4])
-        if (np.abs(self.fitter.off(fit.state)[:4]) < C.alike * sd).all():
-            return fit
-        state = replace(
-            fit.state, pose=start.pose, log_e=start.log_e, law=np.zeros(3), move=np.zeros_like(start.move)
-        )
-        again = self._settled(state, fit.free)
-        return again if again.loss() < fit.loss() else fit
+        if (np.abs(self.fitter.off(fit.state)[:4]) >= C.alike * sd).any():
+            begin.append(start.log_e)
+        if (np.abs(fit.state.law) > _LIKE_NONE * np.array([C.law_power, C.law_blur, C.law_radius])).any():
+            begin += [fit.state.log_e - much for much in _SOFTER]
+        for log_e in begin:
+            at = replace(fit.state, pose=start.pose, log_e=log_e, law=np.zeros(3), move=start.move)
+            again = self._settled(at, fit.free)
+            fit = again if again.loss() < fit.loss() else fit
+        return fit
 
     def _scaled(
         self, fit: Fitted, tried: Tried, before: Mapping[str, FloatArray] | None

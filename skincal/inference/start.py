@@ -15,6 +15,8 @@ from skincal.model.arrays import FloatArray, IntArray
 
 _TURNS = (-0.2, 0.0, 0.2)
 """Angles that the search begins at, about the start's own [rad]."""
+_IMAGES = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0)
+"""Errors of images that are tried, over what is known of them."""
 _LATTICE = np.linspace(-0.8, 0.8, 9)
 _WILD = 5.0
 """A press that leaves so many times as much as the middle one, whatever its place, is no press like the others."""
@@ -105,6 +107,18 @@ def without_presses(fitter: Fitter, rows: IntArray) -> Fitter:
     counts = fitter.counts.copy()
     counts[np.isin(fitter.press, rows)] = np.nan
     return Fitter(fitter.forward, counts, fitter.before)
+
+
+def with_image_error(fitter: Fitter, state: State) -> Fitter:
+    """The same fitter with the error of images that is the likeliest at a state; what is known is the least."""
+    seen = fitter.forward.see(state)
+    own, none = fitter.equations(seen, word=True)
+    w = fitter.whitened(seen, none, own)
+    others = [
+        Fitter(fitter.forward, fitter.counts, replace(fitter.before, image=x))
+        for x in C.image * np.array(_IMAGES)
+    ]
+    return min(others, key=lambda one: one.blocks(w, state.move).loss.sum())
 
 
 def placed(fitter: Fitter, state: State) -> State:

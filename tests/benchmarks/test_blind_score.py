@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.figures import figures
+from benchmarks.blind.held import as_table, held
 from benchmarks.blind.markdown import as_markdown
 from benchmarks.blind.measures import summary
 from benchmarks.blind.outcome import Outcome, OutcomeError
@@ -238,3 +239,26 @@ def test_false_alarms_of_null_sessions_are_counted():
 
     quiet = summary([o for o in _all(answer) if o.label["suite"] == "none"], [])["none"]
     assert quiet["scores"]["hits"] == 25 and quiet["scores"]["of"] == 100
+
+
+def test_truth_that_intervals_hold_is_counted_where_it_is_one():
+    truth = {"y_m": 0.02, "elasticity_pa_per_m": 4e8}
+    outcomes = []
+    for number, (law, low) in enumerate([("linear foundation", 3e8), ("elastic layer", 5e8)]):
+        label = _label(specs("one", 0)[number])
+        label |= {"contact_law": law, "truth": truth, "truth_as_the_positions_tell_it": {"y_m": 0.021}}
+        ends = {"y_m": [0.0208, 0.0205, 0.0215], "elasticity_pa_per_m": [5.2e8, low, 6e8]}
+        outcomes.append(Outcome.of(label, _perfect(label), calibrated=ends))
+    wrong = _label(specs("one", 0)[2]) | {"truth": truth, "contact_law": "elastic layer"}
+    wrong["truth_as_the_positions_tell_it"] = {"y_m": 0.022}
+    other = next(n for n in CLASS_OF if n != wrong["effects"][0]["name"])
+    outcomes.append(Outcome.of(wrong, _said("effects", [other]), calibrated=ends))
+    found = held(outcomes)
+    assert [(found[k]["y_m"]["hits"], found[k]["y_m"]["of"]) for k in ("all", "right names")] == [
+        (2, 3),
+        (2, 2),
+    ]
+    stiff = found["all"]["elasticity_pa_per_m"]
+    assert (stiff["hits"], stiff["of"]) == (1, 1)
+    assert stiff["median half width"] == pytest.approx(1.5 / 5.2)
+    assert "| right names | y_m | 2 of 2 |" in as_table(found)

@@ -12,6 +12,7 @@ from report.diagnosis_cases import calibration
 
 from skincal.diagnosis.gap import placed_presses
 from skincal.diagnosis.observed import Observed, observe
+from skincal.effects import effect
 from skincal.inference.columns import free_of
 from skincal.inference.fit import Fitter
 from skincal.inference.forward import Forward
@@ -53,6 +54,15 @@ def test_a_turn_is_what_differences_say():
     ]
     apart = (ends[0] - ends[1]) / 0.04
     assert np.sqrt(np.mean((column - apart) ** 2)) < 0.05 * np.sqrt(np.mean(apart**2))
+
+
+def test_what_memory_keeps_of_a_press_does_not_tell_the_pose():
+    fitter, sd = seen("creep").fitter, []
+    creep = effect("creep").checked({"amplitude": 0.4, "time_constant_s": 3.0}, fitter.counts.shape[1])
+    for effects in ({}, {"creep": dict(creep)}):
+        state = replace(fitter.before.start, effects=effects)
+        sd.append(np.sqrt(np.diag(fitter.linear(state, (), word=True).covariance))[:3])
+    assert (sd[1] > 0.8 * sd[0]).all()
 
 
 def test_presses_kept_for_the_end_are_placed_where_they_fit():
