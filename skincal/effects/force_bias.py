@@ -55,9 +55,11 @@ class ForceBias(InputEffect):
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:
         """See :meth:`Effect.starts`."""
-        offsets = [{"offset_n": 0.1, "onset_n": h} for h in (0.0, 0.2)]
         scales = each_of("pose_scale", 0.05, scene.poses, 1.0) if scene.poses > 1 else []
-        return (*(start(one) for one in offsets), *([start(*scales)] if scales else []))
+        return tuple(
+            start({"offset_n": 0.1, "onset_n": h}, *({**one, "onset_n": h} for one in scales))
+            for h in (0.0, 0.2)
+        )
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         """See :meth:`InputEffect.apply`."""

@@ -347,11 +347,12 @@ class Fitter:
             if not far.any() or part == 0.1:
                 break
             state = replace(state, move=np.where(far[:, None], at.state.move + 0.3 * part * way, move))
+        total = np.where(np.isfinite(best), best, 0.0).sum() + found.loss[~own].sum()
         if (move != state.move).any():
             state = replace(state, move=move)
-            seen, found = self._left(state, only)
+            seen = self.forward.see(state)
         prior, pull = self.prior(state, at.free)
-        return state, seen, float(found.loss.sum() + (pull**2 / np.maximum(prior, 1e-300)).sum())
+        return state, seen, float(total + (pull**2 / np.maximum(prior, 1e-300)).sum())
 
     def loss_at(self, state: State) -> float:
         """Minus twice the logarithm of the likelihood of a state, but for a constant."""

@@ -26,7 +26,7 @@ import numpy as np
 from skincal.effects import effect
 from skincal.effects.starts import Scene
 from skincal.inference.blocks import Whitened
-from skincal.inference.check import left, limits
+from skincal.inference.check import left, limits, squares
 from skincal.inference.columns import Candidate, Free, begun, candidates, free_of, starts_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
@@ -162,7 +162,8 @@ class Search:
             tried = self._round(fit, named)
             rounds.append(tuple(tried))
             good = [t for t in tried if t.good and t.name not in dropped]
-            best = self._best(fit, good) if good and len(named) < C.most else None
+            more = len(named) < C.most and len(rounds) <= C.rounds
+            best = self._best(fit, good) if good and more else None
             if best is None:
                 break
             own, new = best
@@ -209,7 +210,8 @@ class Search:
         owed = sum(0.5 * effect(one.name).equation_error ** 2 * one.gain for one in named)
         n = len(linear.prior)
         begin = n + np.cumsum([0, *(len(c.columns) for c in found)])
-        best: dict[str, tuple[Score, int]] = {}
+        own = squares(fit.chi()[:, None], fit.blocks.count, fit.blocks.press)
+        null, best = self._null.of(float(own[0])), dict[str, tuple[Score, int]]()
         for k, each in enumerate(self._gains(linear, found, linear.blocks.b[:, :, None], linear.pull)):
             s, name = Score(each[:, 0]), found[k].name
             if name not in best or s.total > best[name][0].total:
@@ -220,7 +222,7 @@ class Search:
             own = np.append(np.arange(n), np.arange(begin[k], begin[k + 1]))
             prior = np.append(linear.prior, 1 / np.array(c.start.sigma) ** 2)
             step = full_step(linear.blocks, own, prior, np.append(linear.pull, np.zeros(len(c.columns))))
-            limit, p = max(self._null.limit(name), owed), self._null.p_value(name, s.total)
+            limit, p = max(null.limit(name), owed), null.p_value(name, s.total)
             at = self.fitter.moved(linear, step, own)
             out.append(Tried(name, s.total, s.error, s.sure, limit, p, c, step[n:], s.shared, at))
         return sorted(out, key=lambda t: -t.gain)
@@ -255,7 +257,7 @@ class Search:
         h = b.products.between(np.arange(n), np.arange(n))
         c = np.linalg.solve(h.sum(axis=0) + np.diag(linear.prior), b.drawn[:, :n].sum(axis=0))
         chi = b.drawn_chi - 2 * np.einsum("pns,ns->ps", b.drawn[:, :n], c) + np.einsum("ns,pns->ps", c, h @ c)
-        return Null(laws, gained, left(chi, b.count, b.press))
+        return Null(laws, gained, left(chi, b.count, b.press), squares(chi, b.count, b.press))
 
     def _gains(
         self, linear: Fitted, found: Sequence[Candidate], b: FloatArray, pull: FloatArray
@@ -319,7 +321,9 @@ class Search:
     def _settled(self, state: State, free: tuple[Free, ...]) -> Fitted:
         """A fit gone on to its end, and again from better places of presses that it has left behind."""
         fit = self.fitter.solve(state, free, steps=C.last_steps)
-        again = self.fitter.solve(placed(self.fitter, fit.state), fit.free, steps=C.joint_steps)
+        if (better := placed(self.fitter, fit.state)) is fit.state:
+            return fit
+        again = self.fitter.solve(better, fit.free, steps=C.joint_steps)
         return again if again.loss() < fit.loss() else fit
 
     def _from_start(self, fit: Fitted) -> Fitted:
