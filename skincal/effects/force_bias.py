@@ -26,7 +26,6 @@ class ForceBias(InputEffect):
 
     name = "force_bias"
     meaning = "the measured force is off: offset, or a scale that depends on the hand's pose"
-    equation_error = 0.0
     parameters = (
         EffectParameter("offset_n", "N", 0.0, -1.0, 1.0, "to be added to the measured force", typical=0.25),
         EffectParameter(
