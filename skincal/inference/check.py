@@ -25,11 +25,6 @@ def left(chi: FloatArray, count: IntArray, press: IntArray) -> FloatArray:
     return np.stack([own[:keep].mean(axis=0), np.quantile(own, 0.95, axis=0), rest], axis=1)
 
 
-def squares(chi: FloatArray, count: IntArray, press: IntArray) -> FloatArray:
-    """(S,) mean square of all values of presses, over the noise; arguments as of :func:`left`."""
-    return chi[press >= 0].sum(axis=0) / max(int(count[press >= 0].sum()), 1)
-
-
 def limits(null: FloatArray) -> FloatArray:
     """(3,) what may be left: what null sessions leave (S, 3), and a margin."""
     return 1 + C.slack * np.maximum(np.quantile(null, C.null_quantile, axis=0) - 1, C.noise)

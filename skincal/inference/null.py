@@ -29,13 +29,11 @@ class Null:
         laws: name of the contact law of each of S sessions.
         gains: by effect, (S,) the greatest gain of any of its starts [nats].
         left: (S, 3) what a check of the base model says of each (:func:`skincal.inference.check.left`).
-        squares: (S,) mean over all values of presses, over the noise.
     """
 
     laws: tuple[str, ...]
     gains: dict[str, FloatArray]
     left: FloatArray
-    squares: FloatArray
 
     def quantile(self, name: str) -> float:
         """The gain that an effect seldom exceeds with nothing hidden [nats]."""
@@ -45,19 +43,6 @@ class Null:
     def limit(self, name: str) -> float:
         """The gain that an effect must have to be named [nats]."""
         return max(C.least_gain, C.slack * self.quantile(name))
-
-    def of(self, squares: float) -> Null:
-        """The null of a session that leaves so much: without laws under which every session leaves more.
-
-        What is hidden adds to what is left, so that such a law is not this session's.
-        """
-        laws = np.array(self.laws)
-        out = [
-            n for n in dict.fromkeys(self.laws) if n != FOUNDATION and self.squares[laws == n].min() > squares
-        ]
-        keep = ~np.isin(laws, out)
-        left, own = self.left[keep], {n: g[keep] for n, g in self.gains.items()}
-        return Null(tuple(laws[keep].tolist()), own, left, self.squares[keep])
 
     def p_value(self, name: str, gain: float) -> float:
         """Part of null sessions in which an effect gains as much."""

@@ -26,7 +26,7 @@ import numpy as np
 from skincal.effects import effect
 from skincal.effects.starts import Scene
 from skincal.inference.blocks import Whitened
-from skincal.inference.check import left, limits, squares
+from skincal.inference.check import left, limits
 from skincal.inference.columns import Candidate, Free, begun, candidates, free_of, starts_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
@@ -210,8 +210,7 @@ class Search:
         owed = sum(0.5 * effect(one.name).equation_error ** 2 * one.gain for one in named)
         n = len(linear.prior)
         begin = n + np.cumsum([0, *(len(c.columns) for c in found)])
-        own = squares(fit.chi()[:, None], fit.blocks.count, fit.blocks.press)
-        null, best = self._null.of(float(own[0])), dict[str, tuple[Score, int]]()
+        best: dict[str, tuple[Score, int]] = {}
         for k, each in enumerate(self._gains(linear, found, linear.blocks.b[:, :, None], linear.pull)):
             s, name = Score(each[:, 0]), found[k].name
             if name not in best or s.total > best[name][0].total:
@@ -222,7 +221,7 @@ class Search:
             own = np.append(np.arange(n), np.arange(begin[k], begin[k + 1]))
             prior = np.append(linear.prior, 1 / np.array(c.start.sigma) ** 2)
             step = full_step(linear.blocks, own, prior, np.append(linear.pull, np.zeros(len(c.columns))))
-            limit, p = max(null.limit(name), owed), null.p_value(name, s.total)
+            limit, p = max(self._null.limit(name), owed), self._null.p_value(name, s.total)
             at = self.fitter.moved(linear, step, own)
             out.append(Tried(name, s.total, s.error, s.sure, limit, p, c, step[n:], s.shared, at))
         return sorted(out, key=lambda t: -t.gain)
@@ -257,7 +256,7 @@ class Search:
         h = b.products.between(np.arange(n), np.arange(n))
         c = np.linalg.solve(h.sum(axis=0) + np.diag(linear.prior), b.drawn[:, :n].sum(axis=0))
         chi = b.drawn_chi - 2 * np.einsum("pns,ns->ps", b.drawn[:, :n], c) + np.einsum("ns,pns->ps", c, h @ c)
-        return Null(laws, gained, left(chi, b.count, b.press), squares(chi, b.count, b.press))
+        return Null(laws, gained, left(chi, b.count, b.press))
 
     def _gains(
         self, linear: Fitted, found: Sequence[Candidate], b: FloatArray, pull: FloatArray
