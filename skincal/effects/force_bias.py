@@ -23,7 +23,6 @@ from skincal.effects.setting import Setting
 class ForceBias(InputEffect):
     name = "force_bias"
     meaning = "the measured force is off: offset, or a scale that depends on the hand's pose"
-    equation_error = 0.0
     parameters = (
         strength("offset_n", "N", 0.0, -1.0, 1.0, "F_0: to be added to the measured force", typical=0.25),
         per_pose("pose_scale", "-", 1.0, 0.3, 3.0, "g_p: true over measured force", typical=0.08),
@@ -39,9 +38,11 @@ class ForceBias(InputEffect):
     )
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:
-        offsets = [{"offset_n": 0.1, "onset_n": h} for h in (0.0, 0.2)]
         scales = each_of("pose_scale", 0.05, scene.poses, 1.0) if scene.poses > 1 else []
-        return (*(start(one) for one in offsets), *([start(*scales)] if scales else []))
+        return tuple(
+            start({"offset_n": 0.1, "onset_n": h}, *({**one, "onset_n": h} for one in scales))
+            for h in (0.0, 0.2)
+        )
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         force = samples.contacts.force_n

@@ -35,6 +35,7 @@ class Constants:
     least_gain: float = 8.0  # T  nats; less is never named, whatever the null
     alike: float = 2.0  # T  standard errors within which two effects are not told apart
     most: int = 4  # T  effects that are named at most
+    rounds: int = 8  # T  in which they are found: one effect may be found taxel by taxel
     smooth: float = 0.5  # T  of a step: noise from which on rounding leaves no more than 0.2 % of a step
     least_slope: float = 1e-3  # T  of the converter, where it clips
     least_variance: float = 0.05  # T  of the usual one, where it clips

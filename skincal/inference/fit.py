@@ -16,7 +16,7 @@ from skincal.inference.columns import Free, free_columns, with_values
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.forward import BASE, LAW, Forward, Seen, State, moved_pose
 from skincal.inference.slopes import Slopes
-from skincal.model.arrays import BoolArray, FloatArray, IntArray
+from skincal.model.arrays import FloatArray, IntArray
 
 NB = len(BASE) + len(LAW)
 _FORM, _STRENGTH = 0.5, 0.4
@@ -118,16 +118,13 @@ class Fitter:
         # All of a hold is at one level, with one error of rounding.
         self._alike = np.where(held, np.bincount(s.press[held], minlength=s.presses + 1)[s.press], 1.0)
 
-    def whitened(
-        self, seen: Seen, columns: Slopes | FloatArray, own: FloatArray, only: BoolArray | None = None
-    ) -> Whitened:
+    def whitened(self, seen: Seen, columns: Slopes | FloatArray, own: FloatArray) -> Whitened:
         """Over the noise.
 
         Args:
             seen: the state.
             columns: slopes by what is fitted, (K, J, n) if all of them are dense.
             own: (K, J, k) errors that equations of effects in the model may have.
-            only: (N,) observations that count.
         """
         f, noise = self.forward, self.forward.noise
         moves = f.press_columns(seen)
@@ -138,8 +135,6 @@ class Fitter:
             variance = variance + (per_n * noise.force_n) ** 2 / self.frames[:, None]
         sd = np.sqrt(variance)
         ok = np.isfinite(self.counts)
-        if only is not None:
-            ok = ok & only[:, None]
         weight = np.where(ok, self.before.weights, 0.0) / sd
 
         def thin(x: FloatArray) -> FloatArray:
@@ -219,22 +214,19 @@ class Fitter:
         self,
         state: State,
         free: tuple[Free, ...],
-        only: BoolArray | None = None,
         seen: Seen | None = None,
         *,
         word: bool = False,
     ) -> Fitted:
         """A state with its linearisation."""
         seen = self.forward.see(state) if seen is None else seen
-        return self.built(seen, free, *self.columns_of(seen, free, only, word=word))
+        return self.built(seen, free, *self.columns_of(seen, free, word=word))
 
-    def columns_of(
-        self, seen: Seen, free: tuple[Free, ...], only: BoolArray | None = None, *, word: bool = False
-    ) -> tuple[Whitened, int]:
+    def columns_of(self, seen: Seen, free: tuple[Free, ...], *, word: bool = False) -> tuple[Whitened, int]:
         """All that is fitted, whitened, and how many of the columns are errors of equations, which come last."""
         own, shared = self.equations(seen, word=word)
         columns = Slopes.joined([self.columns(seen, free), Slopes.of(shared)])
-        return self.whitened(seen, columns, own, only), shared.shape[2]
+        return self.whitened(seen, columns, own), shared.shape[2]
 
     def built(
         self, seen: Seen, free: tuple[Free, ...], w: Whitened, errors: int = 0, **more: object
@@ -330,32 +322,30 @@ class Fitter:
             effects=effects,
         )
 
-    def solve(
-        self, state: State, free: tuple[Free, ...] = (), steps: int = 4, only: BoolArray | None = None
-    ) -> Fitted:
+    def solve(self, state: State, free: tuple[Free, ...] = (), steps: int = 4) -> Fitted:
         """Fits, from a state, with equations at their word; a step that makes it worse is halved."""
-        at = self.linear(state, free, only, word=True)
+        at = self.linear(state, free, word=True)
         for _ in range(steps):
-            new, seen, total = self._careful(at, self.step(at), only)
+            new, seen, total = self._careful(at, self.step(at))
             for part in (0.3, 0.1):
                 if total > at.loss() + 0.1:
-                    new, seen, total = self._careful(at, between(at.state, new, part), only)
+                    new, seen, total = self._careful(at, between(at.state, new, part))
             if total > at.loss() + 0.1:
                 break
             gained = at.loss() - total
-            at = self.linear(new, free, only, seen, word=True)
+            at = self.linear(new, free, seen, word=True)
             if gained < C.settled:
                 break
-        return self.linear(at.state, free, only, at.seen) if at.state.effects else at
+        return self.linear(at.state, free, at.seen) if at.state.effects else at
 
-    def _careful(self, at: Fitted, state: State, only: BoolArray | None) -> tuple[State, Seen, float]:
+    def _careful(self, at: Fitted, state: State) -> tuple[State, Seen, float]:
         """A state whose presses have gone the part of their way that is best for them, and its loss."""
         before = np.full(len(state.move), np.inf)
         own = at.blocks.press >= 0
         before[at.blocks.press[own]] = at.blocks.loss[own]
         best, move, way = np.full(len(before), np.inf), state.move.copy(), state.move - at.state.move
         for part in (1.0, 0.3, 0.1):
-            seen, found = self._left(state, only)
+            seen, found = self._left(state)
             loss = np.full(len(before), -np.inf)
             own = found.press >= 0
             loss[found.press[own]] = found.loss[own]
@@ -365,21 +355,22 @@ class Fitter:
             if not far.any() or part == 0.1:
                 break
             state = replace(state, move=np.where(far[:, None], at.state.move + 0.3 * part * way, move))
+        total = np.where(np.isfinite(best), best, 0.0).sum() + found.loss[~own].sum()
         if (move != state.move).any():
             state = replace(state, move=move)
-            seen, found = self._left(state, only)
+            seen = self.forward.see(state)
         prior, pull = self.prior(state, at.free)
-        return state, seen, float(found.loss.sum() + (pull**2 / np.maximum(prior, 1e-300)).sum())
+        return state, seen, float(total + (pull**2 / np.maximum(prior, 1e-300)).sum())
 
     def loss_at(self, state: State) -> float:
         """Minus twice the logarithm of the likelihood of a state, but for a constant."""
-        return float(self._left(state, None)[1].loss.sum())
+        return float(self._left(state)[1].loss.sum())
 
-    def _left(self, state: State, only: BoolArray | None) -> tuple[Seen, Blocks]:
+    def _left(self, state: State) -> tuple[Seen, Blocks]:
         """What a state reads, and what it leaves."""
         seen = self.forward.see(state)
         own, none = self.equations(seen, word=True)
-        return seen, self.blocks(self.whitened(seen, none, own, only), state.move)
+        return seen, self.blocks(self.whitened(seen, none, own), state.move)
 
 
 def _about_none(x: FloatArray) -> FloatArray:

@@ -164,7 +164,8 @@ class Search:
             tried = self._round(fit, named)
             rounds.append(tuple(tried))
             good = [t for t in tried if t.good and t.name not in dropped]
-            best = self._best(fit, good) if good and len(named) < C.most else None
+            more = len(named) < C.most and len(rounds) <= C.rounds
+            best = self._best(fit, good) if good and more else None
             if best is None:
                 break
             own, new = best
@@ -321,7 +322,9 @@ class Search:
     def _settled(self, state: State, free: tuple[Free, ...]) -> Fitted:
         """A fit gone on to its end, and again from better places of presses that it has left behind."""
         fit = self.fitter.solve(state, free, steps=C.last_steps)
-        again = self.fitter.solve(placed(self.fitter, fit.state), fit.free, steps=C.joint_steps)
+        if (better := placed(self.fitter, fit.state)) is fit.state:
+            return fit
+        again = self.fitter.solve(better, fit.free, steps=C.joint_steps)
         return again if again.loss() < fit.loss() else fit
 
     def _from_start(self, fit: Fitted) -> Fitted:

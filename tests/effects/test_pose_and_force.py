@@ -10,6 +10,8 @@ from effect_sessions import BASE, FINGER, LAYOUT, SESSION, SKIN, contacts_at, rm
 
 from skincal.effects import Samples, Setting
 from skincal.effects.cover import Cover
+from skincal.effects.force_bias import ForceBias
+from skincal.effects.starts import Scene
 from skincal.errors import InputError
 from skincal.model import Contacts, FlatPunch, Sphere, contact_rotations
 
@@ -32,6 +34,14 @@ def test_force_bias_leaves_rest_at_rest_and_never_pulls():
     assert not skin_with("force_bias", offset_n=0.5).values(told)[0].any()
     assert skin_with("force_bias", offset_n=0.5).values(told)[2].any()
     assert not skin_with("force_bias", offset_n=-0.5).values(told).any()
+
+
+def test_an_offset_beside_another_scale_in_each_pose_is_one_case():
+    scene = Scene(taxels=16, poses=2, top_counts=100.0, top_n=1.0, force_n=1.0, duration_s=60.0)
+    for one in ForceBias().starts(scene):
+        moved = [name for point in one.points for name in point if name != "onset_n"]
+        assert sorted(moved) == ["offset_n", "pose_scale", "pose_scale"]
+        assert len({float(point["onset_n"]) for point in one.points}) == 1
 
 
 @pytest.mark.parametrize(("told_n", "true_n"), [(0.2, 0.35), (0.6, 0.825), (1.8, 2.07)])

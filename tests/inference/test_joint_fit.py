@@ -115,6 +115,6 @@ def test_a_step_that_is_too_long_for_some_presses_is_shortened_for_them_alone():
     # Half of the presses go where they should, the others far beyond.
     move = aim.move.copy()
     move[::2, :2] = 1.5e-3
-    state, _, loss = fitter._careful(at, replace(aim, move=move), None)
+    state, _, loss = fitter._careful(at, replace(aim, move=move))
     assert loss <= fitter.loss_at(replace(aim, move=move))
     assert (np.abs(state.move[::2, :2] - start.move[::2, :2]) < 1.5e-3).any()
