@@ -95,8 +95,13 @@ def fit(
         ),
     ] = None,
     min_active: Annotated[
-        int, typer.Option("--min-active", min=1, help="Presses with fewer active taxels are not used.")
-    ] = 2,
+        int | None,
+        typer.Option(
+            "--min-active",
+            min=1,
+            help="Presses with fewer active taxels are not used; default 2, or 1 where fewer than 16 presses have 2.",
+        ),
+    ] = None,
     bound: Annotated[
         str,
         typer.Option(
