@@ -197,7 +197,7 @@ def fitted(seen: Seen, job: Job) -> Record:
 def told_truth(seen: Seen, options: FitOptions) -> dict[str, float]:
     """The truth as the measured positions tell it, and the scale also as the forces tell it."""
     threshold = active_threshold(seen.dataset) if options.active_counts is None else options.active_counts
-    used = active_taxels(seen.dataset, threshold).sum(axis=1) >= options.min_active
+    used = active_taxels(seen.dataset, threshold).sum(axis=1) >= (options.min_active or 2)
     used &= np.isfinite(seen.true_force_n)
     force = seen.dataset.presses.force_n
     share = float(np.sum(seen.true_force_n[used]) / np.sum(force[used]))

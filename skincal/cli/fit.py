@@ -41,6 +41,7 @@ def _step(least: float, what: str, of: Callable[[GridSteps], float], most: float
     return option(what, min=least, max=most, show_default=shown)
 
 
+MIN_ACTIVE = "Presses with fewer active taxels are not used; default 2, or 1 where fewer than 16 presses have 2."
 METHOD = (
     "`fast`: tables, for surfaces that look the same everywhere; `general`: tables of the skin model, press by press, "
     "for any geometry; `nlopt`: general, after a grid of the skin model itself, slow; `auto`: `fast` where possible, "
@@ -82,7 +83,7 @@ def fit(
         int | None, _step(2, "Grid values of E, log-spaced.", lambda s: s.elasticities, 10_000)
     ] = None,
     active_counts: Annotated[float | None, option(ACTIVE, min=0.0)] = None,
-    min_active: Annotated[int, option("Presses with fewer active taxels are not used.", min=1)] = 2,
+    min_active: Annotated[int | None, option(MIN_ACTIVE, min=1)] = None,
     bound: Annotated[str, option(BOUND)] = "noise",
     level: Annotated[float, option("Posterior probability inside each interval.", min=0.5, max=0.999)] = 0.98,
     draws: Annotated[int, option("Number of posterior draws to write.", min=10)] = 2000,

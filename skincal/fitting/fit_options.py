@@ -38,9 +38,9 @@ class GridSteps:
     """
 
     across_m: float = 1.0e-3
-    y_m: float = 0.25e-3
+    y_m: float = 0.5e-3
     alpha_rad: float = math.radians(2.5)
-    elasticities: int = 24
+    elasticities: int = 16
 
 
 GENERAL_STEPS = GridSteps(2.5e-3, 2.5e-3, math.radians(13.5), 4)
@@ -63,7 +63,7 @@ class FitOptions:
     Attributes:
         steps: of the macro grid; None for as fine as the way of the fit affords.
         active_counts: a taxel is active from so much above rest; None for what the data say.
-        min_active: presses with fewer active taxels are not used.
+        min_active: presses with fewer active taxels are not used; None for two, or one where few presses have two.
         bound_counts2: None for the valley that the noise of the data defines; a number for all combinations of the
             grid whose loss is below it (the paper's is 25).
         level: probability content of the intervals, where the noise defines them.
@@ -77,11 +77,11 @@ class FitOptions:
 
     steps: GridSteps | None = None
     active_counts: float | None = None
-    min_active: int = 2
+    min_active: int | None = None
     bound_counts2: float | None = None
     level: float = 0.98
     draws: int = 2000
-    rounds: tuple[int, int] = (8, 20)
+    rounds: tuple[int, int] = (5, 20)
     round_size: int = 400
     enough_draws: int = 400
     per_taxel: bool = False

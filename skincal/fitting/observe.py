@@ -7,15 +7,15 @@ that everything after works with unclipped values.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from skincal.fitting.types import Bools, Floats
 from skincal.model.converter import Converter
-from skincal.model.rest import levels_from_presses
+from skincal.model.rest import RestLevels, levels_from_presses
 
 _SPREAD = 8.0
 """Beyond so many sigmas from a bound of the converter, clipping does not matter."""
@@ -195,26 +195,79 @@ def observe(counts: Floats, readout: Readout, rest_mean: Floats | None = None) -
         levels = (np.where(known, rest, np.nan), measured, known)
         return _plain(counts, readout, np.zeros_like(rest), scatter, levels)
     levels = (rest, measured, known)
-    sigma = _noise_on_bound(counts, rest, scatter, readout)
+    sigma = _noise_on_bound(counts, replace(found, level=rest), readout)
     if not np.isfinite(sigma):
         return _plain(counts, readout, np.nan_to_num(rest), scatter, levels)
     return _unclipped(counts, readout, rest, sigma, scatter, levels)
 
 
-def _noise_on_bound(counts: Floats, rest: Floats, scatter: float, readout: Readout) -> float:
+_ON_BOUND = 0.1
+"""Where this part of the readings at rest lies on the bound itself, presses are single frames, or means of few."""
+
+_APART = 4.0
+"""Levels that lie apart by so many standard errors are levels, and no noise on the bound."""
+
+
+def _noise_on_bound(counts: Floats, found: RestLevels, readout: Readout) -> float:
     """Noise of one frame [counts] where taxels rest on the lower bound of the converter, NaN where they do not.
 
-    A level that noise on the bound explains is no more than a small part of the range, and has a scatter: that of a
-    mean of some hundreds of frames is a twentieth of the lift.
+    Readings on the bound itself tell it with the mean above it. Of means of many frames none lies there: then the level
+    at rest is taken for the bound, and its lift tells the noise. Such a lift is no more than a small part of the range,
+    and has a scatter: that of a mean of some hundreds of frames is a twentieth of it. Where levels lie apart, how their
+    scatters differ tells which part of the noise the bound leaves each.
     """
-    if readout.value_min is None or not np.isfinite(rest).any() or not np.isfinite(scatter):
+    low, known = readout.value_min, found.known & np.isfinite(found.level)
+    if low is None or not known.any() or not np.isfinite(found.scatter):
         return float("nan")
-    level = float(np.nanmedian(rest))
-    lift = level - readout.value_min
-    most = _MAX_CLIPPED_REST / 255.0 * float(np.nanmax(counts) - readout.value_min)
-    if not 0.0 < lift < 20.0 * scatter or (not readout.integer and lift > most):
+    lift, dark, scatter = found.level[known] - low, np.maximum(found.dark[known], 1), found.scatters[known]
+    on_bound = (counts[:, known] <= low).sum(axis=0)
+    if on_bound.sum() >= _ON_BOUND * dark.sum():
+        return _noise_of_frames(lift, on_bound / dark, readout)
+    middle = float(np.median(lift))
+    if not 0.0 < middle < 20.0 * found.scatter:
         return float("nan")
-    return noise_from_rest(level, readout)
+    apart = _TO_SIGMA * float(np.median(np.abs(lift - middle)))
+    if apart > _APART * found.scatter / np.sqrt(float(np.median(dark))):
+        return _noise_of_levels(lift, scatter, dark)
+    most = _MAX_CLIPPED_REST / 255.0 * float(np.nanmax(counts) - low)
+    return float("nan") if middle > most and not readout.integer else noise_from_rest(middle + low, readout)
+
+
+_TO_SIGMA = 1.4826
+_SEEN = 9.0
+"""Clipping is seen in the scatters of levels where it explains them by so much better, in chi squared (3 sigmas)."""
+
+
+def _noise_of_frames(lift: Floats, on_bound: Floats, readout: Readout) -> float:
+    """Noise of frames, from the mean lift of each taxel (J,) and the part of its readings on the bound (J,)."""
+    use = (on_bound > 0.05) & (on_bound < 0.95)
+    if not use.any():
+        return float("nan")
+    # x > edge with the chance above; the mean of what is above is edge * above + sigma (t above + density).
+    edge, t = 0.5 if readout.integer else 0.0, -ndtri(on_bound[use])
+    above, density = ndtr(t), np.exp(-0.5 * t * t) / np.sqrt(2 * np.pi)
+    sigma = float(np.median((lift[use] - edge * above) / (t * above + density)))
+    return sigma if sigma > 0 else float("nan")
+
+
+def _noise_of_levels(lift: Floats, scatter: Floats, dark: Floats) -> float:
+    """Noise of which a bound leaves each level its part: the one that explains how scatters (J,) differ."""
+    t: Floats = np.linspace(-4.0, 8.0, 600)
+    above: Floats = np.asarray(ndtr(t), dtype=np.float64)
+    density: Floats = np.exp(-0.5 * t * t) / np.sqrt(2 * np.pi)
+    mean: Floats = density + t * above
+    share: Floats = np.sqrt(np.maximum((1 + t * t) * above + t * density - mean**2, 1e-12))
+    use = (scatter > 0) & (lift > 0)
+    if use.sum() < 3:
+        return float("nan")
+    sigmas: Floats = np.sqrt(2 * np.pi) * float(np.median(lift)) * np.geomspace(0.1, 3.0, 60)
+    shares: Floats = np.interp(lift[use] / sigmas[:, None], mean, share)
+    off = np.log(scatter[use]) - np.log(shares)
+    weight = dark[use] / dark[use].sum()
+    # The logarithm of a scatter of n readings is known to 1 / sqrt(2 n). With the least noise nothing is clipped.
+    squares = 2 * dark[use].sum() * (((off - (off @ weight)[:, None]) ** 2) @ weight)
+    best = int(np.argmin(squares))
+    return float(sigmas[best]) if squares[best] < squares[0] - _SEEN else float("nan")
 
 
 _Levels = tuple[Floats, Bools, Bools]
@@ -245,23 +298,41 @@ def _plain(counts: Floats, readout: Readout, rest: Floats, scatter: float, level
     return Observed(counts - rest, np.ones_like(counts), saturated, rest, float("nan"), scatter, sigma, known)
 
 
+_LEAST = 0.02
+"""A level at rest is not better known than this part of the noise of a frame."""
+
+
+def noise_lift(sigma: float, readout: Readout) -> float:
+    """How much clipped noise lifts the mean of a taxel whose level is the lower bound [counts]."""
+    low = readout.value_min or 0.0
+    return float(expected_counts(np.array(low), sigma, readout)) - low
+
+
+def _unclipping_knots(low: float, high: float, sigma: float) -> Floats:
+    """Values between which clipping is undone: close where it bends, far apart where it does nothing."""
+    near = sigma * np.arange(-2.5, _SPREAD, 0.02)
+    knots = np.concatenate([low + near, high - near])
+    return np.unique(knots[(knots >= low + near[0]) & (knots <= high - near[0])])
+
+
 def _unclipped(
     counts: Floats, readout: Readout, rest: Floats, sigma: float, scatter: float, levels: _Levels
 ) -> Observed:
     low = readout.value_min if readout.value_min is not None else 0.0
     high = readout.value_max if readout.value_max is not None else max(float(np.nanmax(counts)), low) + 50.0
-    knots = np.arange(low - 2.5 * sigma, high + 2.5 * sigma, 0.05)
+    knots = _unclipping_knots(low, high, sigma)
     means = expected_counts(knots, sigma, readout)
     slopes = np.gradient(means, knots)
     values = np.interp(counts, means, knots)
     values[np.isnan(counts)] = np.nan
-    offset = np.interp(rest, means, knots) - low
-    # A level at rest that differs from the common one by less than its own scatter is no offset.
-    doubt = 4.0 * max(scatter, 0.02) / np.sqrt(max(1.0, len(counts) / 3))
-    offset = np.where(np.abs(rest - np.nanmedian(rest)) > doubt, offset, 0.0)
-    offset = np.nan_to_num(offset)
-    saturated = np.nan_to_num(counts, nan=-np.inf) >= high - max(0.5, sigma)
+    own = np.nan_to_num(np.interp(rest, means, knots) - low)
+    # A level that differs from the bound by less than its own scatter is no offset, unless levels do so all together.
+    doubt = _APART * max(scatter, _LEAST * sigma) / np.sqrt(max(1.0, len(counts) / 3))
+    lift = np.nan_to_num(rest, nan=low) - low - noise_lift(sigma, readout)
+    together = float(np.sqrt(np.mean(lift[levels[2]] ** 2))) if levels[2].any() else 0.0
+    offset = np.where((np.abs(lift) > doubt) | (together > 0.5 * doubt), own, 0.0)
+    saturated = np.nan_to_num(counts, nan=-np.inf) >= high - max(0.5 if readout.integer else 0.0, sigma)
     slope = np.maximum(np.interp(counts, means, slopes), 0.05)
     _, measured, known = levels
-    spread = _level_sigma((offset, measured, known), scatter, 0.0, len(counts))
+    spread = _level_sigma((own, measured, known), scatter, 0.0, len(counts))
     return Observed(values - low - offset, slope, saturated, offset, sigma, scatter, spread, known)

@@ -114,10 +114,29 @@ _FARTHEST = 12.0
 
 
 def _log_density(problem: FitProblem, images: Images, places: Places, points: Floats) -> Floats:
+    total, chance, state = press_evidence(problem, images, places, points)
+    each = np.exp(points[:, 5:])
+    total = total - _log_scatter(problem, each) + _shared_integral(problem, state, places.press, chance, each)
+    return total + _log_prior(problem, points[:, 5:])
+
+
+def press_evidence(
+    problem: FitProblem, images: Images, places: Places, points: Floats
+) -> tuple[Floats, Floats, PressStates]:
+    """Log evidence (W,) of all presses by Laplace's approximation at their places, up to a constant.
+
+    Args:
+        problem: the presses.
+        images: simulated images.
+        places: where each press could have been.
+        points: (W, 11) macro variables and logarithms of the sigmas.
+
+    Returns:
+        The evidence, the probability of each place of a press (W, N), and the presses settled there (W * N).
+    """
     count, spots = len(points), len(places.press)
     macro = np.repeat(points[:, :5], spots, axis=0)
-    each = np.exp(points[:, 5:])
-    sigmas = np.repeat(each, spots, axis=0)
+    sigmas = np.repeat(np.exp(points[:, 5:]), spots, axis=0)
     press = np.tile(places.press, count)
     start = starting_nuisance(problem, places, macro, press, count)
     state = settle(problem, images, macro, sigmas, press, start, iterations=SETTLE)
@@ -133,9 +152,7 @@ def _log_density(problem: FitProblem, images: Images, places: Places, points: Fl
         whole = logsumexp(evidence[:, mine], axis=1)
         chance[:, mine] = np.exp(evidence[:, mine] - whole[:, None])
         total += whole
-    total -= len(problem) * (2 * points[:, 5] + points[:, 6]) + _log_scatter(problem, each)
-    total += _shared_integral(problem, state, places.press, chance, each)
-    return total + _log_prior(problem, points[:, 5:])
+    return total - len(problem) * (2 * points[:, 5] + points[:, 6]), chance, state
 
 
 def _log_scatter(problem: FitProblem, sigmas: Floats) -> Floats:

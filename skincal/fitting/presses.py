@@ -92,6 +92,7 @@ def settle(
     iterations: int = 4,
     to_rest: bool = True,
     room: float = SLACK_ROOM,
+    centre: Floats | None = None,
 ) -> PressStates:
     """Gauss-Newton over the nuisance of n pairs of a macro draw and a press; arguments as :func:`evaluate`.
 
@@ -105,9 +106,12 @@ def settle(
         iterations: full steps at most.
         to_rest: go on with smaller steps where the full ones did not come to rest.
         room: the slack is bounded at so many times what the rig declares.
+        centre: (n, 2) slack about which each is scattered [m]; None for that of its press.
     """
     bound = _bound(problem, room)
-    return _searched(problem, images, macro, sigmas, press, start, bound, iterations, to_rest=to_rest)
+    return _searched(
+        problem, images, macro, sigmas, press, start, bound, iterations, to_rest=to_rest, centre=centre
+    )
 
 
 def _searched(
@@ -121,12 +125,13 @@ def _searched(
     iterations: int,
     *,
     to_rest: bool,
+    centre: Floats | None = None,
 ) -> PressStates:
     """See :func:`skincal.fitting.residuals.search`."""
     readings, shared = problem.observation, problem.shared
     count, taxels = len(press), problem.rig.layout.taxels
     link = readings.link
-    presses = Presses(
+    known = Presses(
         np.column_stack([problem.across_m, problem.along_m, np.log(problem.force_n), problem.centre]),
         np.column_stack([problem.indenter, problem.rows]),
         np.array(
@@ -135,11 +140,14 @@ def _searched(
         np.array([np.exp(shared.log_gain), readings.offset + shared.level]),
         np.array([link.values, link.mean, link.slope]),
     )
+    if centre is not None:  # every pair is a press of its own
+        known = known.scattered_about(press, centre)
+        press = np.arange(count, dtype=np.intp)
     shapes = (3,), (), (3, 3), (2,), (taxels,), (taxels,), (taxels, 5), (taxels, 3), (taxels,)
     found = Found(*(np.empty((count, *shape)) for shape in shapes))
     given = _plain(macro), _plain(sigmas), _whole(press), _plain(start), bound
     with telling():
-        search(images.tables(), presses, *given, _MAX_STEP, iterations, to_rest, found)
+        search(images.tables(), known, *given, _MAX_STEP, iterations, to_rest, found)
     return PressStates(*found)
 
 

@@ -37,6 +37,13 @@ class Presses(NamedTuple):
     taxels: Floats
     link: Floats
 
+    def scattered_about(self, press: Ints, centre_m: Floats) -> Presses:
+        """Presses (n,), some more than once, each with a slack (n, 2) [m] of its own about which it is scattered."""
+        at = self.at[press]
+        at[:, 3:5] = centre_m
+        readings = np.ascontiguousarray(self.readings[:, press])
+        return Presses(at, self.which[press], readings, self.taxels, self.link)
+
 
 class Found(NamedTuple):
     """What is filled of n pairs of a macro draw and a press: see :class:`skincal.fitting.presses.PressStates`."""

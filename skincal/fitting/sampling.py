@@ -105,6 +105,42 @@ def sample(
         proposals.append(_adapted(points, weight, proposals[-1]))
 
 
+def tilted(draws: Draws, points: Floats, rise: Floats) -> Draws:
+    """Draws with a smooth term added to their log density, of which the values at some of them are known.
+
+    The term is fitted as linear in all variables and quadratic in log E and log S, by least squares with a prior of one
+    unit for each coefficient in standard deviations of the draws; it is noisier than that, as the density is.
+
+    Args:
+        draws: of the density without the term.
+        points: (n, 11) where the term is known.
+        rise: (n,) its values there.
+    """
+    middle = draws.mean
+    spread = np.maximum(np.sqrt(draws.weight @ (draws.points - middle) ** 2), 1e-300)
+
+    def terms(at: Floats) -> Floats:
+        z = np.clip((at - middle) / spread, -4.0, 4.0)
+        return np.column_stack([np.ones(len(z)), z, z[:, 3] ** 2, z[:, 4] ** 2, z[:, 3] * z[:, 4]])
+
+    known = np.isfinite(rise)
+    if known.sum() < 2 * terms(points[:1]).shape[1]:
+        return draws
+    x, y = terms(points[known]), rise[known]
+    keep, found = np.ones(len(y), dtype=bool), np.zeros(x.shape[1])
+    for _ in range(3):
+        noise = 1.0 if not found.any() else float(np.var((y - x @ found)[keep]))
+        prior = np.diag([0.0] + [max(noise, 1e-6)] * (x.shape[1] - 1))
+        found = np.linalg.solve(x[keep].T @ x[keep] + prior, x[keep].T @ y[keep])
+        off = np.abs(y - x @ found)
+        keep = off <= 4 * _TO_SIGMA * max(float(np.median(off)), 1e-9)
+    log_weight = np.log(np.maximum(draws.weight, 1e-300)) + terms(draws.points) @ found
+    weight = np.exp(log_weight - log_weight.max()) * (draws.weight > 0)
+    return Draws(draws.points, weight / weight.sum(), draws.correlation)
+
+
+_TO_SIGMA = 1.4826
+
 WALKERS, BURN_IN, STEPS = 44, 60, 220
 """Walkers of the ensemble (four a dimension), steps that they first take to spread, and steps that are kept."""
 

@@ -25,18 +25,20 @@ from skincal.fitting.grid import GridSlab, MacroGrid, span
 from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds, Peak
-from skincal.fitting.problem import FitProblem
+from skincal.fitting.problem import FEW_PRESSES, FitProblem
 from skincal.fitting.result import FitResult
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
-from skincal.fitting.sampling import Draws, sample, walk
+from skincal.fitting.sampling import Density, Draws, sample, tilted, walk
 from skincal.fitting.tasks import (
     ClimbTask,
     DensityTask,
+    EvidenceTask,
     Mapper,
     Neighbourhood,
     SlabTask,
     run_climb,
     run_density,
+    run_evidence,
     run_slab,
 )
 from skincal.fitting.types import Floats
@@ -55,6 +57,15 @@ GRID_NOISE = 0.007
 
 WORTH = 100
 """Importance sampling whose draws are worth fewer independent ones gives way to an ensemble of walkers."""
+
+TWO = 2
+"""Active taxels of a press whose place its image tells."""
+
+ROUGH_ROUNDS = 2
+"""Times the fewest rounds after which draws that are worth too little tell that a density is rough."""
+
+CHECKED = 120
+"""Draws at which the evidence of presses is found by narrow slacks, :mod:`skincal.fitting.press_evidence`."""
 
 POLISH = 2
 """Times that a peak is climbed anew with the noise of readings as simulated images have it, and with shared errors."""
@@ -78,11 +89,13 @@ class FitPlan:
 
     Attributes:
         problem: presses that are used.
+        on_grid: those of them that the grid places by their normalised images.
         grid: macro variables.
         settings: of the micro problems.
     """
 
     problem: FitProblem
+    on_grid: FitProblem
     grid: MacroGrid
     settings: MicroSettings
 
@@ -118,7 +131,12 @@ def plan_fit(problem: FitProblem, box: SearchBox, options: FitOptions) -> FitPla
             "take coarser steps or narrower ranges; what follows the grid is continuous and needs no finer one"
         )
     sigma = max(GRID_NOISE * problem.observation.typical_counts, problem.noise_sigma_counts)
-    return FitPlan(problem, grid, MicroSettings(sigma, problem.rig.position_sigma_m, problem.rig.slack_m))
+    return FitPlan(
+        problem,
+        problem.on_grid,
+        grid,
+        MicroSettings(sigma, problem.rig.position_sigma_m, problem.rig.slack_m),
+    )
 
 
 def solve(
@@ -155,7 +173,7 @@ def solve(
         plan, done, bounds, _Tabler(mapper, tables, progress), progress
     )
     around = Neighbourhood.around(peak.macro, table=table)
-    draws = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
+    problem, peak, draws = _drawn(problem, peak, around, bounds, options, rng, mapper, progress)
     law = _weigh_laws(problem, peak, table, bounds, options, mapper, progress)
     at_best = _grid_loss(plan, draws.mean)
     found = Evidence(problem, kept, dead, peak, around.images(problem), draws, law, at_best)
@@ -179,7 +197,7 @@ def _run_grid(
     turns = len(plan.grid.alpha_rad)
     missing = [t for t in range(turns) if t not in done]
     progress("grid", turns - len(missing), turns)
-    tasks = [SlabTask(plan.problem, plan.grid, t, plan.settings) for t in missing]
+    tasks = [SlabTask(plan.on_grid, plan.grid, t, plan.settings) for t in missing]
     for turn, slab in zip(missing, mapper(run_slab, tasks), strict=True):
         done[turn] = slab
         on_slab(turn, slab)
@@ -190,13 +208,13 @@ def _run_grid(
 def _grid_loss(plan: FitPlan, macro: Floats) -> float:
     """The grid's loss [counts²] at macro variables (5,) that are none of its values."""
     across, along, alpha, log_e = macro[:4, None]
-    slab = run_slab(SlabTask(plan.problem, MacroGrid(across, along, alpha, log_e), 0, plan.settings))
+    slab = run_slab(SlabTask(plan.on_grid, MacroGrid(across, along, alpha, log_e), 0, plan.settings))
     return float(slab.mse_counts2[0, 0, 0])
 
 
 def _starts(plan: FitPlan, done: Mapping[int, GridSlab], most: int = 4) -> list[Floats]:
     """The best grid points that are not neighbours of each other, as macro variables (5,)."""
-    grid, problem = plan.grid, plan.problem
+    grid, problem = plan.grid, plan.on_grid
     mse = np.stack([done[t].mse_counts2 for t in range(len(grid.alpha_rad))])
     scale = np.stack([done[t].scale_per_n for t in range(len(grid.alpha_rad))])
     slack = np.stack([done[t].slack_rms_m for t in range(len(grid.alpha_rad))])
@@ -338,6 +356,39 @@ def _highest(peaks: object) -> Peak:
     return max(found, key=lambda p: p.log_evidence)
 
 
+def _drawn(
+    problem: FitProblem,
+    peak: Peak,
+    around: Neighbourhood,
+    bounds: Bounds,
+    options: FitOptions,
+    rng: np.random.Generator,
+    mapper: Mapper,
+    progress: Progress,
+) -> tuple[FitProblem, Peak, Draws]:
+    """Draws round the peak, and the problem and the peak that they are of.
+
+    Without noise the density of presses of one taxel is too rough to be drawn from; those presses are then left out.
+    """
+    draws, density = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
+    worth = min(WORTH, options.enough_draws)
+    lone = problem.active[problem.rows] < TWO
+    if draws.effective >= worth and lone.any():
+        some = draws.resampled(rng, CHECKED)
+        tasks = [EvidenceTask(problem, around, peak.places, draws.mean, p) for p in np.array_split(some, 2)]
+        moved = tilted(draws, some, np.concatenate(list(mapper(run_evidence, tasks))))
+        return problem, peak, max(moved, draws, key=lambda d: min(d.effective, worth))
+    if draws.effective < worth and lone.any() and (~lone).sum() >= FEW_PRESSES:
+        problem = problem.subset(~lone, "1 active taxel, beside presses of more that tell far more")
+        task = ClimbTask(problem, bounds, peak.macro, table=around.table, sigmas=peak.sigmas)
+        peak = run_climb(task)
+        problem = problem.with_shared(peak.theta)
+        draws, density = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
+    if draws.effective < worth:
+        draws = max(draws, walk(density, draws, rng), key=lambda d: d.effective)
+    return problem, peak, draws
+
+
 def _sample(
     problem: FitProblem,
     peak: Peak,
@@ -347,8 +398,10 @@ def _sample(
     rng: np.random.Generator,
     mapper: Mapper,
     progress: Progress,
-) -> Draws:
+) -> tuple[Draws, Density]:
     fewest, most = options.rounds
+    if (problem.active[problem.rows] < TWO).any():
+        most = min(most, ROUGH_ROUNDS * fewest)
 
     def density(points: Floats) -> Floats:
         # A fixed division, so that results do not depend on the number of workers.
@@ -360,11 +413,7 @@ def _sample(
         return done >= most or (done >= fewest and draws.effective >= options.enough_draws)
 
     progress("draws", 0, fewest)
-    draws = sample(peak, problem, density, rng, size=options.round_size, enough=enough)
-    if draws.effective >= min(WORTH, options.enough_draws):
-        return draws
-    walked = walk(density, draws, rng)
-    return max(draws, walked, key=lambda d: d.effective)
+    return sample(peak, problem, density, rng, size=options.round_size, enough=enough), density
 
 
 def _weigh_laws(

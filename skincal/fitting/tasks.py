@@ -21,7 +21,8 @@ from skincal.fitting.grid import GridSlab, MacroGrid
 from skincal.fitting.images import KernelImages
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.places import Places
-from skincal.fitting.posterior import Bounds, Peak, climb, log_posterior
+from skincal.fitting.posterior import Bounds, Peak, climb, log_posterior, press_evidence
+from skincal.fitting.press_evidence import find_narrow_slacks, log_evidence
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.seen import Images
 from skincal.fitting.types import Floats
@@ -150,3 +151,22 @@ def run_density(task: DensityTask) -> Floats:
     images = task.around.images(task.problem)
     blocks = np.array_split(task.points, max(1, len(task.points) // 50))
     return np.concatenate([log_posterior(task.problem, images, task.places, task.bounds, b) for b in blocks])
+
+
+@dataclass(frozen=True, eq=False)
+class EvidenceTask:
+    """What Laplace's approximation misses of the evidence of presses, at some points."""
+
+    problem: FitProblem
+    around: Neighbourhood
+    places: Places
+    centre: Floats
+    points: Floats
+
+
+def run_evidence(task: EvidenceTask) -> Floats:
+    """Log evidence by narrow slacks less the approximate one (W,), at the task's points (W, 11)."""
+    images, problem, at = task.around.images(task.problem), task.problem, task.places
+    slacks = find_narrow_slacks(problem, images, at, task.centre[:5], np.exp(task.centre[5:]))
+    exact = log_evidence(problem, images, slacks, task.points)
+    return exact - press_evidence(problem, images, at, task.points)[0]

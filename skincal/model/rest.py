@@ -19,6 +19,13 @@ _FINEST = 1e-4
 """Readings are told apart down to this part of their whole range: a numerical tolerance."""
 
 
+_EVIDENCE = 10.0
+"""Half of the noise is clipped where that is so many nats likelier than that low readings are signals."""
+
+_NOISY = 0.25
+"""Beside readings on the bound, noise that the bound cuts in half leaves this part as many above it at least."""
+
+
 def quantum(values: ArrayLike) -> float:
     """Return smallest step between different values (…), as rounding makes it; 0 where there is none.
 
@@ -40,26 +47,31 @@ class RestLevels:
         level: (J,) [counts]; NaN for a taxel that was never read.
         known: (J,) True if the taxel was seen at rest; else its level is the median of the others.
         scatter: of one reading at rest [counts]; NaN where there is none.
+        scatters: (J,) the same of each taxel.
+        dark: (J,) how many readings leave the taxel alone.
     """
 
     level: FloatArray
     known: NDArray[np.bool_]
     scatter: float
+    scatters: FloatArray
+    dark: NDArray[np.intp]
 
 
 def levels_from_presses(counts: ArrayLike) -> RestLevels:
     """Estimate the level of each taxel at rest, and the scatter of a reading at rest.
 
     Dark are the readings that lie within four sigmas of the lower two thirds' median, so that the presses that leave a
-    taxel alone count and those that touch it do not. A taxel that every press touches has no dark reading; its lower
-    readings scatter with the force, and it is given the level of the others.
+    taxel alone count and those that touch it do not. Where readings lie on a bound that cuts off the lower half of the
+    noise, the upper half tells sigma (:func:`half_scatter`). A taxel that every press touches has no dark reading; its
+    lower readings scatter with the force, and it is given the level of the others.
 
     Args:
         counts: (K, J) mean counts of presses; NaN where not read.
     """
     readings = np.asarray(counts, dtype=np.float64)
     rest = np.full(readings.shape[1], np.nan)
-    scatter = np.full(readings.shape[1], np.nan)
+    scatter, many = np.full(readings.shape[1], np.nan), np.zeros(readings.shape[1], dtype=np.intp)
     finite = readings[np.isfinite(readings)]
     span = float(np.ptp(finite)) if finite.size else 0.0
     finest = max(_FINEST * span, min(0.5 * quantum(finite), _ROUNDED * span))
@@ -69,17 +81,45 @@ def levels_from_presses(counts: ArrayLike) -> RestLevels:
             continue
         lower = read[: max(1, 2 * len(read) // 3)]
         middle = np.median(lower)
-        sigma = max(1.5 * float(middle - np.quantile(lower, 0.16)), finest)
+        edge = float(np.quantile(lower, 0.16))
+        sigma = max(1.5 * float(middle - edge), finest)
+        if edge == read[0]:
+            sigma = max(sigma, half_scatter(read, finest))
         dark = read[np.abs(read - middle) <= 4 * sigma]
-        rest[j], scatter[j] = dark.mean(), dark.std()
+        rest[j], scatter[j], many[j] = dark.mean(), dark.std(), len(dark)
     read = np.isfinite(rest)
     if not np.isfinite(scatter).any():
-        return RestLevels(rest, np.zeros(len(rest), dtype=bool), float("nan"))
+        return RestLevels(rest, np.zeros(len(rest), dtype=bool), float("nan"), scatter, many)
     common = float(np.nanmedian(scatter))
     steady = read & (np.nan_to_num(scatter, nan=np.inf) <= _UNSTEADY * max(common, finest))
     if steady.any():
         rest[read & ~steady] = np.median(rest[steady])
-    return RestLevels(rest, steady, common)
+    return RestLevels(rest, steady, common, scatter, many)
+
+
+def half_scatter(readings: FloatArray, finest: float) -> float:
+    """Standard deviation of noise of which a bound leaves only the upper half; 0 where low readings are no noise.
+
+    Readings above the lowest one are half of a normal distribution with some even spread signals among them: both
+    parts are found by expectation-maximisation.
+
+    Args:
+        readings: (K,) of one taxel, of which some lie on the bound.
+        finest: least standard deviation.
+    """
+    above = readings[readings > readings.min()] - readings.min()
+    on_bound, top = len(readings) - len(above), float(above.max(initial=0.0))
+    if len(above) < 2 or top <= finest:
+        return 0.0
+    part, sigma = 0.5, max(float(np.median(above[: max(2, on_bound)])), finest)
+    half = np.zeros_like(above)
+    for _ in range(60):
+        half = part * np.sqrt(2 / np.pi) / sigma * np.exp(-0.5 * (above / sigma) ** 2)
+        chance = half / (half + (1 - part) / top)
+        part = float(np.clip(chance.mean(), 1e-3, 1 - 1e-3))
+        sigma = max(float(np.sqrt(chance @ above**2 / max(float(chance.sum()), 1e-12))), finest)
+    gain = float(np.log(half * top + 1 - part).sum())
+    return sigma if gain > _EVIDENCE and part * len(above) > _NOISY * on_bound else 0.0
 
 
 def rest_from_presses(counts: ArrayLike) -> tuple[FloatArray, float]:

@@ -97,10 +97,25 @@ def test_presses_are_chosen_by_their_active_taxels(truth: Truth) -> None:
     active = (presses.counts > 5.4).sum(axis=1)
     assert abs(len(problem) - (active >= 2).sum()) <= 1
     assert len(problem.status) == 40
-    dropped = [s for s in problem.status if s != "used"]
-    assert dropped and all("active taxel" in s for s in dropped)
     stricter = pose_problem(rig(), presses, min_active=3)
+    dropped = [s for s in stricter.status if s != "used"]
+    assert dropped and all("active taxel" in s for s in dropped)
     assert len(stricter) < len(problem)
+
+
+def test_presses_of_one_taxel_are_taken_where_others_are_few(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=18)
+    problem, paper = pose_problem(rig(), presses), pose_problem(rig(), presses, min_active=2)
+    assert 5 <= len(paper) < 16
+    assert len(problem) > len(paper) == len(problem.on_grid)
+
+
+def test_presses_of_one_taxel_leave_open_whether_images_tell_the_parameters(truth: Truth) -> None:
+    problem = pose_problem(rig(), make_session(truth, presses=40)[0], min_active=1)
+    lit = problem.lit.sum(axis=1)
+    chosen = np.isin(np.arange(len(lit)), [*np.flatnonzero(lit >= 3)[:6], *np.flatnonzero(lit == 1)[:5]])
+    few = problem.subset(chosen, "another")
+    assert few.determined == problem.subset(chosen & (lit > 1), "another").determined
 
 
 def test_incomplete_presses_are_dropped_and_reported(truth: Truth) -> None:

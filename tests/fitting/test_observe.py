@@ -108,3 +108,27 @@ def test_clipping_takes_its_share_of_the_scatter(value: float, sigma: float, int
     free = np.rint(frames) if integer else frames
     share = np.clip(free, 0, 255).std() / free.std()
     assert clipped_share(value, sigma, Readout(0, 255, integer)) == pytest.approx(share, rel=0.01)
+
+
+@pytest.mark.parametrize("frames", [1, 25])
+def test_levels_near_the_noise_are_found_in_any_unit(frames: int) -> None:
+    """Taxels of a sensor in volts that rest a little above the bound, each elsewhere, with as much noise."""
+    rng = np.random.default_rng(7)
+    sigma, levels = 0.045, np.abs(0.045 + 0.03 * rng.standard_normal(16))
+    values = levels + np.where(rng.random((60, 16)) < 0.2, rng.uniform(0.4, 5.0, (60, 16)), 0.0)
+    noisy = values[:, None] + sigma * rng.standard_normal((60, frames, 16))
+    seen = observe(np.clip(noisy, 0, None).mean(axis=1), Readout(0.0, None, False))
+    # Of means of many frames only the scatters of levels tell how much the bound leaves of the noise.
+    assert seen.frame_sigma_counts == pytest.approx(sigma, rel=0.3 if frames == 1 else 0.6)
+    assert np.sqrt(np.mean((seen.rest_counts - levels) ** 2)) < 0.4 * sigma
+    assert seen.level_sigma_counts.max() > 0.5 * np.std(levels)
+    again = observe(1e3 * np.clip(noisy, 0, None).mean(axis=1), Readout(0.0, None, False))
+    assert again.rest_counts == pytest.approx(1e3 * seen.rest_counts, abs=0.5)
+    assert again.frame_sigma_counts == pytest.approx(1e3 * seen.frame_sigma_counts, rel=1e-3)
+
+
+def test_a_converter_in_volts_saturates_at_its_bound_only() -> None:
+    counts = np.abs(0.02 * np.random.default_rng(8).standard_normal((40, 4)))
+    counts[::5, 0], counts[1::5, 1] = 4.7, 5.0
+    seen = observe(counts, Readout(0.0, 5.0, False))
+    assert not seen.saturated[:, 0].any() and seen.saturated[1::5, 1].all()
