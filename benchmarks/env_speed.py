@@ -3,10 +3,10 @@
     python benchmarks/env_speed.py [--steps 600] [--json]
 
 One environment with tactile images of 0.25 mm resolution: processor time of one core, resets included, while small
-random actions move the object; of several rounds the fastest, as whatever else the machine does only adds. The skin's
-share is all that is not there without it: its patch in each episode, the contact in its frame, the image with offsets,
-noise and converter. Then several environments side by side, in one process and in a process each: steps a second by the
-wall clock, so the machine should have nothing else to do.
+random actions move the object. The engine's share is PyBullet's calls in the steps of physics, resets left out. The
+skin's share is all that is not there without it: its patch in each episode, the contact in its frame, the image with
+offsets, noise and converter. Then several environments side by side, in one process and in a process each: steps a
+second by the wall clock, so the machine should have nothing else to do.
 """
 
 # ruff: noqa: E402 - the number of threads is read when numpy is imported
@@ -30,6 +30,7 @@ import numpy as np
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 
 import skincal.envs
+from skincal.envs.scene import PHYSICS_HZ
 from skincal.envs.trajectories import POLICY_HZ
 
 PAPER_REAL_TIME = 1.8
@@ -69,6 +70,31 @@ def roll(env: Any, steps: int) -> int:
     return done
 
 
+def engine_s(env: Any, steps: int = 400) -> float:
+    """Processor time of PyBullet's calls in a step of physics [s]: a piece of an episode again, its torques known."""
+    env.reset(seed=0)
+    env.step(np.zeros(env.action_space.shape, np.float32))
+    scene = env.unwrapped._scene
+    engine, client, drive, torques = scene.engine, scene.client, scene.drives.step, []
+    begun = engine.saveState(physicsClientId=client)
+
+    def recorded(q: Any, dq: Any) -> Any:
+        torques.append(drive(q, dq))
+        return torques[-1]
+
+    scene.drives.step = recorded
+    scene.run(steps)
+    fastest = np.inf
+    for _ in range(5):
+        engine.restoreState(begun, physicsClientId=client)
+        given = iter(torques)
+        scene.drives.step = lambda q, dq: next(given)  # noqa: B023
+        begin = time.process_time()
+        scene.run(steps)
+        fastest = min(fastest, (time.process_time() - begin) / steps)
+    return float(fastest)
+
+
 def one(name: str, policy: str, steps: int) -> dict[str, float]:
     """Processor time of one environment."""
     env: Any = gymnasium.make(name, policy=policy)
@@ -81,11 +107,13 @@ def one(name: str, policy: str, steps: int) -> dict[str, float]:
     begin = time.process_time()
     done = roll(env, steps)
     used = time.process_time() - begin
+    engine = engine_s(env) * PHYSICS_HZ / POLICY_HZ
     env.close()
     return {
         "processor_ms_per_step": 1e3 * used / done,
         "times_real_time": done / POLICY_HZ / used,
         "skin_share": watch.used_s / used,
+        "engine_share": engine * done / used,
     }
 
 
@@ -131,7 +159,7 @@ def show(result: dict[str, Any]) -> None:
     for name, found in result["one_environment"].items():
         print(
             f"  {name:26}{found['processor_ms_per_step']:7.2f} ms a step, {found['times_real_time']:5.1f} x real time,"
-            f" skin {100 * found['skin_share']:.1f} %"
+            f" skin {100 * found['skin_share']:.1f} %, engine {100 * found['engine_share']:.1f} %"
         )
     print(f"\nSeveral tactile environments on {result['cores']} cores, steps a second")
     for name, found in result["several_environments"].items():

@@ -1,4 +1,4 @@
-"""How a policy is run on a hand."""
+"""Options of a policy's run on a hand."""
 
 from __future__ import annotations
 

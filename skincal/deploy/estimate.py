@@ -1,4 +1,4 @@
-"""Where the object was by what the hand felt: for hands that no camera looks at.
+"""Position estimate of the object from tactile images, for hands without a camera.
 
 A tactile image tells a place, but roughly; commanded angles tell how far the object has rolled, but not from where, and
 drift. So the way is what the commands say, moved by the mean of what the images say beyond it over :data:`SMOOTH_S`.
@@ -56,7 +56,7 @@ def estimated_places(record: Record, estimator: Estimator, pinch: Pinch, width_m
 
 
 def _rolled(record: Record, pinch: Pinch, width_m: float) -> FloatArray:
-    """How far the object would have rolled, had the links followed their commands (T, 2) [m].
+    """Return the rolled distance (T, 2) if the links had followed their commands [m].
 
     Rolling between two surfaces it goes half as far as they move against each other.
     """

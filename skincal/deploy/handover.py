@@ -1,4 +1,4 @@
-"""How a hand takes an object from a person, and lets go of it at the end."""
+"""Handover: a hand takes an object from a person, and lets go of it at the end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a policy is shown, put together from its own description."""
+"""Observations of a policy, assembled by its own description."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class PolicyObservation:
 
     @property
     def sees_image(self) -> bool:
-        """Whether the policy has touch."""
+        """Return whether the policy has touch."""
         return any(name == "image" for name, _ in self._order)
 
     def next(self, values: Mapping[str, ArrayLike]) -> NDArray[np.float32]:

@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Deployed:
-    """What came of a run.
+    """Result of a run.
 
     Attributes:
         record: states, and where the object was.
@@ -184,7 +184,7 @@ class _PolicyLoop:
         return -math.expm1(-2 * math.pi * self._options.low_pass_hz * passed_s)
 
     def found(self) -> Deployed:
-        """What came of it."""
+        """Return the result of the run."""
         return Deployed(
             Record.of(self._motion, self._first, self._forces),
             self._targets,
@@ -221,7 +221,7 @@ class _PolicyLoop:
         return np.clip(q_rad, self._limits.lower_rad, self._limits.upper_rad)
 
     def _held(self) -> bool:
-        """Whether a finger still presses on something."""
+        """Return whether a finger still presses on something."""
         return max(self._forces.normal_n(self._motion.now)) > self._options.contact_n / 2
 
     def _error(self, k: int) -> float:

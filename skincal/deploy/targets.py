@@ -1,4 +1,4 @@
-"""Where the object shall go: published ways, polylines, and letters."""
+"""Target trajectories: published ones, polylines, and letters."""
 
 from __future__ import annotations
 

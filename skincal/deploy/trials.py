@@ -93,7 +93,7 @@ def reference_runs(
 
 
 def _places(found: Deployed) -> FloatArray:
-    """Where the object was at the end of each step of the policy (steps, 2) [m]."""
+    """Return the object's position at the end of each step of the policy (steps, 2) [m]."""
     record = found.record
     time_s = [state.time_s for state in record.states]
     begun = time_s[record.acting]

@@ -28,7 +28,7 @@ _FEWEST = 20
 
 @dataclass(frozen=True, eq=False)
 class Feel:
-    """What a skin answered while an object was rolled on it.
+    """Tactile images recorded while an object was rolled on a skin.
 
     Attributes:
         counts_per_n: all taxels' counts above rest over the force.
@@ -43,7 +43,7 @@ class Feel:
 
 @dataclass(frozen=True)
 class Wear:
-    """How much sensitivity is left.
+    """Estimate of the remaining sensitivity.
 
     Attributes:
         factor: of the scale; 1 is none lost.
@@ -65,7 +65,7 @@ class Wear:
 
     @property
     def enough(self) -> bool:
-        """Whether nothing shows that one factor is not enough. Two looks are taken, so each counts twice."""
+        """Return whether the data do not reject one common factor. Two tests are made, so each p-value counts twice."""
         return 2 * min(self.p_shares, self.p_growth) > ALARM
 
 

@@ -1,4 +1,4 @@
-"""What only the critic sees: the true state, and what the episode was drawn with."""
+"""Critic observations: the true state and the episode's draws."""
 
 from __future__ import annotations
 

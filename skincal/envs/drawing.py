@@ -1,4 +1,4 @@
-"""What an episode is randomized with: drawn from ranges, nominal, or given."""
+"""Values of an episode: drawn from ranges, nominal, or given."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ def effects_of(values: Values) -> dict[str, dict[str, Value]]:
 
 
 def _defaults(kind: ObjectName, pinch: Pinch, taxels: int) -> Values:
-    """What holds where ranges say nothing: the hand's own figures, the middle of the paper's, or nothing at all."""
+    """Return defaults for what ranges leave out: the hand's own values, the middle of the paper's ranges, or 0."""
     description, mount = pinch.description, pinch.description.meta.mount
     n = pinch.joints
     give = description.compliance_rad_per_nm

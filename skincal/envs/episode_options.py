@@ -1,4 +1,4 @@
-"""What may be asked of an episode: ``reset(options={...})``."""
+"""Options of an episode: ``reset(options={...})``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ JOINT_OFFSETS: Final = ("finger.joint_offset_rad",)
 
 @dataclass(frozen=True)
 class EpisodeOptions:
-    """What may be asked of an episode.
+    """Options of an episode.
 
     Attributes:
         trajectory: of the marble: ``random``, ``circle`` (the evaluation), ``still``, or targets (N, 2) in patch

@@ -1,4 +1,4 @@
-"""How an episode begins: the object is held between the tips, which close until both touch it."""
+"""Grasp at the start of an episode: the object is held between the tips, which close until both touch it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GraspOptions:
-    """How the fingers take the object; all of it is assumed.
+    """Options of the grasp; all of them are assumed.
 
     Attributes:
         gap_m: distance of each tip to the object at first [m].

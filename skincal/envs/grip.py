@@ -1,4 +1,4 @@
-"""What a scene begins with, and frames in it."""
+"""Initial state of a scene, and frames in it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """What a scene begins with.
+    """Initial state of a scene.
 
     Attributes:
         angles_rad: (n,) angles of the links [rad].

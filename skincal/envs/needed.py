@@ -1,4 +1,4 @@
-"""Which ranges a task needs."""
+"""Ranges that a task needs."""
 
 from __future__ import annotations
 

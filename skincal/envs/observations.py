@@ -1,4 +1,4 @@
-"""What policies and critics see, and in which order."""
+"""Observations of policies and critics: parts, order, bounds."""
 
 from __future__ import annotations
 

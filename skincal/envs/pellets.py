@@ -88,7 +88,7 @@ class PelletSeparateEnv(RollEnv):
         return self._shares(self._count, steps)
 
     def _shares(self, count: int, steps: int) -> FloatArray:
-        """How many shall be held (steps, 1), of so many at first: one less after each equal part of the episode."""
+        """Return target numbers of pellets (steps, 1): all at first, one less after each equal part of the episode."""
         passed = np.arange(steps) * count // self._steps
         return np.maximum(count - passed, 1)[:, None].astype(np.float64)
 
@@ -120,7 +120,7 @@ class PelletSeparateEnv(RollEnv):
         return self._view.position_m
 
     def _error_m(self) -> float:
-        """By how many pellets the number that is held is off."""
+        """Return the difference of held and target numbers of pellets."""
         return abs(self._held - float(self._targets[self._step, 0]))
 
     def felt(self) -> Felt | None:
@@ -137,7 +137,7 @@ class PelletSeparateEnv(RollEnv):
         return Felt(contacts, sum(one.shear_u_n for one in found), sum(one.shear_v_n for one in found))
 
     def _own(self) -> FloatArray:
-        """How many are held; of each pellet whether it is, its place on the sensor [m], and the skin's force [N]."""
+        """Return the number held; then for each pellet: held, position on the sensor [m], force on the skin [N]."""
         rows = np.zeros((self.objects, 4))
         for row, seen, there in zip(rows, self._views, self._there, strict=False):
             row[:] = there, *seen.position_m, seen.skin.force_n if seen.skin else 0.0

@@ -48,7 +48,7 @@ def colours(share: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What is shown of a moment.
+    """Contents of a picture.
 
     Attributes:
         centre_m: (3,) where the hand is [m].

@@ -1,4 +1,4 @@
-"""How a hand holds a small object: ``pinch.toml`` beside ``hand.toml``."""
+"""Pinch grasp of a hand: ``pinch.toml`` beside ``hand.toml``."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ class RewardScales:
 
 @dataclass(frozen=True)
 class Situation:
-    """What the reward of a step depends on.
+    """Inputs of the reward of a step.
 
     Attributes:
         distance_m: from the contact to the target, on the skin [m]; inf without contact.

@@ -41,7 +41,7 @@ _HOLD_STEPS = 10
 
 
 class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
-    """What is between the tips of two fingers, and is to be moved there.
+    """Environment with an object between two fingertips that is moved along a target.
 
     An action in [-1, 1]^n is a change of the commanded joint angles, in parts of the largest velocity times 0.1 s. The
     observation holds ``policy``, what the policy sees, and ``critic``, what the critic may see besides, neither of them
@@ -130,7 +130,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """The object of an episode."""
 
     def _places(self, values: Values) -> list[FloatArray]:
-        """Where each object is put (3,), from the middle between the tips, in the fingertip's frame [m]."""
+        """Return the initial position of each object (3,), from the middle between the tips, fingertip frame [m]."""
         return [array(values, f"object.{self.object_name}.position_m")]
 
     @abstractmethod
@@ -263,7 +263,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._view: View = view(self._scene, self._sensor)
 
     def _dropped(self) -> bool:
-        """Whether what shall be held is lost."""
+        """Return whether the object is lost."""
         return self._view.dropped
 
     def _touches(self) -> list[View]:
@@ -271,7 +271,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return [self._view]
 
     def _contact_truth(self) -> FloatArray:
-        """Of each object its place on the sensor [m] and the force there [N], 0 where it does not touch (3 M,)."""
+        """Return position on the sensor [m] and force [N] of each object (3 M,), 0 where it does not touch."""
         found = np.zeros((self.objects, 3))
         for row, seen in zip(found, self._touches(), strict=False):
             if seen.skin is not None and seen.sound:
@@ -279,7 +279,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return found.ravel()
 
     def _own(self) -> FloatArray:
-        """What the critic sees that the task alone has (own_size,)."""
+        """Return critic observations of this task alone (own_size,)."""
         return np.zeros(0)
 
     def _target_m(self) -> FloatArray:
@@ -287,7 +287,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return self._targets[self._step]
 
     def _angle_rad(self) -> float | None:
-        """By how much the object has turned on the sensor; None: that is of no matter."""
+        """Return the object's rotation on the sensor [rad]; None: the task has none."""
         return None
 
     def _situation(self, before_rad: FloatArray) -> Situation:
@@ -421,4 +421,4 @@ def _worst(values: FloatArray) -> float:
 
 
 def _plain(value: Value) -> Value:
-    return value if isinstance(value, float) else value.copy()
+    return value.copy() if isinstance(value, np.ndarray) else value

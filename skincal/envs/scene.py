@@ -1,4 +1,4 @@
-"""What the tasks ask of a physics engine: two fingers and one object or several, and nothing else of it."""
+"""Interface of a physics engine to the tasks: two fingers and one object or several."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is true at a moment of an episode, in the frames in which tasks speak of it."""
+"""True state of an episode, in the frames of the tasks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Sensor:
-    """Where the sensor's centre is on the fingertip, and how it is turned.
+    """Pose of the sensor on the fingertip.
 
     Attributes:
         radius_m: of the fingertip [m].
@@ -49,7 +49,7 @@ class Sensor:
 
     @property
     def pose(self) -> SensorPose:
-        """As the skin model takes it."""
+        """Pose for the skin model."""
         return SensorPose(self.y_m, self.alpha_rad, self.beta_rad)
 
     def patch_m(self, point_m: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What a task is, besides its object."""
+"""Options of a task."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skincal.errors import InputError, Problem
 
 @dataclass(frozen=True)
 class TaskOptions:
-    """What a task is, besides its object.
+    """Options of a task.
 
     Attributes:
         duration_s: time-out of an episode [s].

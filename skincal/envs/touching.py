@@ -1,4 +1,4 @@
-"""What a tip feels of an object: all contact points that the physics reports, made one."""
+"""Contact of a tip with an object: all contact points of the physics merged into one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the object shall go: targets in patch coordinates, one for each step of the policy."""
+"""Target trajectories in patch coordinates, one target for each step of the policy."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,10 @@ def flat(sample: Sample, prefix: str = "") -> dict[str, Draw]:
     """Return nested draws by full name."""
     found: dict[str, Draw] = {}
     for key, value in sample.items():
-        found |= flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: value}
+        if isinstance(value, dict):
+            found |= flat(cast(Sample, value), f"{prefix}{key}.")
+        else:
+            found[prefix + key] = value
     return found
 
 

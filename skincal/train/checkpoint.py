@@ -20,7 +20,7 @@ ARRAYS: Final = "arrays.npz"
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run has come.
+    """Progress of a run.
 
     Attributes:
         rounds: finished.

@@ -1,4 +1,4 @@
-"""What a policy file says of itself."""
+"""Description in a policy file."""
 
 from __future__ import annotations
 

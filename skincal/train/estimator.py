@@ -1,4 +1,4 @@
-"""Where the marble is, from one tactile image: a small network, learned in simulation and run with numpy alone."""
+"""Position of the marble from one tactile image: a small network, trained in simulation, run with numpy alone."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Estimator:
 
 
 def features(images_counts: FloatArray) -> FloatArray:
-    """What the network sees of images (N, J): the counts, and each taxel's share of them (N, 2 J)."""
+    """Return inputs of the network (N, 2 J) for images (N, J): the counts, and each taxel's share of their sum."""
     counts = np.maximum(np.nan_to_num(images_counts), 0.0)
     return np.concatenate(
         [counts / _COUNTS, counts / (counts.sum(axis=1, keepdims=True) + _LEAST_COUNTS)], axis=1

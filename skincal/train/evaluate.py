@@ -31,7 +31,7 @@ DURATION_S: Final = {Task.marble: 8.0, Task.bolt: 24.0, Task.pellets: 6.0}
 
 @dataclass(frozen=True)
 class Trial:
-    """What is asked of a policy.
+    """Options of an evaluation.
 
     Attributes:
         task: what is rolled.
@@ -59,7 +59,7 @@ class Trial:
         return round((self.duration_s or DURATION_S[self.task]) * POLICY_HZ)
 
     def options(self, episode: int) -> dict[str, Any]:
-        """What an episode is begun with."""
+        """Initial conditions of an episode."""
         options: dict[str, Any] = {
             "duration_s": self.steps / POLICY_HZ,
             "randomize": "all" if self.randomize is None else list(self.randomize),

@@ -1,4 +1,4 @@
-"""How a policy will fare on one hand: what it did on hands drawn from what is known of that hand."""
+"""Prediction of a policy's results on one hand, from hands drawn from its calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a backend is to a training run, and the part of it that both backends share."""
+"""Interface of a backend to a training run, and the part that backends share."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class Learner(ABC):
         self._restore_memory(arrays)
 
     def _memory(self) -> Arrays:
-        """What was gathered and is learned from later."""
+        """Replay buffer of a run."""
         return {}
 
     def _restore_memory(self, arrays: Arrays) -> None:

@@ -39,7 +39,7 @@ _MOST: Final = 2**20
 
 @dataclass(frozen=True)
 class Description(Table, unknown="keep"):
-    """What a policy is for, and where it comes from.
+    """Purpose and provenance of a policy.
 
     Attributes:
         task: what it rolls.
@@ -94,7 +94,7 @@ class Description(Table, unknown="keep"):
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether a value is a text, or a finite number; or such, by names."""
+    """Return whether a value is a text or a finite number, or a dictionary of these."""
     if isinstance(value, dict):
         return all(_is_plain(inner) for inner in cast("dict[str, Any]", value).values())
     return isinstance(value, str) or (isinstance(value, int | float) and math.isfinite(value))

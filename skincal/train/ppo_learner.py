@@ -39,11 +39,11 @@ class Halves(torch.nn.Module):
         return self.forward_actor(seen), self.forward_critic(seen)
 
     def forward_actor(self, seen: torch.Tensor) -> torch.Tensor:
-        """Of the actor, shape (N, hidden)."""
+        """Return the actor's features (N, hidden)."""
         return self.actor(seen[:, : self._first])
 
     def forward_critic(self, seen: torch.Tensor) -> torch.Tensor:
-        """Of the critic, shape (N, hidden)."""
+        """Return the critic's features (N, hidden)."""
         return self.critic(seen)
 
 

@@ -105,7 +105,7 @@ class SbxLearner(OffPolicyLearner):
 
 
 def _columns(space: spaces.Dict) -> dict[str, int]:
-    """Where the actor's part lies when sbx puts the parts of an observation in a row, in the order of the space."""
+    """Return the columns of the actor's part; sbx concatenates parts of an observation in the order of the space."""
     first = 0
     for key, part in space.items():
         if key == ACTOR_KEY:

@@ -1,4 +1,4 @@
-"""What the episodes of an evaluation say of a policy: errors over time with intervals, drops, directions."""
+"""Scores of an evaluation: errors over time with intervals, drops, directions."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class Score:
 
 @dataclass(frozen=True)
 class Rolling:
-    """How a bolt was rolled.
+    """Scores of a rolled bolt.
 
     Attributes:
         episodes: number of runs.
@@ -194,7 +194,7 @@ def _rolling(runs: Runs) -> Rolling:
 
 
 def direction_right(object_m: FloatArray, target_m: FloatArray) -> bool:
-    """Whether an object moves the way its target moves.
+    """Return whether an object moves the way its target moves.
 
     The way is what the place of the object gains while the target goes ahead, by regression; it must point along the
     target's line to within :data:`RIGHT_WITHIN_RAD` and be no less than :data:`RIGHT_SHARE` of it.

@@ -1,4 +1,4 @@
-"""What a training run is told: the published soft actor-critic, and which task it learns."""
+"""Settings of a training run: task and hyperparameters of the published soft actor-critic."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from skincal.dataset.schema import Table
 
 
 class Task(StrEnum):
-    """What is between the fingers."""
+    """Object between the fingers."""
 
     marble = "marble"
     bolt = "bolt"
@@ -19,7 +19,7 @@ class Task(StrEnum):
 
 
 class PolicyKind(StrEnum):
-    """What a policy sees (the published paper's table "Observation space of different policies")."""
+    """Observations of a policy (the paper's table "Observation space of different policies")."""
 
     tactile = "tactile"
     joint_angles = "joint-angles"
@@ -28,7 +28,7 @@ class PolicyKind(StrEnum):
 
 
 class BackendName(StrEnum):
-    """Who does the learning: Stable-Baselines3 in torch, or the same algorithm in jax."""
+    """Backend: Stable-Baselines3 in torch, or the same algorithm in jax."""
 
     sb3 = "sb3"
     sbx = "sbx"

@@ -109,7 +109,7 @@ def _check_start(start: Policy, work: Work) -> None:
 
 
 def read_run(folder: Path) -> tuple[Work, Ranges]:
-    """What a run is.
+    """Options of a run.
 
     Raises:
         InputError: the folder is no run's.

@@ -1,4 +1,4 @@
-"""What a training run shows of itself: the figures of every round."""
+"""Progress table of a training run: one row a round."""
 
 from __future__ import annotations
 

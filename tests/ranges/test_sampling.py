@@ -174,3 +174,13 @@ def test_joint_draws_are_even_over_the_rows():
     drawn = np.array([ranges.sample(rng)["skin"]["y_m"] for _ in range(5000)])
     counts = np.bincount(np.rint(drawn * 1e3).astype(int), minlength=5)
     assert stats.chisquare(counts).pvalue > 1e-3
+
+
+def test_draws_by_full_name_are_those_of_the_tables() -> None:
+    ranges = preset("iros24")
+    one, other = np.random.default_rng(3), np.random.default_rng(3)
+    tables, names = ranges.sample(one), ranges.draw(other)
+    assert all(np.array_equal(get(tables, path), value) for path, value in names.items())
+    step = ranges.sample(one, "step", episode=tables)
+    for path, value in ranges.draw(other, "step", episode=names).items():
+        assert np.array_equal(get(step, path), value)
