@@ -41,7 +41,9 @@ def _step(least: float, what: str, of: Callable[[GridSteps], float], most: float
     return option(what, min=least, max=most, show_default=shown)
 
 
-MIN_ACTIVE = "Presses with fewer active taxels are not used; default 2, or 1 where fewer than 16 presses have 2."
+MIN_ACTIVE = (
+    "Presses with fewer active taxels are not used; default 2, or 1 where fewer than 16 presses have 2."
+)
 METHOD = (
     "`fast`: tables, for surfaces that look the same everywhere; `general`: tables of the skin model, press by press, "
     "for any geometry; `nlopt`: general, after a grid of the skin model itself, slow; `auto`: `fast` where possible, "
