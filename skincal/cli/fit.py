@@ -27,6 +27,7 @@ from skincal.cli.common import (
     warn,
 )
 from skincal.cli.fit_ranges import Pair, searched
+from skincal.cli.interrupt import Ended
 from skincal.fitting.fit_options import PAPER_BOUND_COUNTS2, STEPS, FitOptions, GridSteps
 from skincal.progress import stage_bars
 from skincal.units import deg, rad
@@ -302,7 +303,7 @@ def _resumable(checkpoint: Path) -> Generator[None]:
         what = "interrupted. The" if isinstance(error, KeyboardInterrupt) else "the fit ended early; its"
         say(f"skincal: {what} grid so far is saved in {checkpoint}; give the same command again to continue.")
         if isinstance(error, KeyboardInterrupt):
-            raise SystemExit(130) from None
+            raise Ended(130) from None
         raise
     kept.remove()
 

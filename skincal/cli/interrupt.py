@@ -5,13 +5,22 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from skincal.cli.common import say
 
+if TYPE_CHECKING:
+    from skincal.hand.errors import HandError
+
 AGAIN_S = 0.02
 """Interval at which a held-back interrupt checks whether the modules have loaded [s]."""
+
+
+class Ended(SystemExit):
+    """The end of a verb that has said why; any other ``SystemExit`` is that of a driver or a library."""
+
 
 REQUESTS = (signal.SIGTERM, signal.SIGHUP)
 """Signals besides Ctrl-C that ask a command to end. Unhandled, they kill the process with a finger on the skin."""
@@ -34,18 +43,35 @@ def moving(kept: Callable[[], str] = lambda: "") -> Generator[None]:
         try:
             yield
         except (KeyboardInterrupt, HandError) as error:
-            danger, notes = _danger_and_notes(error)
-            if isinstance(error, HandError) and not danger:
+            status = None
+            while status is None:
+                with suppress(KeyboardInterrupt):  # of a further signal
+                    status = _tell_end(error, kept)
+            if not status:
                 raise
-            # The command ends now; further signals must not suppress this message.
-            for number in ENDING:
-                if signal.getsignal(number) is _interrupt:
-                    signal.signal(number, signal.SIG_IGN)
-            if danger:
-                say(f"skincal: error: {danger}")
-                raise SystemExit(1) from None
-            say(" ".join(filter(None, ["skincal: interrupted.", *notes, kept()])))
-            raise SystemExit(130) from None
+            raise Ended(status) from None
+
+
+def _tell_end(error: KeyboardInterrupt | HandError, kept: Callable[[], str]) -> int:
+    """Say why a verb that moves a hand ends, and whether the hand was stopped.
+
+    Returns:
+        The exit status; 0: the error says it all, and is to be reported as any other.
+    """
+    from skincal.hand.halt import ENDING
+
+    # The command ends now; further signals must not suppress the message.
+    for number in ENDING:
+        if signal.getsignal(number) is _interrupt:
+            signal.signal(number, signal.SIG_IGN)
+    danger, notes = _danger_and_notes(error)
+    if danger:
+        say(f"skincal: error: {danger}")
+        return 1
+    if not isinstance(error, KeyboardInterrupt):
+        return 0
+    say(" ".join(filter(None, ["skincal: interrupted.", *notes, kept()])))
+    return 130
 
 
 def _danger_and_notes(error: BaseException | None) -> tuple[str, list[str]]:

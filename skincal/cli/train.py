@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from skincal.cli.common import ForceOption, JsonOption, example, print_json, say
+from skincal.cli.interrupt import Ended
 from skincal.errors import InputError, Problem
 
 if TYPE_CHECKING:
@@ -260,7 +261,7 @@ def _train(out: Path, work: Work, ranges: Ranges, steps: int, *, processes: bool
             f"skincal: interrupted; continue from the last checkpoint with\n"
             f"  skincal train {work.task} --out {out} --steps {steps} --resume"
         )
-        raise SystemExit(130) from None
+        raise Ended(130) from None
 
 
 def _draw(result: Trained) -> None:
