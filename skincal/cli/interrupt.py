@@ -10,6 +10,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from skincal.cli.common import say
+from skincal.signals import ENDING
 
 if TYPE_CHECKING:
     from skincal.hand.errors import HandError
@@ -36,8 +37,6 @@ def moving(kept: Callable[[], str] = lambda: "") -> Generator[None]:
         kept: returns what is saved of the work, for the message of an interrupted verb.
     """
     from skincal.hand.errors import HandError
-    from skincal.hand.halt import ENDING
-
     # `interruptible` uses the alarm to check again.
     with interruptible(*(number for number in ENDING if number != signal.SIGALRM)):
         try:
@@ -58,8 +57,6 @@ def _tell_end(error: KeyboardInterrupt | HandError, kept: Callable[[], str]) -> 
     Returns:
         The exit status; 0: the error says it all, and is to be reported as any other.
     """
-    from skincal.hand.halt import ENDING
-
     # The command ends now; further signals must not suppress the message.
     for number in ENDING:
         if signal.getsignal(number) is _interrupt:

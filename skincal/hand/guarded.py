@@ -25,9 +25,10 @@ from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
 from skincal.hand.driver import HandDriver
 from skincal.hand.errors import ADVICE, HandError, HandErrorKind, Violation, again, described, shown
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.halt import HURRY_S, halt, held_back, stopped
+from skincal.hand.halt import HURRY_S, halt, stopped
 from skincal.hand.stage import StageDriver
 from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
+from skincal.signals import held_back
 
 LONGEST_PERIOD_S = 1.0
 """Longest period of a controlled rig [s]."""

@@ -210,6 +210,14 @@ def test_a_kill_loses_nothing(tmp_path: Path, verb: str) -> None:
         study.kill(at)
 
 
+@pytest.mark.parametrize(("verb", "way"), [("export-dr", "new"), ("eval", "replaced")])
+def test_an_interrupt_leaves_nothing(tmp_path: Path, verb: str, way: str) -> None:
+    """At every write event, those of cleaning up among them."""
+    study = make_study(tmp_path, verb, way)
+    for at in range(1, study.events + 1):
+        study.interrupt(at)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("verb", "way"), CASES)
 def test_no_kill_loses_anything(tmp_path: Path, verb: str, way: str) -> None:
