@@ -37,6 +37,7 @@ def moving(kept: Callable[[], str] = lambda: "") -> Generator[None]:
         kept: returns what is saved of the work, for the message of an interrupted verb.
     """
     from skincal.hand.errors import HandError
+
     # `interruptible` uses the alarm to check again.
     with interruptible(*(number for number in ENDING if number != signal.SIGALRM)):
         try:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import typer
 
-from skincal.cli.common import plain, print_json
+from skincal.cli.common import plain, print_json, say
 from skincal.cli.main import app, main
 from skincal.progress import progress
 from skincal.version import __version__
@@ -189,6 +189,11 @@ def test_json_is_one_object_that_any_reader_takes(capsys: pytest.CaptureFixture[
     text = capsys.readouterr().out
     assert text.count("\n") == 1
     assert json.loads(text) == {"a": [1.5, None, None], "b": 3, "c": [True, None, "ü"], "d": {"e": None}}
+
+
+def test_a_name_does_not_command_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    say("\x1b]0;gone\x07.toml:\n\tÄ\x9b")
+    assert capsys.readouterr().err == "\\x1b]0;gone\\x07.toml:\n\tÄ\\x9b\n"
 
 
 def test_plain_values_stay() -> None:
