@@ -290,7 +290,7 @@ class _Session:
         if not held:
             held = [self._samples[-1][0]]
         force = float(np.mean([state.force_n for state in held])) - tare
-        place = np.mean([state.position_m for state in held], axis=0, dtype=np.float64)
+        place: FloatArray = np.mean(np.array([state.position_m for state in held], dtype=np.float64), axis=0)
         missed = missed_target(planned, force, self._options)
         if missed and status == "ok":
             status = "missed_target"
@@ -311,7 +311,7 @@ class _Session:
             "status": status,
             "force_rest_n": tare,
         }
-        counts = np.mean([state.taxels for state in held], axis=0, dtype=np.float64)
+        counts: FloatArray = np.mean(np.array([state.taxels for state in held], dtype=np.float64), axis=0)
         frames = self._frames()
         frames["force_n"] = frames["force_n"] - tare
         frames["z_m"] = np.zeros_like(frames["z_m"])

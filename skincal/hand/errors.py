@@ -40,7 +40,7 @@ stopped before. ``end``: a recorded session has ended.
 
 KINDS: tuple[str, ...] = get_args(HandErrorKind)
 
-NUMBERS = float | int | np.float32 | np.integer
+NUMBERS: tuple[type, ...] = (float, int, np.float32, np.integer)
 """Kinds of single numbers that a driver may give; a long double or a complex number fits no table."""
 
 ADVICE: dict[HandErrorKind, str] = {

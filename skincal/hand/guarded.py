@@ -153,7 +153,7 @@ class Guarded(ABC, Generic[State, Command]):
         now_s = self._clock()
         try:
             violation = self._check_state(state, now_s, now_s - start_s)
-        except Exception as error:  # whole numbers beyond a float, classes of the driver's own
+        except (Exception, SystemExit) as error:  # whole numbers beyond a float, classes of the driver's own
             violation = Violation("state", f"a state that cannot be read: {type(error).__name__}: {error}")
         if violation is not None:
             self._violated(violation)

@@ -124,7 +124,8 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
         raise InputError(problems)
     try:
         driver = made(**values)
-        described = driver.description if isinstance(driver, HandDriver | StageDriver) else None  # pyright: ignore[reportUnnecessaryIsInstance]
+        # Whatever its class computes is asked for here, before anything moves.
+        described, *_ = (getattr(driver, what, None) for what in ("description", "name", "real_time"))
     except SkincalError:
         raise
     except KeyboardInterrupt:

@@ -252,7 +252,7 @@ class StageCommandCheck:
 
 
 def _plain(kind: np.dtype[Any]) -> bool:
-    return kind.kind in "iu" or kind in (np.float32, np.float64)
+    return kind.kind in "iu" or kind.type in (np.float32, np.float64)
 
 
 def _shown(place: FloatArray) -> str:

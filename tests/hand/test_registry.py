@@ -101,6 +101,11 @@ def test_a_driver_that_cannot_be_described(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(OptionHand, "description", property(lambda self: sys.exit(0)))
     with pytest.raises(WorkError, match="cannot be created: SystemExit"):
         create_driver(NAME, port="x")
+    monkeypatch.undo()
+    monkeypatch.setattr(OptionHand, "name", property(lambda self: 1 / 0))
+    with pytest.raises(WorkError, match="cannot be created: ZeroDivisionError"):
+        create_driver(NAME, port="x")
+    monkeypatch.undo()
     monkeypatch.setattr(OptionHand, "description", None)
     with pytest.raises(InputError, match="description: expected a HandDescription; got NoneType"):
         create_driver(NAME, port="x")
