@@ -72,11 +72,16 @@ $(UV):
 	@$(PYTHON) -m venv $(TOOLS)
 	@$(TOOLS)/bin/pip install -q uv cyclonedx-bom
 
+# Studies, documents and notebooks call nothing that the other tests do not. Compiled code is kept apart from that of
+# the newest numba: each version throws away that of another.
+LATEST := benchmarks test_docs.py test_notebooks.py
+
 test-lowest: $(UV) ## the tests of the core with the lowest versions that pyproject.toml allows
 	$(UV) venv -q --clear -p $(PYTHON) $(LOWEST)
 	$(UV) pip install -q -p $(LOWEST) --resolution lowest-direct -e '.[remote,policy,ros]' \
-		'pytest>=8' 'hypothesis>=6.100' 'pandas>=2.2.2'
-	$(LOWEST)/bin/python -m pytest -q -m "not slow" -W ignore -p no:cacheprovider $(or $(TESTS),tests)
+		'pytest>=8' 'pytest-xdist>=3.6' 'hypothesis>=6.100' 'pandas>=2.2.2'
+	NUMBA_CACHE_DIR=$(CURDIR)/$(LOWEST)/numba $(LOWEST)/bin/python -m pytest -q -n auto --dist worksteal -m "not slow" -W ignore -p no:cacheprovider \
+		$(LATEST:%=--ignore=tests/%) $(or $(TESTS),tests)
 
 COMPILE = $(UV) pip compile -q pyproject.toml --python-version 3.11 --no-header --no-annotate --no-emit-index-url \
 	--no-emit-find-links --index-strategy unsafe-best-match

@@ -12,6 +12,7 @@ import importlib
 import os
 import re
 import shutil
+import signal
 import sys
 import traceback
 from collections.abc import Callable
@@ -59,13 +60,24 @@ class Verb:
     prepare: Callable[[Path], None] = field(default=lambda _: None)
 
 
-def forked(work: Callable[[], None], kill_at: int | None = None, root: Path | None = None) -> tuple[int, int]:
+def die() -> None:
+    """End as a kill does."""
+    os._exit(KILLED)
+
+
+def forked(
+    work: Callable[[], None],
+    kill_at: int | None = None,
+    root: Path | None = None,
+    strike: Callable[[], None] = die,
+) -> tuple[int, int]:
     """Run something in a fork; return its exit status and the number of its write events below a folder.
 
     Args:
         work: what is run.
         kill_at: the event at which the fork ends, before it takes place; None: it runs to the end.
         root: the folder.
+        strike: what happens at ``kill_at``.
     """
     read, write = os.pipe()
     child = os.fork()
@@ -75,7 +87,7 @@ def forked(work: Callable[[], None], kill_at: int | None = None, root: Path | No
             os.close(read)
             quiet = os.open(os.devnull, os.O_WRONLY)
             os.dup2(quiet, 1)
-            _count(write, kill_at, str(root))
+            _count(write, kill_at, str(root), strike)
             work()
             status = 0
         except SystemExit as ended:
@@ -103,14 +115,14 @@ def preload(work: Callable[[], None], note: Path) -> None:
             importlib.import_module(name)
 
 
-def _count(pipe: int, kill_at: int | None, root: str) -> None:
+def _count(pipe: int, kill_at: int | None, root: str, strike: Callable[[], None]) -> None:
     count = 0
 
     def event() -> None:
         nonlocal count
         count += 1
         if count == kill_at:
-            os._exit(KILLED)
+            strike()
         os.write(pipe, b".")
 
     def hook(name: str, args: tuple[Any, ...]) -> None:
@@ -199,6 +211,19 @@ class Study:
         assert found == self.after, f"{where}: run again, it came to something else"
         self._clean(place)
         shutil.rmtree(place)
+
+    def interrupt(self, at: int) -> None:
+        """Interrupt at an event, as Ctrl-C does; nothing is left over, as the verb ends by itself.
+
+        Raises:
+            AssertionError: something is lost, or left over.
+        """
+        place = self._copy("interrupted")
+        forked(lambda: self._work(place), at, place, lambda: signal.raise_signal(signal.SIGINT))
+        for name, found in self._looks(place).items():
+            allowed = (self.before[name], self.after[name])
+            assert found in allowed, f"{self.verb.name}, interrupted at {at} of {self.events}: {name}"
+        self._clean(place)
 
     def _work(self, place: Path) -> None:
         if not self.exchange:

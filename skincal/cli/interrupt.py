@@ -5,16 +5,26 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from skincal.cli.terminal import say
+from skincal.signals import ENDING
+
+if TYPE_CHECKING:
+    from skincal.errors import WorkError
 
 AGAIN_S = 0.02
 """Interval at which a held-back interrupt checks whether the modules have loaded [s]."""
 
+
 REQUESTS = (signal.SIGTERM, signal.SIGHUP)
 """Signals besides Ctrl-C that ask a command to end. Unhandled, they kill the process with a finger on the skin."""
+
+
+class Ended(SystemExit):
+    """The end of a verb that has said why; any other ``SystemExit`` is that of a driver or a library."""
 
 
 AGAIN = "give the same command again to continue"
@@ -35,7 +45,7 @@ def resumable(saved: Callable[[], str]) -> Generator[None]:
             raise
         say(f"skincal: {'interrupted' if stopped else 'the work ended early'}. {text}")
         if stopped:
-            raise SystemExit(130) from None
+            raise Ended(130) from None
         raise
 
 
@@ -49,28 +59,41 @@ def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
         saved: returns what is saved of the work, for the message of a verb that ends early.
     """
     from skincal.errors import WorkError
-    from skincal.hand.halt import ENDING
 
     # `interruptible` uses the alarm to check again.
     with interruptible(*(number for number in ENDING if number != signal.SIGALRM)):
         try:
             yield
         except (KeyboardInterrupt, WorkError) as error:
-            danger, notes = _danger_and_notes(error)
-            if isinstance(error, WorkError):
-                if text := saved():
-                    say(f"skincal: the session ended early. {text}")
-                if not danger:
-                    raise
-            # The command ends now; further signals must not suppress this message.
-            for number in ENDING:
-                if signal.getsignal(number) is _interrupt:
-                    signal.signal(number, signal.SIG_IGN)
-            if danger:
-                say(f"skincal: error: {danger}")
-                raise SystemExit(1) from None
-            say(" ".join(filter(None, ["skincal: interrupted.", *notes, saved()])))
-            raise SystemExit(130) from None
+            status = None
+            while status is None:
+                with suppress(KeyboardInterrupt):  # of a further signal
+                    status = _tell_end(error, saved)
+            if not status:
+                raise
+            raise Ended(status) from None
+
+
+def _tell_end(error: KeyboardInterrupt | WorkError, saved: Callable[[], str]) -> int:
+    """Say why a verb that moves a hand ends, what is saved, and whether the hand was stopped.
+
+    Returns:
+        The exit status; 0: the error says the rest, and is to be reported as any other.
+    """
+    # The command ends now; further signals must not suppress the message.
+    for number in ENDING:
+        if signal.getsignal(number) is _interrupt:
+            signal.signal(number, signal.SIG_IGN)
+    danger, notes = _danger_and_notes(error)
+    stopped = isinstance(error, KeyboardInterrupt)
+    if not stopped and (text := saved()):
+        say(f"skincal: the session ended early. {text}")
+    if danger:
+        say(f"skincal: error: {danger}")
+        return 1
+    if stopped:
+        say(" ".join(filter(None, ["skincal: interrupted.", *notes, saved()])))
+    return 130 if stopped else 0
 
 
 def _danger_and_notes(error: BaseException | None) -> tuple[str, list[str]]:

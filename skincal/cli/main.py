@@ -17,7 +17,7 @@ import typer
 
 from skincal import compiling
 from skincal.cli import verbs
-from skincal.cli.interrupt import interruptible
+from skincal.cli.interrupt import Ended, interruptible
 from skincal.cli.options import example, wrong
 from skincal.cli.terminal import json_alone, say
 from skincal.errors import SkincalError
@@ -69,6 +69,9 @@ verbs.register(app)
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit: 0 done, 1 the work failed, 2 the input is wrong, 130 interrupted."""
+    _open_closed_streams()
+    # Verbs only write figures: no other backend of Matplotlib, which may be missing or any module, is loaded.
+    os.environ["MPLBACKEND"] = "agg"
     to_its_end = arguments is None
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     if "OMP_NUM_THREADS" not in os.environ:
@@ -86,16 +89,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         with json_alone("--json" in arguments), interruptible():
             status = app(args=arguments, prog_name="skincal", standalone_mode=False)
-        if status == 130:  # typer's status for Ctrl-C; a verb with more to say raises SystemExit
+        if status == 130:  # typer's status for Ctrl-C; a verb with more to say raises Ended
             say("skincal: interrupted")
     except typer.Abort:
         status = 130
     except USAGE_ERROR as error:
         error.show()
         status = 2
-    except SystemExit:
+    except Ended:
         raise
-    except BaseException as error:  # CancelledError and others of a driver's library are no Exception
+    except (
+        BaseException
+    ) as error:  # SystemExit, CancelledError and others of a driver's library are no Exception
         if debug and not isinstance(error, MemoryError):
             raise
         status = _report(error)
@@ -116,6 +121,19 @@ class _LogMessages(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         say(f"skincal: {record.getMessage()}")
+
+
+def _open_closed_streams() -> None:
+    """Lead a standard stream that is closed nowhere: the next file that is opened would take its place."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+            setattr(sys, name, os.fdopen(number, "w" if number else "r", encoding="utf-8", closefd=False))
 
 
 def _write_any_text() -> None:

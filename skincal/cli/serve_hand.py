@@ -69,7 +69,7 @@ def serve_hand(
 
 def _end_on_signals(server: HandServer) -> None:
     """Let every signal that would end or suspend the process, unless ignored, end the loop, which stops the hand."""
-    from skincal.hand.halt import ENDING
+    from skincal.signals import ENDING
 
     def end(number: int, frame: FrameType | None) -> None:
         server.end()

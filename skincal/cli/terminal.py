@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import sys
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -121,9 +122,15 @@ def plain(value: Any) -> Any:
 
 
 def say(message: str) -> None:
-    """Print a message on standard error; do nothing where the terminal is gone."""
+    """Print a message on standard error; do nothing where the terminal is gone.
+
+    It may hold names and texts of files, so control characters, which terminals obey, are shown as codes.
+    """
     with suppress(OSError):
-        typer.echo(message, err=True)
+        typer.echo(_CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", message), err=True)
+
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
 def problems_json(problems: Iterable[Problem]) -> list[dict[str, str]]:

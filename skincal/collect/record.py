@@ -45,7 +45,8 @@ class Series:
                 [s.time_s, s.force_n, s.shear_u_n, s.shear_v_n, *s.point_m, s.state.temperature_c,
                  *s.state.q_rad, *s.state.tau_nm, *s.state.q_desired_rad]
                 for s in samples
-            ]
+            ],
+            dtype=np.float64,
         )  # fmt: skip
         joints = len(samples[0].state.q_rad)
         names = ["force_n", "shear_u_n", "shear_v_n", "x_m", "y_m", "z_m", "temperature_c"]
@@ -76,7 +77,7 @@ def frames_of(samples: Sequence[Sample], last_s: float, rate_hz: float) -> Array
         if sample.frame_s > last_s and sample.frame_s >= last_s + step_s - 0.5 * period_s:
             kept.append(sample)
             last_s = sample.frame_s
-    times = np.array([sample.frame_s for sample in kept])
+    times = np.array([sample.frame_s for sample in kept], dtype=np.float64)
     counts = np.array([sample.state.taxels for sample in kept]).reshape(len(kept), -1)
     return {"time_s": times, "counts": counts, **Series.of(samples).at(times)}
 

@@ -259,14 +259,14 @@ class _Session:
         """Return the samples since the last call, thinned to the rate of frames."""
         states, phases = zip(*self._samples, strict=True)
         self._samples.clear()
-        times = np.array([self._time(state) for state in states])
+        times = np.array([self._time(state) for state in states], dtype=np.float64)
         every = max(1, round(1 / (self._options.frame_rate_hz * self._stage.period_s)))
         keep = np.arange(0, len(times), every)
-        place = np.array([state.position_m for state in states])[keep]
+        place = np.array([state.position_m for state in states], dtype=np.float64)[keep]
         return {
             "time_s": times[keep],
             "counts": np.array([state.taxels for state in states], dtype=np.float64)[keep],
-            "force_n": np.array([state.force_n for state in states])[keep],
+            "force_n": np.array([state.force_n for state in states], dtype=np.float64)[keep],
             **{name: place[:, i] for i, name in enumerate(("x_m", "y_m", "z_m"))},
             "phase": np.array(phases)[keep],
         }
@@ -290,7 +290,7 @@ class _Session:
         if not held:
             held = [self._samples[-1][0]]
         force = float(np.mean([state.force_n for state in held])) - tare
-        place = np.mean([state.position_m for state in held], axis=0)
+        place: FloatArray = np.mean(np.array([state.position_m for state in held], dtype=np.float64), axis=0)
         missed = missed_target(planned, force, self._options)
         if missed and status == "ok":
             status = "missed_target"
@@ -311,7 +311,7 @@ class _Session:
             "status": status,
             "force_rest_n": tare,
         }
-        counts = np.mean([state.taxels for state in held], axis=0)
+        counts: FloatArray = np.mean(np.array([state.taxels for state in held], dtype=np.float64), axis=0)
         frames = self._frames()
         frames["force_n"] = frames["force_n"] - tare
         frames["z_m"] = np.zeros_like(frames["z_m"])

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from skincal.errors import InputError, Problem
+from skincal.signals import held_back
 
 _LACKING = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)
 """Errors of a file system without locks."""
@@ -28,16 +29,22 @@ def alone(file: Path, place: Path, *, create: bool = False) -> Generator[None]:
         InputError: another process holds the lock.
         OSError: there is no such file, or it is not writable.
     """
-    descriptor = lock(file, create=create)
-    if descriptor is None:
-        fix = "Wait for it, or stop it."
-        raise InputError([Problem(str(place), "no other process at work", "another process at work", fix)])
+    descriptor = None
     try:
+        with held_back():
+            descriptor = lock(file, create=create)
+        if descriptor is None:
+            fix = "Wait for it, or stop it."
+            raise InputError(
+                [Problem(str(place), "no other process at work", "another process at work", fix)]
+            )
         yield
     finally:
-        if create:
-            file.unlink(missing_ok=True)
-        os.close(descriptor)
+        with held_back():
+            if descriptor is not None:
+                if create:
+                    file.unlink(missing_ok=True)
+                os.close(descriptor)
 
 
 def lock(file: Path, *, create: bool = False, strict: bool = False) -> int | None:

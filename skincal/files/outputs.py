@@ -20,6 +20,7 @@ from skincal.files.locks import lock
 from skincal.files.manifest import NAME, write_manifest
 from skincal.files.moves import exchange, move_new, sync, sync_name
 from skincal.files.refusals import at_work, problem, refuse_existing, refuse_removal, temporary_beside
+from skincal.signals import held_back
 
 
 @contextmanager
@@ -77,14 +78,14 @@ def whole_file(path: str | Path, *, force: bool = False, mark: str = "") -> Gene
 @contextmanager
 def _temporary(path: Path) -> Generator[Path]:
     """Yield a folder next to an output, locked while this process is at work; errors in it name the output."""
-    temporary = temporary_beside(path)
-    descriptor = None
+    temporary, descriptor = None, None
     try:
-        while descriptor is None:
-            with suppress(FileNotFoundError):
-                descriptor = lock(temporary / NAME, create=True)
-            if descriptor is None:  # another process considers it abandoned, and removes it
+        with held_back():
+            while descriptor is None:
                 temporary = temporary_beside(path)
+                with suppress(FileNotFoundError):  # another process considers it abandoned, and removes it
+                    descriptor = lock(temporary / NAME, create=True)
+        assert temporary is not None
         yield temporary
     except OSError as error:
         name = error.filename
@@ -92,19 +93,22 @@ def _temporary(path: Path) -> Generator[Path]:
             error.filename = str(path)
         raise
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-        if descriptor is not None:
-            os.close(descriptor)
+        with held_back():
+            if temporary is not None:
+                shutil.rmtree(temporary, ignore_errors=True)
+            if descriptor is not None:
+                os.close(descriptor)
 
 
 def _put(new: Path, path: Path, force: bool, marker: str | None, mark: str) -> None:
     """Move a finished output to its place, or next to it if that has been taken meanwhile."""
     sync(new)
     try:
-        if force and os.path.lexists(path):
-            exchange(new, path, partial(refuse_removal, path, marker=marker, mark=mark))
-        else:
-            _move_new(new, path)
+        with held_back():
+            if force and os.path.lexists(path):
+                exchange(new, path, partial(refuse_removal, path, marker=marker, mark=mark))
+            else:
+                _move_new(new, path)
     except InputError as error:
         token = (new.parent if marker is None else new).name.split(".")[-2]
         kept = path.with_name(f"{path.stem}-{token}{path.suffix}")

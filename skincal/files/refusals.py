@@ -15,6 +15,7 @@ from skincal.files.inputs import open_input
 from skincal.files.locks import alone
 from skincal.files.manifest import NAME, holds, strangers
 from skincal.files.recovery import recover
+from skincal.signals import held_back
 
 _NOT_THERE = {errno.ENAMETOOLONG: "Choose a shorter name."} | dict.fromkeys(
     (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT),
@@ -109,9 +110,8 @@ def _refuse_input(path: Path, one: Path) -> None:
 def _refuse_unwritable(path: Path) -> None:
     """Try what :func:`whole_folder` will do: permissions do not reveal names that are too long, or /proc."""
     try:
-        made = temporary_beside(path)
-        with suppress(FileNotFoundError):
-            made.rmdir()
+        with held_back(), suppress(FileNotFoundError):
+            temporary_beside(path).rmdir()
     except OSError as error:
         fix = _NOT_THERE.get(error.errno or 0)
         if fix is None:  # a full disk, for instance: not a fault of the name

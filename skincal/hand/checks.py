@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from skincal.hand.clock import ClockCheck
 from skincal.hand.driver import HandDriver, HandState
-from skincal.hand.errors import HandErrorKind, Violation, shown
+from skincal.hand.errors import NUMBERS, HandErrorKind, Violation, shown
 from skincal.hand.guard_options import GuardOptions
 from skincal.robot.description import HandDescription
 
@@ -87,7 +87,7 @@ class StateCheck:
                     return Violation("state", text)
         for name in ("time_s", "temperature_c"):
             value = getattr(state, name)
-            if not isinstance(value, float | int | np.floating) or isinstance(value, bool):
+            if not isinstance(value, NUMBERS) or isinstance(value, bool):
                 return Violation("state", f"state, {name}: expected a number; got {shown(value)}")
         return None
 

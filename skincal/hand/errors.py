@@ -40,6 +40,9 @@ stopped before. ``end``: a recorded session has ended.
 
 KINDS: tuple[str, ...] = get_args(HandErrorKind)
 
+NUMBERS: tuple[type, ...] = (float, int, np.float32, np.integer)
+"""Kinds of single numbers that a driver may give; a long double or a complex number fits no table."""
+
 ADVICE: dict[HandErrorKind, str] = {
     "state": "Check the states of the driver: `skincal hand test`.",
     "clock": "Check that the hand is still running, and which clock the driver reports.",

@@ -23,11 +23,12 @@ from types import TracebackType
 from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
 
 from skincal.hand.driver import HandDriver
-from skincal.hand.errors import ADVICE, HandError, HandErrorKind, Violation, again, described
+from skincal.hand.errors import ADVICE, HandError, HandErrorKind, Violation, again, described, shown
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.halt import HURRY_S, halt, held_back, stopped
+from skincal.hand.halt import HURRY_S, halt, stopped
 from skincal.hand.stage import StageDriver
 from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
+from skincal.signals import held_back
 
 LONGEST_PERIOD_S = 1.0
 """Longest period of a controlled rig [s]."""
@@ -61,6 +62,7 @@ class Guarded(ABC, Generic[State, Command]):
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._made: Any = driver
+        self._name = str(getattr(driver, "name", type(driver).__name__))
         self._options = options or GuardOptions()
         self._clock = clock
         self._worker: Worker | None = None
@@ -84,7 +86,7 @@ class Guarded(ABC, Generic[State, Command]):
     @property
     def name(self) -> str:
         """The driver's name."""
-        return getattr(self._made, "name", type(self._made).__name__)
+        return self._name
 
     @property
     def period_s(self) -> float:
@@ -120,13 +122,8 @@ class Guarded(ABC, Generic[State, Command]):
         patience = 1.0 if self._made.real_time else PATIENCE
         try:
             self._call("connect", self._made.connect, timeout_s=patience * options.connect_timeout_s)
-            period_s = self._made.period_s
-            if not 0 < period_s <= LONGEST_PERIOD_S:
-                text = (
-                    f"period_s: expected a time above 0 s, {LONGEST_PERIOD_S:g} s at most; got {period_s!r}"
-                )
-                self._fail("driver", text)
-            self._check_state, self._check_command = self._checks()
+            found = self._call("description", self._described, timeout_s=options.timeout_s)
+            self._check_state, self._check_command = found
         except BaseException as error:
             # The exit of a `with` block that was not entered is not called.
             if isinstance(error, HandError) and error.stopped is not None:
@@ -134,6 +131,16 @@ class Guarded(ABC, Generic[State, Command]):
             else:
                 self.__exit__(type(error), error, None)
             raise
+
+    def _described(self) -> tuple[Any, Any]:
+        """Run in the worker, as a driver's attributes may hang or raise too: return the checks."""
+        period_s = self._made.period_s
+        if not 0 < period_s <= LONGEST_PERIOD_S:
+            text = (
+                f"period_s: expected a time above 0 s, {LONGEST_PERIOD_S:g} s at most; got {shown(period_s)}"
+            )
+            raise HandError(text, "driver")
+        return self._checks()
 
     def observe(self) -> State:
         """Wait for the next state, check it and return it.
@@ -144,7 +151,10 @@ class Guarded(ABC, Generic[State, Command]):
         start_s = self._clock()
         state: State = self._call("observe", self._made.observe, timeout_s=self._options.timeout_s)
         now_s = self._clock()
-        violation = self._check_state(state, now_s, now_s - start_s)
+        try:
+            violation = self._check_state(state, now_s, now_s - start_s)
+        except (Exception, SystemExit) as error:  # whole numbers beyond a float, classes of the driver's own
+            violation = Violation("state", f"a state that cannot be read: {type(error).__name__}: {error}")
         if violation is not None:
             self._violated(violation)
         self._check_command.observed(state, now_s)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
@@ -21,7 +22,9 @@ from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 from skincal.errors import InputError, Problem, SkincalError, WorkError
 from skincal.hand.convert import converted, is_text, type_text
 from skincal.hand.driver import HandDriver
-from skincal.hand.stage import StageDriver
+from skincal.hand.errors import shown
+from skincal.hand.stage import StageDescription, StageDriver
+from skincal.robot.description import HandDescription
 
 GROUP = "skincal.drivers"
 """Name of the entry point group."""
@@ -121,6 +124,8 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
         raise InputError(problems)
     try:
         driver = made(**values)
+        # Whatever its class computes is asked for here, before anything moves.
+        described, *_ = (getattr(driver, what, None) for what in ("description", "name", "real_time"))
     except SkincalError:
         raise
     except KeyboardInterrupt:
@@ -130,6 +135,9 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
     if not isinstance(driver, HandDriver | StageDriver):  # pyright: ignore[reportUnnecessaryIsInstance]
         expected = "a subclass of skincal.hand.HandDriver or StageDriver"
         raise InputError([Problem(f'driver "{name}"', expected, type(driver).__name__)])
+    kind = StageDescription if isinstance(driver, StageDriver) else HandDescription
+    if not isinstance(described, kind):
+        raise InputError([Problem(f'driver "{name}", description', f"a {kind.__name__}", shown(described))])
     return driver
 
 
@@ -176,12 +184,16 @@ def _loaded(name: str, point: EntryPoint) -> Callable[..., HandDriver | StageDri
 
 
 def _options(made: Callable[..., HandDriver | StageDriver]) -> tuple[DriverOption, ...]:
-    hints: Mapping[str, Any] = get_type_hints(
-        made.__init__ if inspect.isclass(made) else made, include_extras=True
-    )
+    hints: Mapping[str, Any] = {}
+    with suppress(Exception):  # names that only a type checker knows
+        hints = get_type_hints(made.__init__ if inspect.isclass(made) else made, include_extras=True)
     named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     options: list[DriverOption] = []
-    for parameter in inspect.signature(made).parameters.values():
+    try:
+        parameters = inspect.signature(made).parameters.values()
+    except (TypeError, ValueError):  # one of the interpreter's own, no driver
+        return ()
+    for parameter in parameters:
         if parameter.kind not in named:
             continue
         kind, text = hints.get(parameter.name, str), ""

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from skincal.errors import InputError, Problem
 from skincal.hand.clock import ClockCheck
 from skincal.hand.commands import Elapsed
-from skincal.hand.errors import HandError, HandErrorKind, Violation, shown
+from skincal.hand.errors import NUMBERS, HandError, HandErrorKind, Violation, shown
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
 from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState
@@ -127,12 +128,12 @@ class StageStateCheck:
         sensor = self._rig.meta.sensor
         for name, shape in (("position_m", (3,)), ("taxels", (sensor.rows * sensor.cols,))):
             value = getattr(state, name)
-            if type(value) is not np.ndarray or value.shape != shape or value.dtype.kind not in "fiu":
+            if type(value) is not np.ndarray or value.shape != shape or not _plain(value.dtype):
                 text = f"state, {name}: expected an array of numbers of shape {shape}; got {shown(value)}"
                 return Violation("taxels" if name == "taxels" else "state", text)
         for name in ("time_s", "force_n"):
             value = getattr(state, name)
-            if not isinstance(value, float | int | np.number) or isinstance(value, bool):
+            if not isinstance(value, NUMBERS) or isinstance(value, bool):
                 return Violation("state", f"state, {name}: expected a number; got {shown(value)}")
         if not np.isfinite([*state.position_m, state.force_n, state.time_s]).all():
             return Violation("state", f"expected a finite time, place and force; got {state}")
@@ -248,6 +249,10 @@ class StageCommandCheck:
 
     def _longest_m(self, now_s: float) -> float:
         return self._rig.max_speed_m_per_s * self._elapsed.passed_s(now_s)
+
+
+def _plain(kind: np.dtype[Any]) -> bool:
+    return kind.kind in "iu" or kind.type in (np.float32, np.float64)
 
 
 def _shown(place: FloatArray) -> str:

@@ -58,7 +58,7 @@ def name_points(
 
 def _in_points(axes: Axes, points: FloatArray) -> FloatArray:
     """Return the positions on the page [pt]."""
-    return axes.transData.transform(points) * 72.0 / axes.get_figure(root=True).dpi  # type: ignore[union-attr]
+    return axes.transData.transform(points) * 72.0 / axes.figure.dpi  # type: ignore[union-attr]
 
 
 def _candidates(here: FloatArray, name: str) -> Iterator[tuple[FloatArray, FloatArray]]:

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from calibrations import make_calibration
 
+pytest.importorskip("stable_baselines3")
+
 from benchmarks import proof
 from skincal.calibration import Effect, write_calibration
 from skincal.ranges import Ranges, read_ranges

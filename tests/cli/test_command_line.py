@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -16,7 +17,7 @@ import pytest
 import typer
 
 from skincal.cli.main import app, main
-from skincal.cli.terminal import plain, print_json
+from skincal.cli.terminal import plain, print_json, say
 from skincal.progress import progress
 from skincal.version import __version__
 
@@ -163,7 +164,22 @@ def test_numbers_beyond_all_bounds(command: str, capsys: pytest.CaptureFixture[s
 def test_a_standard_output_that_is_closed(more: str) -> None:
     command = f"{sys.executable} -m skincal hand show {more} >&-"
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
-    assert "internal error" not in done.stderr
+    assert done.stderr == "" and not done.returncode
+
+
+def test_an_error_stays_off_standard_output_when_its_own_stream_is_closed() -> None:
+    command = f"{sys.executable} -m skincal hand list --no-such-option --json 2>&-"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+    assert done.stdout == "" and done.returncode == 2
+
+
+def test_a_figure_needs_no_backend_of_the_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MPLBACKEND", "no such backend")
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert os.environ["MPLBACKEND"] == "agg"
 
 
 def test_json_is_one_object_that_any_reader_takes(capsys: pytest.CaptureFixture[str]) -> None:
@@ -173,6 +189,11 @@ def test_json_is_one_object_that_any_reader_takes(capsys: pytest.CaptureFixture[
     text = capsys.readouterr().out
     assert text.count("\n") == 1
     assert json.loads(text) == {"a": [1.5, None, None], "b": 3, "c": [True, None, "ü"], "d": {"e": None}}
+
+
+def test_a_name_does_not_command_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    say("\x1b]0;gone\x07.toml:\n\tÄ\x9b")
+    assert capsys.readouterr().err == "\\x1b]0;gone\\x07.toml:\n\tÄ\\x9b\n"
 
 
 def test_plain_values_stay() -> None:
@@ -209,14 +230,15 @@ def test_settings_of_numba_in_the_working_folder_are_refused(
     assert "numba" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("raised", [asyncio.CancelledError("of a driver's library"), SystemExit(0)], ids=repr)
 def test_any_exception_ends_without_a_traceback(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    raised: BaseException, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def cancelled(**_: object) -> None:
-        raise asyncio.CancelledError("of a driver's library")
+    def fail(**_: object) -> None:
+        raise raised
 
-    monkeypatch.setattr("skincal.cli.main.app", cancelled)
+    monkeypatch.setattr("skincal.cli.main.app", fail)
     with pytest.raises(SystemExit) as ended:
         main(["hand", "list"])
     assert ended.value.code == 1
-    assert "CancelledError" in capsys.readouterr().err
+    assert type(raised).__name__ in capsys.readouterr().err

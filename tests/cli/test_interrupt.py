@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from skincal.cli.interrupt import REQUESTS, interruptible
+from skincal.cli.interrupt import REQUESTS, interruptible, moving
+from skincal.hand.errors import HandError
 
 HANDLERS = (signal.SIGINT, signal.SIGALRM, *REQUESTS)
 
@@ -71,3 +72,24 @@ def test_an_interrupted_verb_says_so_and_exits_with_130(
         main(["fit", str(tmp_path), "--out", str(tmp_path / "cal")])
     assert left.value.code == 130
     assert capsys.readouterr().err.strip() == "skincal: interrupted"
+
+
+def test_a_further_signal_does_not_suppress_that_a_hand_was_not_stopped(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It may come at any moment: here while the message is composed."""
+    from skincal.cli import interrupt
+
+    more, compose = [1, 2], interrupt._danger_and_notes
+
+    def struck(error: BaseException | None) -> tuple[str, list[str]]:
+        if more:
+            more.pop()
+            raise KeyboardInterrupt
+        return compose(error)
+
+    monkeypatch.setattr(interrupt, "_danger_and_notes", struck)
+    with pytest.raises(SystemExit) as left, moving():
+        raise HandError("interrupted; stop() did not return! Cut the hand's power.", "driver", stopped=False)
+    assert left.value.code == 1
+    assert "Cut the hand's power" in capsys.readouterr().err

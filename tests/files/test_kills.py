@@ -83,6 +83,18 @@ def _diagnosis(_: Path, force: bool) -> None:
     write_calibration(make_calibration(rows=20), "out", force=force, beside=beside)
 
 
+def _audit(_: Path, force: bool) -> None:
+    """Write the output as ``skincal audit`` does, a picture; what it shows takes seconds to compute."""
+    from matplotlib.figure import Figure
+
+    from skincal.cli.audit import PICTURE
+    from skincal.files import whole_folder
+    from skincal.report.style import save
+
+    with whole_folder("out", force=force, marker=PICTURE) as folder:
+        save(Figure(), folder / PICTURE)
+
+
 def _evaluation(_: Path, force: bool) -> None:
     """Write the output as ``skincal eval`` does."""
     from skincal.cli import eval as cli
@@ -150,7 +162,7 @@ VERBS = {
             prepare=_both,
         ),
         Verb("dataset show", _verb("dataset", "show", "data", "--out", "out.png"), ("out.png",), prepare=_session),
-        Verb("audit", _verb("audit", "plan.toml"), prepare=lambda folder: write_plan(PLAN, folder / "plan.toml")),
+        Verb("audit", _audit),
         Verb("fit", _fit),
         Verb("diagnose", _diagnosis),
         Verb("eval", _evaluation),
@@ -196,6 +208,14 @@ def test_a_kill_loses_nothing(tmp_path: Path, verb: str) -> None:
     study = make_study(tmp_path, verb, "replaced")
     for at in (study.events // 3, 2 * study.events // 3, study.events - 2):
         study.kill(at)
+
+
+@pytest.mark.parametrize(("verb", "way"), [("export-dr", "new"), ("eval", "replaced")])
+def test_an_interrupt_leaves_nothing(tmp_path: Path, verb: str, way: str) -> None:
+    """At every write event, those of cleaning up among them."""
+    study = make_study(tmp_path, verb, way)
+    for at in range(1, study.events + 1):
+        study.interrupt(at)
 
 
 @pytest.mark.slow

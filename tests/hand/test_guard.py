@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -91,6 +92,8 @@ BAD_STATES: dict[str, tuple[Callable[[HandState], Any], str, str]] = {
         "taxels",
         "taxel (1, 1) is stale: 0.6 s old, the limit is 0.5 s",
     ),
+    "no float": (changed(time_s=10**400), "state", "a state that cannot be read: OverflowError"),
+    "long double": (changed(time_s=np.longdouble(1)), "state", "time_s: expected a number"),
     "no stamp": (changed(taxel_time_s=array(*[np.nan] * 4)), "taxels", "its time stamp is NaN"),
 }
 
@@ -202,6 +205,33 @@ def test_a_hand_that_does_not_connect_is_stopped_and_closed() -> None:
     assert "connect() raised OSError: no such port" in str(error)
     assert driver.calls == ["connect", "stop", "close"]
     assert run(FakeHand(hang={"connect": 1.0}, real_time=True))[0].kind == "timeout"
+
+
+class Undescribed(FakeHand):
+    """A hand of which an attribute hangs, raises, or changes."""
+
+    period: Callable[[], Any]
+
+    @property
+    def period_s(self) -> float:
+        return self.period()
+
+
+@pytest.mark.parametrize(
+    ("period", "text"),
+    [
+        (lambda: time.sleep(1.0), "description() did not return within 0.15 s"),
+        (lambda: sys.exit(0), "description() raised SystemExit"),
+        (lambda: "often", "description() raised TypeError"),
+        (lambda: float("nan"), "period_s: expected a time above 0 s"),
+    ],
+)
+def test_a_hand_that_cannot_be_described_is_stopped(period: Callable[[], Any], text: str) -> None:
+    driver = Undescribed()
+    driver.period = period
+    error, _ = run(driver)
+    assert text in str(error) and error.stopped
+    assert "stop" in driver.calls
 
 
 def test_a_simulated_hand_may_take_longer_to_connect() -> None:
@@ -427,16 +457,16 @@ def test_a_cycle_costs_little() -> None:
     costs: list[float] = []
     for _ in range(3):
         with GuardedHand(FakeHand(), GuardOptions(timeout_s=5.0)) as hand:
-            start = time.perf_counter()
+            start = time.process_time()
             for _ in range(cycles):
                 hand.act(HandCommand(hand.observe().q_desired_rad))
-            guarded = time.perf_counter() - start
+            guarded = time.process_time() - start
         bare = FakeHand()
         bare.connect()
-        start = time.perf_counter()
+        start = time.process_time()
         for _ in range(cycles):
             bare.act(HandCommand(bare.observe().q_desired_rad))
-        costs.append((guarded - (time.perf_counter() - start)) / cycles / 2)
+        costs.append((guarded - (time.process_time() - start)) / cycles / 2)
     # Below 100 us a call on a quiet machine; the bound leaves room for a busy one.
     assert min(costs) < 400e-6
     print(f"guard: {min(costs) * 1e6:.0f} us a call")

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hand_fakes import FakeHand
@@ -15,7 +16,8 @@ from hand_fakes import FakeHand
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.halt import ENDING, STOPPED, halt, held_back
+from skincal.hand.halt import STOPPED, halt
+from skincal.signals import ENDING, held_back
 
 QUICK = GuardOptions(timeout_s=0.3, connect_timeout_s=0.3, stop_timeout_s=0.1)
 
@@ -100,6 +102,25 @@ def test_what_is_held_back_comes_afterwards() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert {signal.SIGTSTP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGTERM, signal.SIGHUP} <= set(ENDING)
     assert not {signal.SIGKILL, signal.SIGSTOP, signal.SIGCHLD, signal.SIGSEGV} & set(ENDING)
+
+
+def test_a_signal_between_two_handlers_leaves_none_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Handlers are set one after the other, and a signal may come in between."""
+    set_handler, count = signal.signal, 0
+
+    def struck(number: int, handler: Any) -> Any:
+        nonlocal count
+        count += 1
+        if count in (20, len(ENDING) + 10):
+            signal.raise_signal(signal.SIGINT)
+        return set_handler(number, handler)
+
+    before = {number: signal.getsignal(number) for number in ENDING}
+    monkeypatch.setattr(signal, "signal", struck)
+    with pytest.raises(KeyboardInterrupt), held_back():
+        pass
+    monkeypatch.undo()
+    assert {number: signal.getsignal(number) for number in ENDING} == before
 
 
 def test_a_stop_that_raises_once_has_stopped() -> None:

@@ -96,6 +96,30 @@ def test_a_name_that_leads_nowhere(name: str, text: str) -> None:
     assert text in str(caught.value)
 
 
+def test_a_driver_that_cannot_be_described(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its description is needed before it is connected."""
+    monkeypatch.setattr(OptionHand, "description", property(lambda self: sys.exit(0)))
+    with pytest.raises(WorkError, match="cannot be created: SystemExit"):
+        create_driver(NAME, port="x")
+    monkeypatch.undo()
+    monkeypatch.setattr(OptionHand, "name", property(lambda self: 1 / 0))
+    with pytest.raises(WorkError, match="cannot be created: ZeroDivisionError"):
+        create_driver(NAME, port="x")
+    monkeypatch.undo()
+    monkeypatch.setattr(OptionHand, "description", None)
+    with pytest.raises(InputError, match="description: expected a HandDescription; got NoneType"):
+        create_driver(NAME, port="x")
+
+
+def test_annotations_that_only_a_type_checker_knows(monkeypatch: pytest.MonkeyPatch) -> None:
+    def make(port: Serial, speed: int = 1) -> FakeHand:  # type: ignore[name-defined]  # noqa: F821
+        return FakeHand()
+
+    monkeypatch.setattr(sys.modules[__name__], "make_hand", make, raising=False)
+    assert [option.name for option in driver_options(f"{__name__}:make_hand")] == ["port", "speed"]
+    assert driver_options("builtins:dict") == ()
+
+
 def test_a_driver_that_cannot_be_imported_or_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "broken_hand.py").write_text("raise RuntimeError('no licence')")
     (tmp_path / "needing_hand.py").write_text("import a_vendor_library")
