@@ -72,7 +72,9 @@ class SensorSpec(Table):
     def violations(self) -> Iterator[Violation]:
         """Yield a size that is missing or too large for the pitch, and bounds out of order."""
         if self.taxels > MOST_TAXELS:
-            yield "rows", f"at most {MOST_TAXELS} taxels, rows x cols", f"{self.rows} x {self.cols}"
+            got = f"{self.rows} x {self.cols}"
+            for key in [key for key in ("rows", "cols") if getattr(self, key) > MOST_TAXELS] or ["rows"]:
+                yield key, f"at most {MOST_TAXELS} taxels, rows x cols", got
         low, high, size, pitch = self.value_min, self.value_max, self.taxel_size_m, self.pitch_m
         if low is not None and high is not None and low >= high:
             yield "value_max", f"more than value_min = {low:g}", high, "Correct one of them."

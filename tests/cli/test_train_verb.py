@@ -94,7 +94,7 @@ def test_a_run_is_not_overwritten_or_changed(trained, capsys, arguments, said):
 
 def test_going_on_with_nothing(tmp_path, capsys):
     assert train(tmp_path / "no", "--resume") == 2
-    assert "expected a training run begun by `skincal train`" in capsys.readouterr().err
+    assert "expected the description of the training run; got no such file" in capsys.readouterr().err
 
 
 def test_ranges_that_lack_a_parameter(tmp_path, capsys):

@@ -75,6 +75,7 @@ def test_everything_at_once(tmp_path: Path):
         ({"taxels": {"columns": [["a", "b"]]}}, "expected 4 rows of 4 columns"),
         ({"taxels": {"first": "one"}}, "the first number of rows, columns or taxels"),
         ({"taxels": {"colums": "x"}}, 'Did you mean "columns"?'),
+        ({"sensor": {"cols": 2**62}}, "[sensor] cols: expected at most 16384 taxels"),
         ({"frame": {"rotation_deg": [1, 2]}}, "expected three angles about x, y, z [deg]; got [1, 2]"),
         ({"frame": {"quaternion_xyzw": [1, 1, 0, 0]}}, "expected a quaternion of length 1"),
         ({"frame": {"translation_m": [0, 23, 0]}}, "It looks like millimetres"),
