@@ -16,7 +16,7 @@ from scipy.stats import binomtest
 import skincal.envs
 from skincal.train import Task, read_policy
 from skincal.train.evaluate import check_fits, check_task
-from skincal.train.settings import ENVIRONMENT_IDS
+from skincal.train.tasks import ENVIRONMENT_IDS
 
 assert skincal.envs  # registers the tasks
 

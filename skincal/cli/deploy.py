@@ -11,7 +11,7 @@ from skincal.cli.eval import read_targets
 from skincal.cli.interrupt import moving
 from skincal.cli.options import argument, example, numbers_by_name, option, wrong
 from skincal.cli.terminal import answer, plain
-from skincal.train.settings import Task
+from skincal.train.tasks import Task
 
 if TYPE_CHECKING:
     import numpy as np

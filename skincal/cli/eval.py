@@ -13,7 +13,7 @@ from skincal.cli import options
 from skincal.cli.options import argument, example, numbers_by_name, option, wrong
 from skincal.cli.terminal import answer, picked, plain, table, warn
 from skincal.progress import stage_bars
-from skincal.train.settings import Task
+from skincal.train.tasks import Task
 
 if TYPE_CHECKING:
     from rich.table import Table

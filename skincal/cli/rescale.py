@@ -10,7 +10,7 @@ from skincal.cli import options
 from skincal.cli.deploy import MARKER, SESSION, targets_of
 from skincal.cli.options import argument, example, option, wrong
 from skincal.cli.terminal import answer, warn
-from skincal.train.settings import Task
+from skincal.train.tasks import Task
 
 if TYPE_CHECKING:
     from skincal.calibration import Calibration

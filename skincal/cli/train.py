@@ -11,11 +11,12 @@ from skincal.cli.interrupt import resumable
 from skincal.cli.options import argument, example, option, wrong
 from skincal.cli.terminal import answer, picked, say
 from skincal.errors import InputError, Problem
-from skincal.train.settings import PUBLISHED_STEPS, BackendName, PolicyKind, PpoSettings, Settings, Task, Work
+from skincal.train.tasks import PUBLISHED_STEPS, BackendName, PolicyKind, Task
 
 if TYPE_CHECKING:
     from skincal.ranges import Ranges
     from skincal.train import Policy, Trained
+    from skincal.train.settings import Work
 
 Learned = Literal["marble", "bolt", "pellets", "estimator"]
 Engine = Literal["pybullet", "mujoco"]
@@ -116,6 +117,8 @@ def train(
 
 def _work(task: Task, given: dict[str, Any], first: Policy | None) -> Work:
     """Return a new run."""
+    from skincal.train.settings import PpoSettings, Settings, Work
+
     settings = PpoSettings() if task is Task.pellets else Settings()
     if "--envs" in given:
         settings = replace(settings, environments=given["--envs"])

@@ -17,7 +17,7 @@ from skincal.ranges import Ranges
 from skincal.train.evaluate import POLICY_HZ, RANDOMIZED, Trial
 from skincal.train.policy_file import Policy
 from skincal.train.scores import Runs
-from skincal.train.settings import Task
+from skincal.train.tasks import Task
 
 FloatArray = NDArray[np.float64]
 

@@ -8,15 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from skincal.train.settings import (
-    PUBLISHED_STEPS,
-    BackendName,
-    PolicyKind,
-    PpoSettings,
-    Settings,
-    Task,
-    Work,
-)
+from skincal.train.tasks import PUBLISHED_STEPS, BackendName, PolicyKind, Task
 
 if TYPE_CHECKING:
     from skincal.train.bundled import bundled_policies, policy_path
@@ -25,6 +17,7 @@ if TYPE_CHECKING:
     from skincal.train.network import Network
     from skincal.train.onnx_file import write_policy
     from skincal.train.policy_file import Description, Policy, read_policy
+    from skincal.train.settings import PpoSettings, Settings, Work
     from skincal.train.training_run import Trained, begin, read_run, train
     from skincal.train.watch import Round
 
@@ -32,8 +25,11 @@ _MODULES = {
     "Description": "policy_file",
     "Network": "network",
     "Policy": "policy_file",
+    "PpoSettings": "settings",
     "Round": "watch",
+    "Settings": "settings",
     "Trained": "training_run",
+    "Work": "settings",
     "begin": "training_run",
     "bundled_policies": "bundled",
     "make_environment": "environments",

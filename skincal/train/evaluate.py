@@ -14,7 +14,7 @@ from skincal.errors import InputError, Problem
 from skincal.ranges import Ranges
 from skincal.train.policy_file import Policy
 from skincal.train.scores import Runs
-from skincal.train.settings import ENVIRONMENT_IDS, Task
+from skincal.train.tasks import ENVIRONMENT_IDS, Task
 
 FloatArray = NDArray[np.float64]
 Environment = gymnasium.Env[Any, Any]

@@ -18,7 +18,7 @@ from skincal.dataset.schema_errors import Violation
 from skincal.errors import InputError, Problem, WorkError
 from skincal.files import reason
 from skincal.train.network import Network
-from skincal.train.settings import PolicyKind, Task
+from skincal.train.tasks import PolicyKind, Task
 
 FORMAT: Final = "skincal-policy/1"
 DESCRIPTION_KEY: Final = "skincal"

@@ -24,7 +24,8 @@ from skincal.train.environments import Make, end, in_full, parallel, segment_see
 from skincal.train.learner import Learner
 from skincal.train.onnx_file import write_policy
 from skincal.train.policy_file import Description, Policy, read_policy
-from skincal.train.settings import BackendName, PpoSettings, Settings, Work
+from skincal.train.settings import PpoSettings, Settings, Work
+from skincal.train.tasks import BackendName
 from skincal.train.watch import Round
 
 MARKER: Final = "run.toml"

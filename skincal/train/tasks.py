@@ -1,0 +1,41 @@
+"""Tasks, observations and backends by name; nothing that help would wait for."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Final
+
+
+class Task(StrEnum):
+    """Object between the fingers."""
+
+    marble = "marble"
+    bolt = "bolt"
+    pellets = "pellets"
+
+
+class PolicyKind(StrEnum):
+    """Observations of a policy (the paper's table "Observation space of different policies")."""
+
+    tactile = "tactile"
+    joint_angles = "joint-angles"
+    desired = "desired"
+    ideal = "ideal"
+
+
+class BackendName(StrEnum):
+    """Backend: Stable-Baselines3 in torch, or the same algorithm in jax."""
+
+    sb3 = "sb3"
+    sbx = "sbx"
+
+
+ENVIRONMENT_IDS: Final = {
+    Task.marble: "skincal/MarbleRoll-v0",
+    Task.bolt: "skincal/BoltRoll-v0",
+    Task.pellets: "skincal/PelletSeparate-v0",
+}
+"""What gymnasium makes a task by."""
+
+PUBLISHED_STEPS: Final = {Task.marble: 800_000, Task.bolt: 600_000, Task.pellets: 8_000_000}
+"""Length of a training run [environment steps], Kasolowsky & Bäuml, IROS 2024, section V-E; pellets: ICRA 2026."""
