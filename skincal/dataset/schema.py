@@ -199,14 +199,13 @@ def _check_format(value: object, form: str, findings: Findings, file: str) -> No
 def _blank(values: dict[str, Any], place: Place) -> None:
     """Put BLANK at a place of nested tables and lists, whose copies replace the originals."""
     inside: Any = values
-    for key in place[:-1]:
+    for key, following in zip(place, (*place[1:], None), strict=True):
         inner = inside.get(key) if isinstance(inside, dict) else inside[key]
-        if not isinstance(inner, dict | list):
+        if following is None or not isinstance(inner, list if isinstance(following, int) else dict):
             inside[key] = BLANK
             return
-        inside[key] = inner.copy()
+        inside[key] = cast("list[Any] | dict[str, Any]", inner).copy()
         inside = inside[key]
-    inside[place[-1]] = BLANK
 
 
 def _blank_or(placeholder: Any, value: Any, handler: Callable[[Any], Any]) -> Any:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 import tomli_w
@@ -121,7 +121,10 @@ def read_run(folder: Path) -> tuple[Work, Ranges]:
     findings = Findings(folder)
     table = dict(load_toml(place, findings, what="training run", within=folder) or {})
     findings.raise_errors()
-    settings: dict[str, Any] = table.pop("settings") if isinstance(table.get("settings"), dict) else {}
+    given: object = table.pop("settings", {})
+    if not isinstance(given, dict):
+        findings.error(f"{MARKER}, [settings]", "a table [settings]", given)
+    settings = cast("dict[str, Any]", given) if isinstance(given, dict) else {}
     kind = PpoSettings if "rollout_steps" in settings else Settings
     work = read_table(Work, table, findings, MARKER, FORMAT)
     work = replace(work, settings=read_table(kind, settings, findings, MARKER, within=("settings",)))
