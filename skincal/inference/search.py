@@ -284,6 +284,9 @@ class Search:
         if not fits:
             return None
         fits = [(t, self._settled(x.state, x.free)) for t, x in self._alike(fits)]
+        fits = [(t, x) for t, x in fits if Score(self.score(x) - self.score(fit)).total > t.limit]
+        if not fits:
+            return None
         (first, new), *alike = self._alike(fits)
         gain = Score(self.score(new) - self.score(fit)).total
         rivals = tuple((t.name, x) for t, x in alike)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.search import Named, Search
@@ -39,3 +40,27 @@ def test_a_search_ends_where_one_effect_gains_taxel_by_taxel():
     found = Endless(none, base, (), frozenset(), np.random.default_rng(0)).run()
     (one,) = found.named
     assert one.gain == 20.0 * C.rounds
+
+
+class Settling(Search):
+    """A joint fit that gains 40 nats after a few steps, and something else once it is settled."""
+
+    settled = 0.0
+
+    def with_one(self, fit: Any, tried: Any) -> Any:
+        return SimpleNamespace(state=None, free=(), each=2.0)
+
+    def _settled(self, state: Any, free: Any) -> Any:
+        return SimpleNamespace(each=self.settled / 20)
+
+    def score(self, fit: Any) -> Any:
+        return np.full(20, fit.each)
+
+
+@pytest.mark.parametrize(("settled", "named"), [(16.0, False), (36.0, True)])
+def test_what_is_named_is_beyond_its_limit_when_its_fit_is_settled(settled: float, named: bool):
+    none: Any = None
+    search = Settling(none, none, (), frozenset(), np.random.default_rng(0))
+    search.settled = settled
+    tried: Any = SimpleNamespace(name="cover", shared=26.0, sure=2.9, limit=30.0, p_value=0.01)
+    assert (search._best(SimpleNamespace(each=0.0), [tried]) is not None) is named
