@@ -94,7 +94,7 @@ def effect_intervals(
     own = fit.state.effects
     at = np.array([f.get(own) for f in fit.free])
     ends = [with_values(own, fit.free, at + side * _WIDTH * sd) for side in (-1.0, 1.0)]
-    keys = {f.parameter.name for f in fit.free if f.effect == name}
+    keys = dict.fromkeys(f.parameter.name for f in fit.free if f.effect == name)  # in their order
     return {
         k: (np.minimum(ends[0][name][k], ends[1][name][k]), np.maximum(ends[0][name][k], ends[1][name][k]))
         for k in keys
