@@ -12,7 +12,6 @@ import pytest
 pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
 
 from calibrations import make_calibration
-from conftest import make_session
 from hands import other_hand
 
 from skincal.calibration import read_calibration, write_calibration
@@ -24,6 +23,7 @@ from skincal.imports import import_csv, import_rosbag
 from skincal.ranges import read_ranges
 from skincal.robot import read_hand
 from skincal.train import read_curve, read_policy, read_run
+from tests.conftest import make_session
 
 SECRET = "root:x:0:0"
 

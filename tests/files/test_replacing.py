@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from calibrations import make_calibration
 from commands import run
-from conftest import make_session
 
 from skincal.calibration import write_calibration
 from skincal.dataset import write_dataset
@@ -19,6 +18,7 @@ from skincal.errors import InputError
 from skincal.files import moves, refuse_existing, whole_file, whole_folder
 from skincal.files.manifest import NAME, strangers
 from skincal.hand.sockets import make_keys
+from tests.conftest import make_session
 
 
 def write(path: Path, text: str = "x") -> Path:

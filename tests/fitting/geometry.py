@@ -42,6 +42,6 @@ def general_problem(table: PressTable, surface: Surface | None = None) -> FitPro
     """A session on the cylinder, or taken to be on a surface that is nearly one, to be fitted the general way."""
     surface = surface or Cylinder(RADIUS)
     own = replace(rig(), surface=surface, mesh_radius_m=RADIUS if isinstance(surface, MeshSurface) else None)
-    problem = pose_problem(own, table)
+    problem = pose_problem(own, table, min_active=2)
     contacts = ContactMap.of(surface, on_cylinder(table), problem.rows, own.slack_m + MARGIN_M)
     return replace(problem, contacts=contacts)

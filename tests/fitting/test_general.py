@@ -277,7 +277,7 @@ def test_a_climb_ends_where_that_of_the_fast_way_does(
     # On cells of 0.5 mm tabled every 0.3 mm the centre is 0.6 sigma off, and E and S 0.5.
     tabled = _tabled(problem, _macro(truth), replace(REACH, step_m=0.2e-3, resolution_m=0.25e-3))
     general = run_climb(ClimbTask(problem, _bounds(BOX), start, table=tabled))
-    fast = run_climb(ClimbTask(pose_problem(rig(), table), _bounds(BOX), start))
+    fast = run_climb(ClimbTask(pose_problem(rig(), table, min_active=2), _bounds(BOX), start))
     sigma = np.sqrt(np.diag(fast.covariance))
     assert abs(general.log_density - fast.log_density) < 2.0
     off, width = np.abs(general.macro - fast.macro) / sigma, np.sqrt(np.diag(general.covariance)) / sigma
@@ -307,7 +307,7 @@ def test_the_whole_general_fit_agrees_with_the_fast_one(truth: Truth) -> None:
     table, _ = make_session(truth, presses=30, seed=3)
     options = replace(QUICK, steps=GridSteps(2.4e-3, 2.0e-3, math.radians(20), 4))
     general = _solved(general_problem(table), options)
-    fast = _solved(pose_problem(rig(), table), QUICK)
+    fast = _solved(pose_problem(rig(), table, min_active=2), QUICK)
     for name, (low, high) in fast.intervals.items():
         assert low <= general.best[name] <= high, name
         own = general.intervals[name]

@@ -227,7 +227,9 @@ def test_a_damaged_checkpoint(tmp_path):
 
 
 def test_no_run(tmp_path):
-    with pytest.raises(InputError, match=r"run\.toml: expected a training run begun by `skincal train`"):
+    with pytest.raises(
+        InputError, match=r"run\.toml: expected the description of the training run; got no such file"
+    ):
         train(tmp_path, small_runs.make)
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from calibrations import make_calibration
 from commands import captured
-from conftest import make_session
 
 from skincal.calibration import write_calibration
 from skincal.dataset import write_dataset
+from tests.conftest import make_session
 
 PLAN = "u_m,v_m,force_n\n0,0,2\n"
 VERBS = {
