@@ -90,7 +90,15 @@ class Effect(ABC):
     source: ClassVar[str]
 
     def checked(self, given: Mapping[str, ArrayLike], taxels: int) -> Values:
-        """Return all parameters, as :func:`~skincal.effects.parameter.checked`."""
+        """Return the values of all parameters: given ones, and neutral or default ones for the rest.
+
+        Args:
+            given: numbers by parameter; one number stands for all taxels or poses.
+            taxels: number of taxels J.
+
+        Raises:
+            InputError: unknown parameters, or values out of bounds.
+        """
         return checked(self.name, self.parameters, given, taxels)
 
     def is_neutral(self, values: Values) -> bool:
