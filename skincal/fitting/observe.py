@@ -211,18 +211,19 @@ _APART = 4.0
 def _noise_on_bound(counts: Floats, found: RestLevels, readout: Readout) -> float:
     """Noise of one frame [counts] where taxels rest on the lower bound of the converter, NaN where they do not.
 
-    Readings on the bound itself tell it with the mean above it. Of means of many frames none lies there: then the level
-    at rest is taken for the bound, and its lift tells the noise. Such a lift is no more than a small part of the range,
-    and has a scatter: that of a mean of some hundreds of frames is a twentieth of it. Where levels lie apart, how their
-    scatters differ tells which part of the noise the bound leaves each.
+    Readings on the bound itself tell it with the mean above it. Of means of many frames none lies there, and rounded
+    readings lie there by rounding: then the level at rest is taken for the bound, and its lift tells the noise. Such a
+    lift is no more than a small part of the range, and has a scatter: that of a mean of some hundreds of frames is a
+    twentieth of it. Where levels lie apart, how their scatters differ tells which part of the noise the bound leaves
+    each.
     """
     low, known = readout.value_min, found.known & np.isfinite(found.level)
     if low is None or not known.any() or not np.isfinite(found.scatter):
         return float("nan")
     lift, dark, scatter = found.level[known] - low, np.maximum(found.dark[known], 1), found.scatters[known]
     on_bound = (counts[:, known] <= low).sum(axis=0)
-    if on_bound.sum() >= _ON_BOUND * dark.sum():
-        return _noise_of_frames(lift, on_bound / dark, readout)
+    if on_bound.sum() >= _ON_BOUND * dark.sum() and not readout.integer:
+        return _noise_of_frames(lift, on_bound / dark)
     middle = float(np.median(lift))
     if not 0.0 < middle < 20.0 * found.scatter:
         return float("nan")
@@ -238,15 +239,15 @@ _SEEN = 9.0
 """Clipping is seen in the scatters of levels where it explains them by so much better, in chi squared (3 sigmas)."""
 
 
-def _noise_of_frames(lift: Floats, on_bound: Floats, readout: Readout) -> float:
+def _noise_of_frames(lift: Floats, on_bound: Floats) -> float:
     """Noise of frames, from the mean lift of each taxel (J,) and the part of its readings on the bound (J,)."""
     use = (on_bound > 0.05) & (on_bound < 0.95)
     if not use.any():
         return float("nan")
-    # x > edge with the chance above; the mean of what is above is edge * above + sigma (t above + density).
-    edge, t = 0.5 if readout.integer else 0.0, -ndtri(on_bound[use])
+    # x > 0 with the chance above; the mean of what is above is sigma (t above + density).
+    t = -ndtri(on_bound[use])
     above, density = ndtr(t), np.exp(-0.5 * t * t) / np.sqrt(2 * np.pi)
-    sigma = float(np.median((lift[use] - edge * above) / (t * above + density)))
+    sigma = float(np.median(lift[use] / (t * above + density)))
     return sigma if sigma > 0 else float("nan")
 
 

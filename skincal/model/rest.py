@@ -22,6 +22,9 @@ _FINEST = 1e-4
 _EVIDENCE = 10.0
 """Half of the noise is clipped where that is so many nats likelier than that low readings are signals."""
 
+_FINE = 5.0
+"""Noise of so many steps has the shape of a half normal distribution; smaller noise has that of its steps."""
+
 _NOISY = 0.25
 """Beside readings on the bound, noise that the bound cuts in half leaves this part as many above it at least."""
 
@@ -74,7 +77,8 @@ def levels_from_presses(counts: ArrayLike) -> RestLevels:
     scatter, many = np.full(readings.shape[1], np.nan), np.zeros(readings.shape[1], dtype=np.intp)
     finite = readings[np.isfinite(readings)]
     span = float(np.ptp(finite)) if finite.size else 0.0
-    finest = max(_FINEST * span, min(0.5 * quantum(finite), _ROUNDED * span))
+    step = quantum(finite)
+    finest = max(_FINEST * span, min(0.5 * step, _ROUNDED * span))
     for j, column in enumerate(readings.T):
         read = np.sort(column[np.isfinite(column)])
         if len(read) == 0:
@@ -83,8 +87,8 @@ def levels_from_presses(counts: ArrayLike) -> RestLevels:
         middle = np.median(lower)
         edge = float(np.quantile(lower, 0.16))
         sigma = max(1.5 * float(middle - edge), finest)
-        if edge == read[0]:
-            sigma = max(sigma, half_scatter(read, finest))
+        if edge == read[0] and (half := half_scatter(read, finest)) > _FINE * step:
+            sigma = max(sigma, half)
         dark = read[np.abs(read - middle) <= 4 * sigma]
         rest[j], scatter[j], many[j] = dark.mean(), dark.std(), len(dark)
     read = np.isfinite(rest)
