@@ -17,7 +17,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-sys.path[1:1] = [str(Path(__file__).parents[1] / "tests" / part) for part in ("", "train")]
+sys.path.insert(1, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(2, str(Path(__file__).parents[1] / "tests" / "train"))
 
 from tests.files.test_kills import CASES, VERBS, make_study
 
