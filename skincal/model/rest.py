@@ -22,8 +22,8 @@ _FINEST = 1e-4
 _EVIDENCE = 10.0
 """Half of the noise is clipped where that is so many nats likelier than that low readings are signals."""
 
-_FINE = 5.0
-"""Noise of so many steps has the shape of a half normal distribution; smaller noise has that of its steps."""
+_FINE = 4.0
+"""Noise of so many steps or more has the shape of a half normal distribution; smaller noise has that of its steps."""
 
 _NOISY = 0.25
 """Beside readings on the bound, noise that the bound cuts in half leaves this part as many above it at least."""

@@ -132,3 +132,16 @@ def test_a_converter_in_volts_saturates_at_its_bound_only() -> None:
     counts[::5, 0], counts[1::5, 1] = 4.7, 5.0
     seen = observe(counts, Readout(0.0, 5.0, False))
     assert not seen.saturated[:, 0].any() and seen.saturated[1::5, 1].all()
+
+
+def test_rounded_frames_on_the_bound_tell_their_noise() -> None:
+    """Steps as large as the noise are no half of a normal distribution: the lift of the level tells it."""
+    found = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        counts = rng.standard_normal((60, 16))
+        lit = rng.random((60, 16)) < 0.25
+        counts[lit] += rng.uniform(20.0, 120.0, lit.sum())
+        seen = observe(np.clip(np.rint(counts), 0, 255), Readout(0.0, 255.0, True))
+        found.append(seen.frame_sigma_counts)
+    assert 0.85 < np.mean(found) < 1.04
