@@ -83,6 +83,7 @@ APART = [
 @settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**32))
 @example(seed=0)
+@example(seed=499174429)
 def test_damaged_samples_end_in_an_error_that_is_meant(known, tmp_path, name, seed):
     known[name].attack(tmp_path, *damaged(random.Random(seed), known[name]))
 

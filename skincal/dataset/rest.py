@@ -91,7 +91,7 @@ def noise_at_rest(dataset: Dataset) -> float:
 
 def _low_spread(counts: NDArray[np.float64]) -> np.floating:
     """Return the standard deviation of the lower half of readings, by two quantiles 1.03 sigmas apart if normal."""
-    middle, low = np.nanquantile(counts, (0.4, 0.1))
+    middle, low = np.quantile(counts[np.isfinite(counts)], (0.4, 0.1))
     return (middle - low) / 1.028
 
 
