@@ -105,6 +105,7 @@ def fit(
     Writes a calibration: best parameters, intervals, the evaluated grid, posterior draws, the slack of every press, and
     a report. An interrupted fit continues when the same command is given again.
     """
+    from skincal import api
     from skincal.calibrate import Outcome, choose_way
     from skincal.calibrate.dataset_fit import why_dropped
     from skincal.calibration import write_calibration
@@ -137,8 +138,6 @@ def fit(
         active_counts=active_counts, min_active=min_active, bound_counts2=bound_counts2, level=level, draws=draws,
         per_taxel=per_taxel, steps=steps,
     )  # fmt: skip
-    from skincal import api
-
     checkpoint = out.parent / f".{out.name}.fit"
     with _resumable(checkpoint), stage_bars() as progress:
         found = api.fit(

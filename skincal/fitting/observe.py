@@ -227,14 +227,15 @@ def _noise_on_bound(counts: Floats, found: RestLevels, readout: Readout) -> floa
     middle = float(np.median(lift))
     if not 0.0 < middle < 20.0 * found.scatter:
         return float("nan")
-    apart = _TO_SIGMA * float(np.median(np.abs(lift - middle)))
+    apart = TO_SIGMA * float(np.median(np.abs(lift - middle)))
     if apart > _APART * found.scatter / np.sqrt(float(np.median(dark))):
         return _noise_of_levels(lift, scatter, dark)
     most = _MAX_CLIPPED_REST / 255.0 * float(np.nanmax(counts) - low)
     return float("nan") if middle > most and not readout.integer else noise_from_rest(middle + low, readout)
 
 
-_TO_SIGMA = 1.4826
+TO_SIGMA = 1.4826
+"""Standard deviation over the median absolute deviation of normal noise."""
 _SEEN = 9.0
 """Clipping is seen in the scatters of levels where it explains them by so much better, in chi squared (3 sigmas)."""
 

@@ -172,9 +172,14 @@ class FitProblem:
         return _PARAMETERS + _COORDINATES * int(self._telling.sum())
 
     @property
+    def lone(self) -> Bools:
+        """(K,) presses with fewer active taxels than coordinates: their image alone does not tell their place."""
+        return np.asarray(self.active[self.rows] < _COORDINATES, dtype=np.bool_)
+
+    @property
     def on_grid(self) -> FitProblem:
         """The presses whose normalised image tells something: two active taxels or more; all where few have those."""
-        enough = self.active[self.rows] >= _COORDINATES
+        enough = ~self.lone
         return self.subset(enough, "one active taxel") if enough.sum() >= _PARAMETERS else self
 
     @property

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import gammaln, logsumexp
 
 from skincal.fitting.errors import NOWHERE, FitError
+from skincal.fitting.observe import TO_SIGMA
 from skincal.fitting.posterior import Peak
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Floats
@@ -133,13 +134,11 @@ def tilted(draws: Draws, points: Floats, rise: Floats) -> Draws:
         prior = np.diag([0.0] + [max(noise, 1e-6)] * (x.shape[1] - 1))
         found = np.linalg.solve(x[keep].T @ x[keep] + prior, x[keep].T @ y[keep])
         off = np.abs(y - x @ found)
-        keep = off <= 4 * _TO_SIGMA * max(float(np.median(off)), 1e-9)
+        keep = off <= 4 * TO_SIGMA * max(float(np.median(off)), 1e-9)
     log_weight = np.log(np.maximum(draws.weight, 1e-300)) + terms(draws.points) @ found
     weight = np.exp(log_weight - log_weight.max()) * (draws.weight > 0)
     return Draws(draws.points, weight / weight.sum(), draws.correlation)
 
-
-_TO_SIGMA = 1.4826
 
 WALKERS, BURN_IN, STEPS = 44, 60, 220
 """Walkers of the ensemble (four a dimension), steps that they first take to spread, and steps that are kept."""

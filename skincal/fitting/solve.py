@@ -58,9 +58,6 @@ GRID_NOISE = 0.007
 WORTH = 100
 """Importance sampling whose draws are worth fewer independent ones gives way to an ensemble of walkers."""
 
-TWO = 2
-"""Active taxels of a press whose place its image tells."""
-
 ROUGH_ROUNDS = 2
 """Times the fewest rounds after which draws that are worth too little tell that a density is rough."""
 
@@ -372,7 +369,7 @@ def _drawn(
     """
     draws, density = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
     worth = min(WORTH, options.enough_draws)
-    lone = problem.active[problem.rows] < TWO
+    lone = problem.lone
     if draws.effective >= worth and lone.any():
         some = draws.resampled(rng, CHECKED)
         tasks = [EvidenceTask(problem, around, peak.places, draws.mean, p) for p in np.array_split(some, 2)]
@@ -400,7 +397,7 @@ def _sample(
     progress: Progress,
 ) -> tuple[Draws, Density]:
     fewest, most = options.rounds
-    if (problem.active[problem.rows] < TWO).any():
+    if problem.lone.any():
         most = min(most, ROUGH_ROUNDS * fewest)
 
     def density(points: Floats) -> Floats:
