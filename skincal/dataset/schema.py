@@ -27,7 +27,7 @@ from typing import (
 
 from skincal.bounded import UnreadableError, parse_toml, read_text
 from skincal.dataset.findings import Findings
-from skincal.dataset.keys import adjusted, wrong
+from skincal.dataset.keys import Size, adjusted, wrong
 from skincal.dataset.schema_errors import (
     ABSENT,
     BLANK,
@@ -175,8 +175,9 @@ def _violations(found: Any, place: Place) -> Iterator[Violation]:
 def plain_table(spec: Any) -> dict[str, Any]:
     """Return a table as TOML writes it, without None; a square size is one number."""
     values = {field.name: getattr(spec, field.name) for field in fields(spec) if field.name != "extra"}
-    for key in ("taxel_size_m", "pitch_m"):
-        if (pair := values.get(key)) is not None and pair[0] == pair[1]:
+    for key, hint in get_type_hints(type(spec), include_extras=True).items():
+        is_size = any(isinstance(one, Size) for one in getattr(hint, "__metadata__", ()))
+        if is_size and (pair := values[key]) is not None and pair[0] == pair[1]:
             values[key] = pair[0]
     plain = {key: list(v) if isinstance(v, tuple) else v for key, v in values.items() if v is not None}
     return {**plain, **getattr(spec, "extra", {})}

@@ -141,8 +141,9 @@ def _violations(file: _File, description: HandDescription, urdf: Urdf) -> Iterat
     elif np.any((angles < limits.lower_rad) | (angles > limits.upper_rad)):
         yield ("pinch", "angles_deg"), "angles within the limits of hand.toml", file.pinch.angles_deg
     links = ", ".join(urdf.links)
-    for one in set(file.pinch.remove_links) - set(urdf.links):
-        yield ("pinch", "remove_links"), f"some of {links}", repr(one)
+    for one in file.pinch.remove_links:
+        if one not in urdf.links:
+            yield ("pinch", "remove_links"), f"some of {links}", repr(one)
     driven = description.indenter_finger.joints
     if link not in urdf.links:
         yield ("thumb", "tip_link"), f"one of {links}", repr(link)
