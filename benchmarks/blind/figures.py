@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
+from benchmarks.blind.measures import ASKED_STRONG, ASKED_WEAK
 from benchmarks.blind.suites import CLASS_OF, CLASSES
 from skincal.report.style import BLACK, BLUE, GREY, LIGHT, ORANGE, new_figure, style
 
@@ -19,7 +20,7 @@ SERIES = (("detected", "something is missing", GREY, "s"), ("right_class", "name
 NOTHING_NAMED = ("none", "unknown")
 
 _PALE_BLUE = "#A6CBE3"
-_ASKED = ((0.19, 0.39, 0.8), (0.39, np.inf, 0.95))
+_ASKED = ((0.19, 0.39, ASKED_WEAK), (0.39, np.inf, ASKED_STRONG))
 """What is asked of the right class: from, to [g], share."""
 
 

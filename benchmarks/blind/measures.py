@@ -34,6 +34,8 @@ from benchmarks.blind.suites import CLASS_OF, CLASSES
 Record = dict[str, Any]
 
 STRONG_G, WEAK_G = 0.4, 0.2
+ASKED_STRONG, ASKED_WEAK = 0.95, 0.85
+"""Share of the right class that is asked from each strength on."""
 BINS = (0.0, 0.19, 0.29, 0.39, 0.59, 0.89, 1.29, math.inf)
 """Edges of the power curve; strengths are hit to 2 %, so an edge lies a little below those that are asked for."""
 _EDGE = 0.97
@@ -98,8 +100,10 @@ def _one(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
     in_images = [o for o in right if o.hidden != [OF_PLACES]]
     can_tell = [o for o in naming if o.hidden[0] not in o.cannot_see and len(o.named[0].consistent_with) == 1]
     return {
-        "right_class_strong": share((o.right_class() for o in strong), at_least=0.95, also_wrong=lost_strong),
-        "right_class_weak": share((o.right_class() for o in weak), at_least=0.85, also_wrong=lost_weak),
+        "right_class_strong": share(
+            (o.right_class() for o in strong), at_least=ASKED_STRONG, also_wrong=lost_strong
+        ),
+        "right_class_weak": share((o.right_class() for o in weak), at_least=ASKED_WEAK, also_wrong=lost_weak),
         "exact_name_where_it_can_be_told": share(
             (o.names[0] == o.hidden[0] for o in can_tell), at_least=0.85
         ),
@@ -187,8 +191,10 @@ def _mixed(outcomes: Sequence[Outcome], failed: Sequence[Record]) -> Record:
     return {
         "wrong_names": share((bool(o.named) for o in empty), at_most=0.02),
         "unknown_though_empty": share(o.verdict == "unknown" for o in empty),
-        "right_class_strong": share((o.right_class() for o in strong), at_least=0.95, also_wrong=len(failed)),
-        "right_class_weak": share((o.right_class() for o in weak), at_least=0.85),
+        "right_class_strong": share(
+            (o.right_class() for o in strong), at_least=ASKED_STRONG, also_wrong=len(failed)
+        ),
+        "right_class_weak": share((o.right_class() for o in weak), at_least=ASKED_WEAK),
         "named": dict(Counter(name for o in empty for name in o.names).most_common()),
     }
 
