@@ -166,15 +166,14 @@ def _violations(found: Any, place: Place) -> Iterator[Violation]:
         for name, inner in cast("Iterable[tuple[Any, Any]]", inside):
             yield from _violations(inner, (*place, name))
     elif isinstance(found, Table):
-        for field in fields(cast(Any, found)):
-            if field.name != "extra":
-                yield from _violations(getattr(found, field.name), (*place, field.name))
+        for name in keys_of(type(found)):
+            yield from _violations(getattr(found, name), (*place, name))
         yield from within(place, found.violations())
 
 
 def plain_table(spec: Any) -> dict[str, Any]:
     """Return a table as TOML writes it, without None; a square size is one number."""
-    values = {field.name: getattr(spec, field.name) for field in fields(spec) if field.name != "extra"}
+    values = {name: getattr(spec, name) for name in keys_of(type(spec))}
     for key, hint in get_type_hints(type(spec), include_extras=True).items():
         is_size = any(isinstance(one, Size) for one in getattr(hint, "__metadata__", ()))
         if is_size and (pair := values[key]) is not None and pair[0] == pair[1]:
