@@ -74,5 +74,10 @@ class InputError(SkincalError):
         return type(self), (self.problems or str(self),)
 
 
+def input_error(place: str, expected: str, got: object, fix: str = "") -> InputError:
+    """Return the error of a single problem; arguments are those of :class:`Problem`."""
+    return InputError([Problem(place, expected, str(got), fix)])
+
+
 class WorkError(SkincalError):
     """The input is well formed, but the work cannot be done with it (a fit that does not converge, say)."""

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from skincal.cli import options
-from skincal.cli.options import argument, example, option, wrong
+from skincal.cli.options import argument, example, option
 from skincal.cli.terminal import answer, first_of, picked, say, warn
+from skincal.errors import input_error
 
 if TYPE_CHECKING:
     from skincal.diagnosis.audit import AuditReport
@@ -75,7 +76,7 @@ def _audited(source: Path, calibration: Path | None, hand: str | None, seed: int
         plan = read_plan(source, Mount.of(description.meta))
         return audit_plan(plan, description, cal, rng), "counts"
     if hand is not None:
-        raise wrong("--hand", "a plan", f"the dataset {source}", "Leave --hand out.")
+        raise input_error("--hand", "a plan", f"the dataset {source}", "Leave --hand out.")
     dataset = read_dataset(source)
     warn((*dataset.warnings, *(() if cal is None else cal.warnings)))
     return audit_dataset(dataset, cal, rng), dataset.meta.sensor.unit_label

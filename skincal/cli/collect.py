@@ -10,8 +10,9 @@ import typer
 
 from skincal.cli import options
 from skincal.cli.interrupt import AGAIN, moving
-from skincal.cli.options import example, numbers_by_name, option, wrong
+from skincal.cli.options import example, numbers_by_name, option
 from skincal.cli.terminal import answer, say, warn
+from skincal.errors import input_error
 
 if TYPE_CHECKING:
     from skincal.collect import Collected, Need, Plan
@@ -73,7 +74,7 @@ def collect(
     if isinstance(rig, StageDriver):
         if second_indenter_mm is not None:
             expected = "a hand's cap; a stage presses with its own indenter"
-            raise wrong("--second-indenter-mm", expected, f"{second_indenter_mm:g}")
+            raise input_error("--second-indenter-mm", expected, f"{second_indenter_mm:g}")
         check_stage(rig.description, beyond=beyond_limits)
         chosen = stage_plan(plan_of(plan, protocol, seed, rig.description, None), rig.description)
     else:
@@ -197,7 +198,7 @@ def options_of(
         own["seed"] = seed
     settings: dict[str, Any] = dict(parse_options(given or []))
     if twice := [name for name in own if name in settings]:
-        raise wrong("--driver-option", "options without an own command-line option", ", ".join(twice))
+        raise input_error("--driver-option", "options without an own command-line option", ", ".join(twice))
     return {**settings, **own}
 
 
@@ -257,16 +258,16 @@ def plan_of(
     mount = Mount.of(description.meta)
     if path is not None and protocol is not None:
         fix = "A plan lists all presses; leave one of the two options out."
-        raise wrong(
+        raise input_error(
             "--protocol", "a protocol or a plan of your own", f"--protocol {protocol} and --plan {path}", fix
         )
     protocol = protocol or "full"
     if second_mm is not None and (path is not None or protocol != "full"):
-        raise wrong("--second-indenter-mm", "the full protocol", path or f"--protocol {protocol}")
+        raise input_error("--second-indenter-mm", "the full protocol", path or f"--protocol {protocol}")
     if path is not None:
         return read_plan(path, mount)
     if protocol not in PROTOCOLS:
-        raise wrong("--protocol", f"one of {', '.join(PROTOCOLS)}", f'"{protocol}"')
+        raise input_error("--protocol", f"one of {', '.join(PROTOCOLS)}", f'"{protocol}"')
     rng = np.random.default_rng([seed, len(protocol)])
     if protocol == "paper":
         return paper_plan(rng, mount.layout)

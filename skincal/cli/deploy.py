@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from skincal.cli import options
 from skincal.cli.eval import read_targets
 from skincal.cli.interrupt import moving
-from skincal.cli.options import argument, example, numbers_by_name, option, wrong
+from skincal.cli.options import argument, example, numbers_by_name, option
 from skincal.cli.terminal import answer, plain
+from skincal.errors import input_error
 from skincal.train.tasks import Task
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def deploy(
     chosen = read_policy(file)
     if str(chosen.description.task) != task.value:
         fix = f"skincal deploy {chosen.description.task} {policy}"
-        raise wrong(policy, f"a policy for {task.value}", f"one for {chosen.description.task}", fix)
+        raise input_error(policy, f"a policy for {task.value}", f"one for {chosen.description.task}", fix)
     targets = targets_of(task, trajectory, write, frequency_hz, duration_s)
     settings = _driver_options(driver, driver_option, seed, effect, task, pinch)
     made = create_driver(driver, **settings)
@@ -137,7 +138,7 @@ def _speed(policy: Policy, task: Task, most: float) -> float:
     speed = policy.description.environment.get("speed_rad_per_s", SPEEDS_RAD_PER_S[task])
     if isinstance(speed, str) or not 0 < speed <= most:
         expected = f"a policy of joints from 0 to {most:g} rad/s, as the hand has"
-        raise wrong(policy.file, expected, f"one of {speed} rad/s")
+        raise input_error(policy.file, expected, f"one of {speed} rad/s")
     return float(speed)
 
 
@@ -151,7 +152,7 @@ def targets_of(
 
     if task is Task.bolt:
         if write is not None:
-            raise wrong("--write", "the task marble", "bolt")
+            raise input_error("--write", "the task marble", "bolt")
         return sine(round((duration_s or 24.0) * POLICY_HZ) + 1, frequency_hz)
     if write is not None:
         way = letters(write)
@@ -170,7 +171,7 @@ def _driver_options(
     settings: dict[str, Any] = dict(parse_options(given or []))
     effects = numbers_by_name("--effect", effect, "NAME=STRENGTH")
     if effects and "effects" not in known:
-        raise wrong("--effect", "a simulated hand, such as --driver reference", driver)
+        raise input_error("--effect", "a simulated hand, such as --driver reference", driver)
     own = {"seed": seed, "effects": effects or None, "task": task.value, "hand": pinch}
     return settings | {n: v for n, v in own.items() if n in known and n not in settings and v is not None}
 
@@ -180,13 +181,13 @@ def _estimator(task: Task, name: str | None, pinch: Path | None, hand: HandDescr
     from skincal.train.estimator import read_estimator
 
     if task is Task.bolt and name not in (None, "none"):
-        raise wrong("--estimator", "the task marble", "bolt")
+        raise input_error("--estimator", "the task marble", "bolt")
     if name == "none" or task is Task.bolt or (name is None and pinch is not None):
         return None
     found, taxels = read_estimator(estimator_path(name or ESTIMATOR)), hand.meta.sensor.taxels
     if found.taxels != taxels:
         fix = "It is for another sensor; train one for this hand."
-        raise wrong(f"--estimator {name}", f"{taxels} taxels", found.taxels, fix)
+        raise input_error(f"--estimator {name}", f"{taxels} taxels", found.taxels, fix)
     return found
 
 

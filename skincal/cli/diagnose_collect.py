@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from skincal.cli.collect import options_of, press_plan, session_settings
 from skincal.cli.interrupt import AGAIN
-from skincal.cli.options import wrong
+from skincal.errors import input_error
 
 if TYPE_CHECKING:
     from skincal.collect import Plan
@@ -74,18 +74,18 @@ class Rounds:
         rig = create_rig(driver, **options)
         if isinstance(rig, StageDriver):
             fix = "Collect next-presses.toml with it, and diagnose both sessions together."
-            raise wrong("--driver", "a hand", f"the stage {driver}", fix)
+            raise input_error("--driver", "a hand", f"the stage {driver}", fix)
         check_limits(rig.description, beyond=beyond_limits)
         meta = rig.description.meta
         raw = replace(meta, sensor=replace(meta.sensor, baseline="raw"))
         check_same_rig(dataset.meta, raw, f"hand {rig.description.name}")
         if dataset.frames is None:
             fix = "A session of hold means alone cannot be continued."
-            raise wrong("--collect", "a dataset with frames", "one without", fix)
+            raise input_error("--collect", "a dataset with frames", "one without", fix)
         own = _SEED.search(dataset.meta.source)
         if driver == "sim" and own and int(own[1]) != options.get("seed"):
             got, fix = f"--seed {options.get('seed')}", f"Give --seed {own[1]}."
-            raise wrong("--driver sim", f"the hand of the dataset, seed {own[1]}", got, fix)
+            raise input_error("--driver sim", f"the hand of the dataset, seed {own[1]}", got, fix)
         folder = out.with_name(f".{out.name}.rounds")
         key = {
             "dataset": dataset.sha256, "driver": driver, "seed": seed,
@@ -140,4 +140,4 @@ def _check_same(folder: Path, key: dict[str, Any]) -> None:
         before = None
     if before != json.loads(json.dumps(key)):
         fix = f"Give the command that was interrupted, or delete {folder} to start over."
-        raise wrong(str(folder), "rounds of this command", "those of another one", fix)
+        raise input_error(str(folder), "rounds of this command", "those of another one", fix)

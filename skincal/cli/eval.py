@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from skincal.cli import options
-from skincal.cli.options import argument, example, numbers_by_name, option, wrong
+from skincal.cli.options import argument, example, numbers_by_name, option
 from skincal.cli.terminal import answer, picked, plain, table, warn
+from skincal.errors import input_error
 from skincal.progress import stage_bars
 from skincal.train.tasks import Task
 
@@ -91,16 +92,16 @@ def evaluate(
     from skincal.train.evaluate import RANDOMIZED, Trial, check_task
 
     if gif and out is None:
-        raise wrong("--gif", "--out, the folder for the film", "nothing")
+        raise input_error("--gif", "--out, the folder for the film", "nothing")
     if gif and on is not Engine.pybullet:
-        raise wrong("--gif", "--on pybullet", f"--on {on}")
+        raise input_error("--gif", "--on pybullet", f"--on {on}")
     if out is not None:
         inputs = [one for one in (ranges, calibration, Path(trajectory)) if one]
         refuse_existing(out, *map(policy_path, policies), *inputs, force=force, marker=MARKER)
     if calibration is not None:
         if ranges is not None or randomize:
             given = "--ranges" if ranges is not None else "--randomize"
-            raise wrong("--calibration", "neither --ranges nor --randomize", given)
+            raise input_error("--calibration", "neither --ranges nor --randomize", given)
         randomize = ["all"]
     drawn = {"all": None, "none": ()}
     whole = numbers_by_name("--environment", environment)
@@ -151,7 +152,7 @@ def read_targets(path: Path) -> list[list[float]]:
     except (OSError, ValueError, IndexError) as error:
         got = reason(error) if isinstance(error, OSError) else f"{error}"
         expected = "circle, random, still, or a CSV file with the columns u_m and v_m [m]"
-        raise wrong(f"--trajectory {path}", expected, got) from error
+        raise input_error(f"--trajectory {path}", expected, got) from error
 
 
 def _ranges(task: Task, ranges: Path | None, calibration: Path | None) -> Ranges | None:

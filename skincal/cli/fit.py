@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from skincal.cli import options
 from skincal.cli.interrupt import AGAIN, resumable
-from skincal.cli.options import Pair, command_line, example, option, wrong
+from skincal.cli.options import Pair, command_line, example, option
 from skincal.cli.terminal import answer, say, say_calibration, table, warn
+from skincal.errors import input_error
 from skincal.fitting.fit_options import PAPER_BOUND_COUNTS2, STEPS, FitOptions, GridSteps
 from skincal.progress import stage_bars
 from skincal.units import deg, rad
@@ -182,7 +183,7 @@ def _no_effects_here(effects: Path, dataset: Path) -> Exception:
         f"a dataset of presses; under uniform pressure, as in {dataset}, a fit finds scales and nothing else"
     )
     fix = "leave --effects out; `skincal diagnose` searches for the effects of such a session"
-    return wrong("--effects", expected, effects, fix)
+    return input_error("--effects", expected, effects, fix)
 
 
 def _with_effects(folder: Path, data: Dataset) -> Calibration:
@@ -193,7 +194,7 @@ def _with_effects(folder: Path, data: Dataset) -> Calibration:
     found = read_calibration(folder)
     if not found.effects:
         expected = "a calibration with effects, such as skincal diagnose writes"
-        raise wrong(f"--effects: {folder}", expected, "one without; leave --effects out")
+        raise input_error(f"--effects: {folder}", expected, "one without; leave --effects out")
     check_same_sensor(found, data)
     return found
 
@@ -217,7 +218,7 @@ def _bound(text: str) -> float | None:
     except ValueError:
         value = -1.0
     if not 0 < value < float("inf"):
-        raise wrong("--bound", "`noise`, `paper` or a positive number [counts²]", text)
+        raise input_error("--bound", "`noise`, `paper` or a positive number [counts²]", text)
     return value
 
 
@@ -240,11 +241,11 @@ def search_box(
     own, other = (x_mm, beta_deg) if surface.is_plane else (beta_deg, x_mm)
     if other is not None:
         right, wrong_one = ("--x-range-mm", "--beta-range-deg")[:: 1 if surface.is_plane else -1]
-        raise wrong(wrong_one, f"no such range on a {surface.kind}", "one", f"Give {right} instead.")
+        raise input_error(wrong_one, f"no such range on a {surface.kind}", "one", f"Give {right} instead.")
     if stiff is not None and max(stiff) > LARGEST_E_MPA_PER_M:
         expected = f"low and high [MPa/m], at most {LARGEST_E_MPA_PER_M:g}"
         fix = "Are they in Pa/m? Divide by 1e6."
-        raise wrong("--e-range-mpa-per-m", expected, f"{stiff[0]:g} and {stiff[1]:g}", fix)
+        raise input_error("--e-range-mpa-per-m", expected, f"{stiff[0]:g} and {stiff[1]:g}", fix)
     return search_box(
         data,
         y_m=_metres("--y-range-mm", y_mm, mount.y_range_m),
@@ -263,7 +264,9 @@ def _metres(name: str, range_mm: Pair | None, mount_m: Pair | None) -> Pair | No
         overlaps = low <= mount_m[1] and high >= mount_m[0]
         if overlaps and abs(high - low) < NARROW * 1e3 * (mount_m[1] - mount_m[0]):
             expected = f"low and high [mm] ([mount] has {1e3 * mount_m[0]:g} to {1e3 * mount_m[1]:g})"
-            raise wrong(name, expected, f"{low:g} and {high:g}", "Are they in metres? Multiply by 1000.")
+            raise input_error(
+                name, expected, f"{low:g} and {high:g}", "Are they in metres? Multiply by 1000."
+            )
     return low * 1e-3, high * 1e-3
 
 

@@ -18,9 +18,9 @@ import typer
 from skincal import compiling
 from skincal.cli import verbs
 from skincal.cli.interrupt import Ended, interruptible
-from skincal.cli.options import example, wrong
+from skincal.cli.options import example
 from skincal.cli.terminal import json_alone, say
-from skincal.errors import SkincalError
+from skincal.errors import SkincalError, input_error
 from skincal.version import __version__
 
 app = typer.Typer(
@@ -61,7 +61,7 @@ def _refuse_settings_here() -> None:
     if file.exists():
         fix = "Remove it, or run from another folder."
         got = f"{file}, from which numba takes where compiled code is loaded from"
-        raise wrong(str(Path.cwd()), "a working folder without settings of numba", got, fix)
+        raise input_error(str(Path.cwd()), "a working folder without settings of numba", got, fix)
 
 
 verbs.register(app)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 
 
 def option(text: str, *names: str, **settings: Any) -> Any:
@@ -59,11 +59,6 @@ def example(*commands: str) -> str:
     return "\b\nExample:\n" + "\n".join(f"  {command}" for command in commands)
 
 
-def wrong(place: str, expected: str, got: object, fix: str = "") -> InputError:
-    """Return the error of one wrong option or input."""
-    return InputError([Problem(place, expected, str(got), fix)])
-
-
 def numbers_by_name(name: str, given: Iterable[str] | None, metavar: str = "NAME=VALUE") -> dict[str, float]:
     """Return the numbers of a repeated option ``NAME=VALUE``.
 
@@ -74,11 +69,11 @@ def numbers_by_name(name: str, given: Iterable[str] | None, metavar: str = "NAME
     for text in given or ():
         key, _, value = text.partition("=")
         if key.strip() in found:
-            raise wrong(name, "each name once", f"{key.strip()} twice")
+            raise input_error(name, "each name once", f"{key.strip()} twice")
         try:
             found[key.strip()] = float(value)
         except ValueError:
-            raise wrong(name, f"{metavar} with a number", repr(text)) from None
+            raise input_error(name, f"{metavar} with a number", repr(text)) from None
     return found
 
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from skincal.cli import options
 from skincal.cli.deploy import MARKER, SESSION, targets_of
-from skincal.cli.options import argument, example, option, wrong
+from skincal.cli.options import argument, example, option
 from skincal.cli.terminal import answer, warn
+from skincal.errors import input_error
 from skincal.train.tasks import Task
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def read_deployed(rolled: Path) -> dict[str, Any]:
     except (OSError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         got = reason(error) if isinstance(error, OSError) else f"{type(error).__name__} {error}"
         expected = "the output of `skincal deploy` of this version or a later one"
-        raise wrong(str(rolled / MARKER), expected, got) from error
+        raise input_error(str(rolled / MARKER), expected, got) from error
 
 
 def _check_run(run: Any) -> None:
@@ -111,11 +112,11 @@ def _rolled(rolled: Path, run: dict[str, Any]) -> Feel:
 
     frames = read_dataset(rolled / SESSION).frames
     if frames is None:
-        raise wrong(str(rolled / SESSION), "frames of the run", "none")
+        raise input_error(str(rolled / SESSION), "frames of the run", "none")
     acting = np.asarray(frames.phase) == HOLD
     images = np.asarray(frames.counts, dtype=np.float64)[acting]
     if images.shape[1] != len(run["rest_counts"]):
-        raise wrong(str(rolled), f"rest_counts of {images.shape[1]} taxels", len(run["rest_counts"]))
+        raise input_error(str(rolled), f"rest_counts of {images.shape[1]} taxels", len(run["rest_counts"]))
     return feel(images - np.array(run["rest_counts"]), np.asarray(frames.force_n)[acting])
 
 

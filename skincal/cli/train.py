@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from skincal.cli import options
 from skincal.cli.interrupt import resumable
-from skincal.cli.options import argument, example, option, wrong
+from skincal.cli.options import argument, example, option
 from skincal.cli.terminal import answer, picked, say
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, input_error
 from skincal.train.tasks import PUBLISHED_STEPS, BackendName, PolicyKind, Task
 
 if TYPE_CHECKING:
@@ -215,9 +215,9 @@ def _train_estimator(
 
     if others:
         expected = "--out, --ranges, --seed, --force and --json alone"
-        raise wrong("train estimator", expected, ", ".join(others))
+        raise input_error("train estimator", expected, ", ".join(others))
     if out.suffix != ".npz":
-        raise wrong(f"--out {out}", "a file that ends in .npz, for an estimator", out.name)
+        raise input_error(f"--out {out}", "a file that ends in .npz, for an estimator", out.name)
     refuse_existing(out, *([ranges] if ranges else []), force=force, mark=FORMAT)
     with stage_bars() as progress:
         found = train_estimator(ranges_for("marble", ranges), read_pinch(None), seed=seed, told=progress)

@@ -23,7 +23,7 @@ from skincal.collect.press_options import CollectOptions
 from skincal.collect.press_session import MakeDriver, Session, Watch
 from skincal.collect.rest_shift import rest_shifts
 from skincal.dataset import Dataset, DatasetMeta, check_dataset, write_dataset
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, input_error
 from skincal.files import alone, recover, refuse_existing
 from skincal.hand import GuardOptions
 from skincal.robot import HandDescription, Kinematics
@@ -187,7 +187,7 @@ def _sound_presses(journal: Journal, meta: DatasetMeta) -> int:
     if not good:
         fix = "Add --restart to start over; it removes the folder."
         expected, got = "finished presses as they were stored", "files that have been changed"
-        raise InputError([Problem(str(journal.folder), expected, got, fix)])
+        raise input_error(str(journal.folder), expected, got, fix)
     return len(numbers)
 
 

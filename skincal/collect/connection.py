@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.collect.journal import Journal
 from skincal.collect.loop import Loop
@@ -17,9 +16,8 @@ from skincal.collect.press_options import CollectOptions
 from skincal.collect.record import Arrays, press_arrays, rest_arrays
 from skincal.collect.travel import LOWEST_SHARE, Place, follow, way_over_skin, way_through_joints
 from skincal.errors import WorkError
+from skincal.model.arrays import FloatArray
 from skincal.robot import place_indenter
-
-FloatArray = NDArray[np.float64]
 
 GAP_S = 1.0
 """Gap in the session's clock when a session continues on another clock [s]."""

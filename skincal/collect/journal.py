@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.bounded import UnreadableError, parse_json, read_arrays, read_text
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, input_error
 from skincal.files import whole_file
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -170,9 +170,7 @@ def _connection(path: Path) -> dict[str, Any]:
 
 def _damaged(path: Path, expected: str) -> InputError:
     got = "a damaged file" if path.exists() else "no such file"
-    return InputError(
-        [Problem(str(path), expected, got, "Add --restart to start over; it removes the folder.")]
-    )
+    return input_error(str(path), expected, got, "Add --restart to start over; it removes the folder.")
 
 
 def journal_folder(out: Path) -> Path:
@@ -223,7 +221,7 @@ def _remove(folder: Path) -> None:
         if strangers:
             got = f"also {', '.join(sorted(strangers)[:3])}"
             fix = "Move that elsewhere, or choose another name: only what skincal wrote is removed."
-            raise InputError([Problem(str(place), "a folder of an interrupted session alone", got, fix)])
+            raise input_error(str(place), "a folder of an interrupted session alone", got, fix)
     shutil.rmtree(away, ignore_errors=True)
     if folder.is_dir():
         folder.replace(away)

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from skincal.collect.senses import Sample, Senses
 from skincal.hand.guard import GuardedHand
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 Watcher = Callable[[Sample, str], None]
 """Callback with every sample and the present action of the hand."""

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skincal.dataset import DatasetMeta
 from skincal.dataset.model_objects import layout_of, pose_of, surface_of
 from skincal.dataset.placement import patch_coordinates
 from skincal.model import Plane, SensorPose, Surface, TaxelLayout
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 BEYOND_M = 0.02
 """Largest distance of a site from the taxels: farther out it is a typing error."""

@@ -18,7 +18,7 @@ from skincal.dataset.findings import Findings, did_you_mean
 from skincal.dataset.keys import Key, Length
 from skincal.dataset.schema import Table, read_table
 from skincal.dataset.schema_errors import Violation, report
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.files import reason, whole_file
 from skincal.units import rad
 
@@ -119,13 +119,13 @@ def read_plan(path: Path, mount: Mount) -> Plan:
     findings, is_csv = Findings(), path.suffix.lower() == ".csv"
     if path.suffix.lower() not in (".toml", ".csv"):
         got = "a folder" if path.is_dir() else f'"{path.suffix}"'
-        raise InputError([Problem(str(path), "a plan in .toml or .csv", got)])
+        raise input_error(str(path), "a plan in .toml or .csv", got)
     try:
         values = {"line": _read_csv(path, findings)} if is_csv else parse_toml(read_text(path))
     except OSError as error:
-        raise InputError([Problem(str(path), "a plan", reason(error))]) from None
+        raise input_error(str(path), "a plan", reason(error)) from None
     except UnreadableError as error:
-        raise InputError([Problem(path.name, f"a readable {path.suffix} file", str(error))]) from None
+        raise input_error(path.name, f"a readable {path.suffix} file", error) from None
     key, first = ("line", 2) if is_csv else ("press", 0)
     rows: object = values.get(key)
     if isinstance(rows, list) and (count := len(cast("list[object]", rows))) > MOST_PRESSES:
@@ -163,7 +163,7 @@ def write_plan(plan: Plan, path: Path, *, force: bool = False) -> None:
     """
     text = {".toml": plan_as_toml, ".csv": _as_csv}.get(path.suffix.lower())
     if text is None:
-        raise InputError([Problem(str(path), "a plan's name in .toml or .csv", f'"{path.suffix}"')])
+        raise input_error(str(path), "a plan's name in .toml or .csv", f'"{path.suffix}"')
     mark = FORMAT if path.suffix.lower() == ".toml" else ",".join(COLUMNS)
     with whole_file(path, force=force, mark=mark) as temporary:
         temporary.write_text(text(plan), encoding="utf-8")

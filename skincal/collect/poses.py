@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats.qmc import Halton
 
 from skincal.collect.plan import Plan, PlannedPress
 from skincal.collect.posture import Fingers, Posture
 from skincal.collect.press_options import CollectOptions
 from skincal.errors import InputError, Problem, WorkError
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 TRIED = 120
 """Number of poses that are tried, spread evenly over the joints' ranges."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.collect.mount import Mount
+from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics, place_indenter
-
-FloatArray = NDArray[np.float64]
 
 HEIGHTS = 7
 """Number of heights at which the angles are solved; they are interpolated in between."""

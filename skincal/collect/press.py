@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.collect.loop import Loop
 from skincal.collect.plan import PlannedPress
@@ -14,8 +13,7 @@ from skincal.collect.posture import Posture
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.regulator import Regulator
 from skincal.collect.senses import Sample
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 Status = Literal["ok", "missed_target", "slipped", "lost_contact", "no_contact"]
 

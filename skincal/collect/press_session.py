@@ -17,7 +17,7 @@ from skincal.collect.posture import Fingers
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.record import Arrays
 from skincal.collect.senses import Sample, Senses
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.hand import GuardedHand, GuardOptions, HandDriver
 
 
@@ -110,9 +110,7 @@ class Session:
             driver = self._make_driver(Need(max(self.last_frame_s, 0.0), radius, before))
             if not driver.follows_commands:
                 fix = "The recording itself can be fitted: `skincal fit`."
-                raise InputError(
-                    [Problem(f"driver {driver.name}", "a hand that moves", "a recorded one", fix)]
-                )
+                raise input_error(f"driver {driver.name}", "a hand that moves", "a recorded one", fix)
             senses = Senses(self.fingers.kinematics, radius or radius_of(self.fingers))
             with GuardedHand(driver, self._guard, senses.contact_force) as hand:
                 loop = Loop(hand, senses, self._tell)

@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.collect.plan import Plan, PlannedPress, Site
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.model import TaxelLayout
+from skincal.model.arrays import FloatArray
 
 Protocol = Literal["paper", "full"]
 PROTOCOLS: tuple[Protocol, ...] = get_args(Protocol)
-
-Floats = NDArray[np.float64]
 
 GRID_M = 1e-3
 """Spacing of the grid from which sites are drawn [m] (paper, section III)."""
@@ -90,7 +89,7 @@ def paper_plan(rng: np.random.Generator, layout: TaxelLayout, options: PaperProt
     places = patch_grid(layout)
     if options.presses > len(places):
         expected = f"at most {len(places)} presses, the sites of the {1e3 * GRID_M:g} mm grid over the patch"
-        raise InputError([Problem("--protocol paper", expected, str(options.presses))])
+        raise input_error("--protocol paper", expected, options.presses)
     chosen = rng.choice(len(places), options.presses, replace=False)
     forces = rng.uniform(*options.forces_n, options.presses)
     return Plan(
@@ -133,9 +132,9 @@ def full_plan(
     return Plan("full", tuple(presses))
 
 
-def patch_grid(layout: TaxelLayout) -> Floats:
+def patch_grid(layout: TaxelLayout) -> FloatArray:
     """Return a 1 mm grid over the taxels, shape (N, 2) [m], symmetric about the patch's centre."""
-    axes: list[Floats] = []
+    axes: list[FloatArray] = []
     for k in range(2):
         low, high = layout.bounds_m[:, k]
         half = int((high - low) / 2 / GRID_M + ROUNDING)
@@ -171,7 +170,7 @@ def spread_sites(
     return [_site(places[i]) for i in rng.permutation(chosen)]
 
 
-def _nearest_m(points: Floats, others: Floats) -> Floats:
+def _nearest_m(points: FloatArray, others: FloatArray) -> FloatArray:
     if not len(others):
         return np.full(len(points), np.inf)
     return np.linalg.norm(points[:, None] - others[None], axis=2).min(axis=1)
@@ -196,7 +195,7 @@ def _regular(rng: np.random.Generator, sites: list[Site], options: FullProtocol)
     ]
 
 
-def _even_forces(rng: np.random.Generator, count: int, range_n: tuple[float, float]) -> Floats:
+def _even_forces(rng: np.random.Generator, count: int, range_n: tuple[float, float]) -> FloatArray:
     """Return one force from each of ``count`` parts of the range, equal in the root: low forces are more frequent."""
     low, high = np.sqrt(range_n)
     share = (rng.permutation(count) + rng.uniform(0, 1, count)) / max(count, 1)
@@ -260,7 +259,7 @@ def named_by_order(order: list[PlannedPress]) -> list[PlannedPress]:
 
 def _anchor(layout: TaxelLayout, options: FullProtocol) -> PlannedPress:
     """Return the anchor: a slow press at the middle of the patch, with a medium force."""
-    middle = cast("Floats", layout.bounds_m.mean(axis=0)).round(9)
+    middle = cast("FloatArray", layout.bounds_m.mean(axis=0)).round(9)
     pace = (options.speeds_m_per_s[-1], options.holds_s[0])
     return PlannedPress(*_site(middle), options.anchor_force_n, *pace, options.poses[0], "anchor")
 
@@ -275,7 +274,7 @@ def _with_anchors(order: list[PlannedPress], anchor: PlannedPress) -> list[Plann
     return [*presses, anchor]
 
 
-def _site(place: Floats) -> Site:
+def _site(place: FloatArray) -> Site:
     return float(place[0]), float(place[1])
 
 

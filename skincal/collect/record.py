@@ -14,8 +14,8 @@ from skincal.collect.press import Moments, Status
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.senses import Sample
 from skincal.dataset import HOLD, IDLE, LOAD, UNLOAD
+from skincal.model.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 
 SLIP_PARTS = 5

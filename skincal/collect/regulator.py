@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.collect.senses import Sample
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 
 class Regulator:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset import IDLE, Dataset
 from skincal.dataset.rest import ACTIVE_COUNTS
 from skincal.errors import Problem
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 AROUND = 3
 """Number of pauses on each side whose median is compared: a slow recovery of the skin is over in the next but one."""

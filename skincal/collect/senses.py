@@ -6,13 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.errors import WorkError
 from skincal.hand.driver import HandState
+from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics, contact_from_joints
-
-FloatArray = NDArray[np.float64]
 
 LARGEST_TARE_N = 3.0
 """Largest force that torques at rest may correspond to; beyond, something touches, or a sensor is broken."""

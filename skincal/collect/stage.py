@@ -18,12 +18,12 @@ from skincal.collect.press import Moments
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.record import missed_target
 from skincal.dataset import HOLD, IDLE, LOAD, UNLOAD
-from skincal.errors import InputError, Problem, WorkError
+from skincal.errors import InputError, Problem, WorkError, input_error
 from skincal.hand import GuardOptions
 from skincal.hand.stage import StageDescription, StageDriver, StageState
 from skincal.hand.stage_guard import GuardedStage
+from skincal.model.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 StageWatch = Callable[[int, int], None]
 
 GAIN = 0.25
@@ -123,7 +123,7 @@ def _check_height(rig: StageDescription, clearance_m: float) -> None:
     low, high = float(rig.lower_m[2]), float(rig.upper_m[2])
     if not low < 0 < clearance_m <= high:
         expected = f"travel along z from below the skin (z = 0) to {clearance_m:g} m above it"
-        raise InputError([Problem(f"stage {rig.name}", expected, f"{low:g} m to {high:g} m")])
+        raise input_error(f"stage {rig.name}", expected, f"{low:g} m to {high:g} m")
 
 
 class _Session:

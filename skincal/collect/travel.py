@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.collect.loop import Loop
 from skincal.collect.posture import Fingers
 from skincal.collect.press_options import CollectOptions
 from skincal.errors import WorkError
+from skincal.model.arrays import FloatArray
 from skincal.robot import contact_from_joints, place_indenter
-
-FloatArray = NDArray[np.float64]
 
 WAYPOINT_M = 0.002
 """Spacing of the solved points of a path; between them joints move evenly [m]."""

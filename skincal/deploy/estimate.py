@@ -7,16 +7,14 @@ drift. So the way is what the commands say, moved by the mean of what the images
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.deploy.record import Record
 from skincal.envs.pinch import Pinch, require_cylinder
 from skincal.envs.sensing import Sensor
+from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics
 from skincal.train.estimator import Estimator
 from skincal.units import rad
-
-FloatArray = NDArray[np.float64]
 
 IMAGE_S = 0.3
 """Images are averaged over so much time before places are told from them: noise bends what is told of one image [s]."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.deploy.deploy_options import DeployOptions
 from skincal.deploy.motion import Motion
@@ -13,10 +12,8 @@ from skincal.envs.pinch import Pinch, require_cylinder
 from skincal.envs.postures import Postures
 from skincal.errors import WorkError
 from skincal.hand.driver import HandState
-from skincal.model.arrays import as_floats
+from skincal.model.arrays import FloatArray, as_floats
 from skincal.robot import Kinematics
-
-FloatArray = NDArray[np.float64]
 
 _TOUCHED = 3
 """So many states in a row tell of contact: one may be noise."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.hand.driver import HandState
 from skincal.hand.guard import GuardedHand
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 Watch = Callable[[HandState, str], None]
 """Called with every state, and with what the hand is doing."""

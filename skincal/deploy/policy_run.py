@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.deploy.deploy_options import POLICY_HZ, DeployOptions
 from skincal.deploy.handover import PinchForces, let_go, take
@@ -17,14 +16,13 @@ from skincal.deploy.observation import PolicyObservation
 from skincal.deploy.record import Record
 from skincal.envs.pinch import Pinch
 from skincal.envs.postures import Postures
-from skincal.errors import InputError, Problem, WorkError
+from skincal.errors import WorkError, input_error
 from skincal.hand.driver import HandDriver
 from skincal.hand.guard import GuardedHand
 from skincal.hand.guard_options import GuardOptions
+from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics
 from skincal.train.policy_file import Policy
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,16 +99,14 @@ def deploy(
     seen = PolicyObservation(policy.description.observation, sizes, policy.file)
     if policy.description.actions != joints:
         expected = f"a policy that moves {joints} joints, as the hand has"
-        raise InputError([Problem(policy.file, expected, f"one for {policy.description.actions}")])
+        raise input_error(policy.file, expected, f"one for {policy.description.actions}")
     kinematics = Kinematics(pinch.description)
     postures, forces = Postures.of(pinch, kinematics), PinchForces(pinch, kinematics)
     with GuardedHand(driver, guard, clock=clock, contact_force=forces.largest_n) as hand:
         motion = Motion(hand, driver.object_position_m, watch)
         state = motion.look()
         if seen.sees_image and not np.isfinite(state.taxels).any():
-            raise InputError(
-                [Problem(f"driver {hand.name}", f"{taxels} taxels, for a tactile policy", "none")]
-            )
+            raise input_error(f"driver {hand.name}", f"{taxels} taxels, for a tactile policy", "none")
         command = take(motion, pinch, postures, forces, object_width_m, options)
         loop = _PolicyLoop(policy, seen, motion, pinch, forces, targets, speed_rad_per_s, options)
         loop.run(command)

@@ -8,20 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset import HOLD, IDLE, Dataset, Frames, IndenterSpec, Presses, write_dataset
 from skincal.dataset.model_objects import layout_of, surface_of
 from skincal.hand.driver import HandState
 from skincal.model import SensorPose
+from skincal.model.arrays import FloatArray
 from skincal.units import rad
 
 if TYPE_CHECKING:
     from skincal.deploy.handover import PinchForces
     from skincal.deploy.motion import Motion
     from skincal.robot import HandDescription
-
-FloatArray = NDArray[np.float64]
 
 _JOINT_COLUMNS = {"q": "q_rad", "dq": "dq_rad_per_s", "tau": "tau_nm", "q_desired": "q_desired_rad"}
 

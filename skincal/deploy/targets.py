@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skincal.deploy.deploy_options import POLICY_HZ
 from skincal.envs.trajectories import CIRCLE_RADIUS_M, FIXED
-from skincal.errors import InputError, Problem
-from skincal.model.arrays import as_floats
-
-FloatArray = NDArray[np.float64]
+from skincal.errors import input_error
+from skincal.model.arrays import FloatArray, as_floats
 
 WRITING_M_PER_S = 2.5e-3
 """Speed at which letters are drawn: half of that of the evaluated circle [m/s]."""
@@ -41,7 +39,7 @@ def marble_targets(trajectory: str | ArrayLike, duration_s: float) -> FloatArray
     if isinstance(trajectory, str):
         if trajectory not in FIXED:
             expected = f"one of {', '.join(FIXED)}, or a file"
-            raise InputError([Problem("--trajectory", expected, f'"{trajectory}"')])
+            raise input_error("--trajectory", expected, f'"{trajectory}"')
         return FIXED[trajectory](steps)
     given = np.asarray(trajectory, dtype=np.float64)[:steps]
     return np.concatenate([given, np.repeat(given[-1:], steps - len(given), axis=0)])
@@ -68,7 +66,7 @@ def letters(
             points = np.array([[int(pair[0]), int(pair[1])] for pair in _STROKES[letter].split()])
             corners.append((points / 8.0 - [0.4375, 0.5]) * size_m)
     if len(corners) == 1:
-        raise InputError([Problem("--write", "a text with letters A to Z", f'"{text}"')])
+        raise input_error("--write", "a text with letters A to Z", f'"{text}"')
     return polyline(np.concatenate(corners), speed_m_per_s)
 
 

@@ -6,20 +6,18 @@ from bisect import bisect_left
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.deploy.policy_run import Deployed, deploy
 from skincal.deploy.targets import marble_targets
 from skincal.envs.pinch import read_pinch
 from skincal.envs.reference_hand import ReferenceHand
 from skincal.errors import InputError, Problem, WorkError
+from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
 from skincal.train.evaluate import POLICY_HZ, RANDOMIZED, Trial
 from skincal.train.policy_file import Policy
 from skincal.train.scores import Runs
 from skincal.train.tasks import Task
-
-FloatArray = NDArray[np.float64]
 
 SPEED_RAD_PER_S = 0.3
 """Joint velocity that an action of 1 commands for the marble, unless the policy says otherwise [rad/s]."""

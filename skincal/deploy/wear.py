@@ -11,11 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.errors import WorkError
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 HANDS = 19
 """Simulated hands: with 19 a rank among them tells something at 10 %, one in twenty at each end."""

@@ -11,16 +11,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.hand.clock import ClockCheck
 from skincal.hand.driver import HandDriver, HandState
 from skincal.hand.errors import NUMBERS, HandErrorKind, Violation, shown
 from skincal.hand.guard_options import GuardOptions
+from skincal.model.arrays import FloatArray
 from skincal.robot.description import HandDescription
-
-FloatArray = NDArray[np.float64]
-
 
 ContactForce = Callable[[HandState], float]
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError, Violation, shown
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 ROUNDING_RAD = 1e-9
 """Tolerance of a command's limits, as sums of steps are not exact [rad]."""

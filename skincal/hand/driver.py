@@ -11,12 +11,9 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from skincal.model.arrays import FloatArray
 from skincal.robot.description import HandDescription
 
-FloatArray = NDArray[np.float64]
 Description = TypeVar("Description")
 State = TypeVar("State")
 Command = TypeVar("Command")

@@ -5,17 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from skincal.hand.checks import ContactForce, StateCheck
 from skincal.hand.commands import CommandCheck
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
+from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription, check_limits
-
-FloatArray = NDArray[np.float64]
 
 
 class GuardedHand(Guarded[HandState, HandCommand]):

@@ -45,19 +45,18 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.bounded import UnreadableError, parse_json
 from skincal.bounded import decode as decode_text
 from skincal.hand.driver import HandState
 from skincal.hand.errors import KINDS, HandError, HandErrorKind
+from skincal.model.arrays import FloatArray
 
 VERSION = "skincal-hand/1"
 MAX_BYTES = 65536
 REQUESTS = ("hello", "observe", "act", "stop", "bye")
 REPLIES = ("welcome", "state", "done", "wait", "refused")
 
-FloatArray = NDArray[np.float64]
 ARRAYS = ("q_rad", "dq_rad_per_s", "tau_nm", "q_desired_rad", "taxels", "taxel_time_s")
 
 

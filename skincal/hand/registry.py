@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 
-from skincal.errors import InputError, Problem, SkincalError, WorkError
+from skincal.errors import InputError, Problem, SkincalError, WorkError, input_error
 from skincal.hand.convert import converted, is_text, type_text
 from skincal.hand.driver import HandDriver
 from skincal.hand.errors import shown
@@ -71,11 +71,11 @@ def driver_class(name: str) -> Callable[..., HandDriver | StageDriver]:
     if not found:
         choices = ", ".join(driver_names()) or "none is installed"
         fix = f"Register a driver by an entry point of the group {GROUP}."
-        raise InputError([Problem("driver", f"module:Class or one of: {choices}", f'"{name}"', fix)])
+        raise input_error("driver", f"module:Class or one of: {choices}", f'"{name}"', fix)
     values = {point.value for point in found}
     if len(values) > 1:
         fix = "Give the intended one as module:Class, or uninstall the other."
-        raise InputError([Problem(f'driver "{name}"', "one entry point", " and ".join(sorted(values)), fix)])
+        raise input_error(f'driver "{name}"', "one entry point", " and ".join(sorted(values)), fix)
     return _loaded(name, found[0])
 
 
@@ -89,7 +89,7 @@ def create_driver(name: str, /, **options: Any) -> HandDriver:
     driver = create_rig(name, **options)
     if isinstance(driver, StageDriver):
         got = "one of a stage; use it with `skincal collect` or `skincal hand test`"
-        raise InputError([Problem(f'driver "{name}"', "the driver of a hand", got)])
+        raise input_error(f'driver "{name}"', "the driver of a hand", got)
     return driver
 
 
@@ -134,10 +134,10 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
         raise WorkError(f'driver "{name}" cannot be created: {type(error).__name__}: {error}') from error
     if not isinstance(driver, HandDriver | StageDriver):  # pyright: ignore[reportUnnecessaryIsInstance]
         expected = "a subclass of skincal.hand.HandDriver or StageDriver"
-        raise InputError([Problem(f'driver "{name}"', expected, type(driver).__name__)])
+        raise input_error(f'driver "{name}"', expected, type(driver).__name__)
     kind = StageDescription if isinstance(driver, StageDriver) else HandDescription
     if not isinstance(described, kind):
-        raise InputError([Problem(f'driver "{name}", description', f"a {kind.__name__}", shown(described))])
+        raise input_error(f'driver "{name}", description', f"a {kind.__name__}", shown(described))
     return driver
 
 
@@ -152,9 +152,9 @@ def parse_options(texts: list[str]) -> dict[str, str]:
         key, equals, value = text.partition("=")
         key = key.strip().replace("-", "_")
         if not equals or not key:
-            raise InputError([Problem("--driver-option", "KEY=VALUE", f'"{text}"')])
+            raise input_error("--driver-option", "KEY=VALUE", f'"{text}"')
         if key in options:
-            raise InputError([Problem("--driver-option", "each key once", f"{key} twice")])
+            raise input_error("--driver-option", "each key once", f"{key} twice")
         options[key] = value
     return options
 
@@ -170,16 +170,16 @@ def _loaded(name: str, point: EntryPoint) -> Callable[..., HandDriver | StageDri
     except ModuleNotFoundError as error:
         if error.name is not None and (module == error.name or module.startswith(f"{error.name}.")):
             fix = "Run from the folder that holds it, or install its package."
-            raise InputError([Problem(f'driver "{name}"', f"a module {module}", "none", fix)]) from error
+            raise input_error(f'driver "{name}"', f"a module {module}", "none", fix) from error
         raise WorkError(f'driver "{name}" needs the package {error.name}, which is not installed') from error
     except AttributeError as error:
-        raise InputError([Problem(f'driver "{name}"', f"{attribute} in {module}", str(error))]) from error
+        raise input_error(f'driver "{name}"', f"{attribute} in {module}", error) from error
     except KeyboardInterrupt:
         raise
     except BaseException as error:
         raise WorkError(f'driver "{name}" cannot be imported: {type(error).__name__}: {error}') from error
     if not callable(value):
-        raise InputError([Problem(f'driver "{name}"', "a class", type(value).__name__)])
+        raise input_error(f'driver "{name}"', "a class", type(value).__name__)
     return cast(Callable[..., HandDriver | StageDriver], value)
 
 

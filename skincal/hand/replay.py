@@ -6,16 +6,14 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset import Frames, read_dataset
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
 from skincal.hand.hands import hand_named
+from skincal.model.arrays import FloatArray
 from skincal.robot.description import HandDescription
-
-FloatArray = NDArray[np.float64]
 
 
 class ReplayDriver(HandDriver):
@@ -105,15 +103,15 @@ def _states(folder: Path, description: HandDescription) -> list[HandState]:
     data = read_dataset(folder)
     if data.frames is None:
         fix = "Collect with frames, or replay another session."
-        raise InputError([Problem(str(folder), "a dataset with frames, to play them", "none", fix)])
+        raise input_error(str(folder), "a dataset with frames, to play them", "none", fix)
     taxels, expected = data.meta.sensor.taxels, description.meta.sensor.taxels
     if taxels != expected:
         fix = "Give the hand that it was recorded with: --driver-option hand=..."
-        raise InputError([Problem(str(folder), f"{expected} taxels, as the hand has", str(taxels), fix)])
+        raise input_error(str(folder), f"{expected} taxels, as the hand has", taxels, fix)
     # Repeated times are not new states.
     rows = np.flatnonzero(np.diff(data.frames.time_s, prepend=-np.inf) > 0)
     if len(rows) < 2:
-        raise InputError([Problem(str(folder), "two frames or more", str(len(rows)))])
+        raise input_error(str(folder), "two frames or more", len(rows))
     return _from_frames(folder, data.frames.select(rows), len(description.joints))
 
 
@@ -157,5 +155,5 @@ def _needed(folder: Path, frames: Frames, name: str, joints: int) -> FloatArray:
     if found is None:
         there = ", ".join(n for n in frames.columns if n.startswith(f"{name}_")) or "none of them"
         place = f"{folder}, frames"
-        raise InputError([Problem(place, f"columns {name}_0 to {name}_{joints - 1}, one per joint", there)])
+        raise input_error(place, f"columns {name}_0 to {name}_{joints - 1}, one per joint", there)
     return found

@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 
 from skincal.calibration import read_calibration
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.files import whole_file
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
@@ -79,14 +79,14 @@ class SimDriver(HandDriver):
         self._options = options or SimOptions()
         if not 0 < rate_hz <= self._options.physics_hz or self._options.physics_hz % rate_hz:
             expected = f"a divisor of the physics' {self._options.physics_hz} Hz"
-            raise InputError([Problem('driver "sim", option rate_hz', expected, str(rate_hz))])
+            raise input_error('driver "sim", option rate_hz', expected, rate_hz)
         self._steps = self._options.physics_hz // rate_hz
         if not 0 <= start_s < LATEST_S:
             expected = f"a time from 0 to {LATEST_S:g} s"
-            raise InputError([Problem('driver "sim", option start_s', expected, str(start_s))])
+            raise input_error('driver "sim", option start_s', expected, start_s)
         if indenter_radius_m is not None and not 0 < indenter_radius_m < np.inf:
             expected, got = "a radius above 0 m", str(indenter_radius_m)
-            raise InputError([Problem('driver "sim", option indenter_radius_m', expected, got)])
+            raise input_error('driver "sim", option indenter_radius_m', expected, got)
         self._seed, self._start_s = seed, start_s
         self._indenter_radius_m, self._memory_path = indenter_radius_m, memory_path
         self._description = hand_named(hand)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skincal.bounded import UnreadableError, read_bytes
-from skincal.errors import InputError, Problem, WorkError
+from skincal.errors import InputError, WorkError, input_error
 from skincal.files import reason, whole_folder
 from skincal.hand.messages import MAX_BYTES
 
@@ -98,7 +98,7 @@ def hand_keys(folder: Path) -> Keys:
     clients = sorted(allowed.glob("*.key"))
     if not clients:
         fix = "Put the public key (NAME.key) of every client that may move the hand there."
-        raise InputError([Problem(str(allowed), "at least one public key of a client", "none", fix)])
+        raise input_error(str(allowed), "at least one public key of a client", "none", fix)
     return Keys(public, secret, allowed=frozenset(_certificate(path)[0] for path in clients))
 
 
@@ -128,11 +128,11 @@ def checked_address(address: str, *, keys: bool, what: str) -> str:
     if scheme == "ipc" and rest:
         return address
     if scheme != "tcp" or not colon or not host or not (port.isdigit() or port == "*"):
-        raise InputError([Problem(what, "an address such as tcp://127.0.0.1:5555", f'"{address}"')])
+        raise input_error(what, "an address such as tcp://127.0.0.1:5555", f'"{address}"')
     if not keys and not _is_loopback(host):
         expected = "a loopback address (tcp://127.0.0.1:PORT), or keys for any other"
         fix = "`skincal hand keys --out keys` makes a pair for both sides."
-        raise InputError([Problem(what, expected, f'"{address}" without keys', fix)])
+        raise input_error(what, expected, f'"{address}" without keys', fix)
     return address
 
 
@@ -212,7 +212,7 @@ def _is_z85(key: bytes) -> bool:
 
 def _no_key(path: Path, expected: str, got: str) -> InputError:
     fix = "`skincal hand keys --out keys` makes a pair; give hand/ to serve-hand and client/ to the driver remote."
-    return InputError([Problem(str(path), expected, got, fix)])
+    return input_error(str(path), expected, got, fix)
 
 
 KEY_LENGTH = 40

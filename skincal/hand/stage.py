@@ -8,13 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from skincal.dataset import DatasetMeta
 from skincal.hand.driver import Driver
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
+
 Figures = Mapping[str, FloatArray]
 """Figures by name: one number, or one a joint or taxel."""
 

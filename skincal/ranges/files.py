@@ -12,7 +12,7 @@ import tomli_w
 import yaml
 
 from skincal.bounded import UnreadableError, checked, parse_json, parse_toml, parsed, read_text
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.files import reason, whole_file
 from skincal.ranges.plain import FORMAT, from_plain, to_plain
 from skincal.ranges.ranges import Ranges
@@ -101,7 +101,7 @@ def file_format(path: str | Path) -> str:
     suffix = Path(path).suffix.lower()
     if suffix not in _LOAD:
         got = f'the suffix "{suffix}"' if suffix else "no suffix"
-        raise InputError([Problem(str(path), f"a file name ending in {', '.join(_LOAD)}", got)])
+        raise input_error(str(path), f"a file name ending in {', '.join(_LOAD)}", got)
     return suffix
 
 
@@ -119,13 +119,13 @@ def read_ranges(path: str | Path) -> Ranges:
     try:
         values = _LOAD[suffix](read_text(path))
     except OSError as error:
-        raise InputError([Problem(str(path), "a ranges file", reason(error))]) from error
+        raise input_error(str(path), "a ranges file", reason(error)) from error
     except UnreadableError as error:
         # The parser's message holds the line and the column.
-        raise InputError([Problem(str(path), error.expected, error.got)]) from error
+        raise input_error(str(path), error.expected, error.got) from error
     if not isinstance(values, Mapping):
         got = type(values).__name__
-        raise InputError([Problem(str(path), "tables: format, finger, object, skin", f"a {got}")])
+        raise input_error(str(path), "tables: format, finger, object, skin", f"a {got}")
     return from_plain(cast("Mapping[str, Any]", values), path.name)
 
 

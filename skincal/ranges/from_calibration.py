@@ -27,7 +27,7 @@ import numpy as np
 from skincal.calibration import Calibration, Effect
 from skincal.calibration.parts import LAW
 from skincal.effects import EFFECTS
-from skincal.errors import InputError, Problem, WorkError
+from skincal.errors import Problem, WorkError, input_error
 from skincal.ranges import presets
 from skincal.ranges.from_effects import effect_parameters
 from skincal.ranges.names import NAMES
@@ -109,7 +109,7 @@ def _assumed_scale(calibration: Calibration, assumed: tuple[float, float] | None
         )
     low, high = assumed
     if not (0 < low < high and isfinite(high)):
-        raise InputError([Problem("--assume-scale", "0 < LOW < HIGH [counts per N]", f"{low:g} {high:g}")])
+        raise input_error("--assume-scale", "0 < LOW < HIGH [counts per N]", f"{low:g} {high:g}")
     return low, high
 
 
@@ -124,21 +124,17 @@ def joint_draws(calibration: Calibration, draws: int = DRAWS) -> JointDraws:
         InputError: the calibration has no draws, or only unbounded parameters, or ``draws`` is below 1.
     """
     if draws < 1:
-        raise InputError([Problem("draws", "a number above 0", str(draws))])
+        raise input_error("draws", "a number above 0", draws)
     if not any(calibration.identified(name) for name in calibration.intervals):
         place = f"{calibration.folder or 'the calibration'}/calibration.toml, [intervals]"
         fix = "Its draws determine nothing. Collect more presses; without the draws the preset's ranges are exported."
-        raise InputError([Problem(place, "a parameter that the data determine", "none", fix)])
+        raise input_error(place, "a parameter that the data determine", "none", fix)
     if not calibration.draws:
-        raise InputError(
-            [
-                Problem(
-                    f"{calibration.folder or 'the calibration'}, draws.parquet",
-                    "draws from the valley",
-                    "no such file",
-                    "Run skincal fit again, or export the box of intervals.",
-                )
-            ]
+        raise input_error(
+            f"{calibration.folder or 'the calibration'}, draws.parquet",
+            "draws from the valley",
+            "no such file",
+            "Run skincal fit again, or export the box of intervals.",
         )
     rows = np.column_stack(list(calibration.draws.values()))
     kept = np.unique(np.linspace(0, len(rows) - 1, min(draws, len(rows))).round().astype(int))

@@ -9,12 +9,10 @@ from functools import cached_property
 from typing import Final, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.errors import InputError, Problem
+from skincal.model.arrays import FloatArray
 from skincal.ranges.distributions import DISTRIBUTIONS
-
-FloatArray = NDArray[np.float64]
 
 Mode = Literal["episode", "step"]
 Source = Literal["calibrated", "assumed"]

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from typing import Final, Literal
 
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.ranges.parameter import Parameter
 from skincal.ranges.ranges import Ranges
 
@@ -102,5 +102,5 @@ def preset(name: PresetName | str = "iros24") -> Ranges:
         InputError: there is no preset of this name.
     """
     if name not in PRESETS:
-        raise InputError([Problem("preset", f"one of {', '.join(PRESETS)}", repr(name))])
+        raise input_error("preset", f"one of {', '.join(PRESETS)}", repr(name))
     return Ranges(PRESETS[name], provenance={"preset": name})

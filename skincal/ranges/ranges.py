@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skincal.errors import InputError, Problem
+from skincal.model.arrays import FloatArray
 from skincal.ranges.names import NAMES, find, sort_key
 from skincal.ranges.parameter import MODES, Mode, Parameter, Source
 from skincal.ranges.rules import collection_problems, joint_problems
 from skincal.ranges.sampling import Draw, Draws, Sample, draw, flat, nested
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skincal.model.arrays import FloatArray
 from skincal.ranges.distributions import DISTRIBUTIONS
 from skincal.ranges.names import EFFECTS_PREFIX, Shape, find
 from skincal.ranges.parameter import Parameter
@@ -16,7 +16,6 @@ from skincal.ranges.parameter import Parameter
 if TYPE_CHECKING:
     from skincal.ranges.ranges import JointDraws
 
-FloatArray = NDArray[np.float64]
 Draw = float | FloatArray
 Draws = Mapping[str, Draw]
 """Draws by the full names of their parameters."""

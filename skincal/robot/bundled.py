@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.robot.description import HandDescription
 from skincal.robot.hand_file import read_hand
 
@@ -21,5 +21,5 @@ def bundled_hand(name: str = DEFAULT_HAND) -> HandDescription:
     folder = Path(__file__).parent / "hands"
     known = sorted(path.parent.name for path in folder.glob("*/hand.toml"))
     if name not in known:
-        raise InputError([Problem("hand", f"one of {', '.join(known)}", f'"{name}"')])
+        raise input_error("hand", f"one of {', '.join(known)}", f'"{name}"')
     return read_hand(folder / name)

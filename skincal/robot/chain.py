@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.model.arrays import FloatArray
 from skincal.robot.description import FingerDescription
 from skincal.robot.urdf import Urdf, UrdfJoint
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

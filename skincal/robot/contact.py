@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skincal.errors import WorkError
+from skincal.model.arrays import FloatArray
 from skincal.robot.kinematics import Kinematics
-
-FloatArray = NDArray[np.float64]
 
 _SINGULAR = 1e6
 """Largest condition number of the normal equations for the force."""

@@ -5,12 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from skincal.dataset import DatasetMeta
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skincal.errors import WorkError
+from skincal.model.arrays import FloatArray
 from skincal.robot.kinematics import Kinematics
-
-FloatArray = NDArray[np.float64]
 
 TOLERANCE_M = 1e-7
 """Largest distance of the centre from its target [m]."""

@@ -8,15 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skincal.dataset.findings import Findings
+from skincal.model.arrays import FloatArray
 from skincal.robot.chain import Chain, TipFrames
 from skincal.robot.description import HandDescription
 from skincal.robot.pair import ChainPair
 from skincal.robot.urdf import read_urdf
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.model.arrays import FloatArray
 from skincal.robot.chain import Chain, TipFrames
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

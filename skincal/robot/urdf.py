@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.bounded import UnreadableError, parse_xml, read_text
 from skincal.dataset.findings import Findings, did_you_mean
 from skincal.files import check_input, reason
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 MOST_PARTS = 2000
 """Largest number of links and joints: a hand with the arm that carries it."""

@@ -15,13 +15,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skincal.errors import InputError, Problem, WorkError
+from skincal.errors import WorkError, input_error
+from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription, urdf_with_sphere
 from skincal.sim.sim_options import SimOptions
-
-FloatArray = NDArray[np.float64]
 
 
 class Fingers:
@@ -182,7 +180,7 @@ def check_engine() -> None:
     if importlib.util.find_spec("pybullet") is None:
         here = f"none for Python {sys.version_info.major}.{sys.version_info.minor}"
         fix = "Use Python 3.11, for which it is installed with skincal; or build it: pip install pybullet"
-        raise InputError([Problem("physics", "the package pybullet", here, fix)])
+        raise input_error("physics", "the package pybullet", here, fix)
 
 
 def load_engine() -> Any:

@@ -20,9 +20,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

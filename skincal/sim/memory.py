@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.bounded import UnreadableError, read_bytes
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
+from skincal.model.arrays import FloatArray
 from skincal.sim.touch import TrueContact
-
-FloatArray = NDArray[np.float64]
 
 MAGIC = b"skinmem1"
 """First bytes of the file; rows of float64 follow."""
@@ -55,9 +53,9 @@ class SkinMemory:
         try:
             content = read_bytes(path, MOST_BYTES) if path.exists() else b""
         except UnreadableError as error:
-            raise InputError([Problem(str(path), error.expected, error.got)]) from None
+            raise input_error(str(path), error.expected, error.got) from None
         if not MAGIC.startswith(content[: len(MAGIC)]):
-            raise InputError([Problem(str(path), "the contact history of a simulated skin", "another file")])
+            raise input_error(str(path), "the contact history of a simulated skin", "another file")
         # The last row may be incomplete.
         rows = max(0, len(content) - len(MAGIC)) // (8 * width)
         end = len(MAGIC) + 8 * rows * width

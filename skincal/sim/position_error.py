@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.errors import WorkError
+from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics, TipFrames, contact_from_joints, place_indenter
 from skincal.sim.truth import Truth
-
-FloatArray = NDArray[np.float64]
 
 FORCE_N = 3.0
 """Force at which the error is evaluated [N]."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
+from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics
 from skincal.sim.touch import TrueContact
-
-FloatArray = NDArray[np.float64]
 
 SITE_M = 1e-3
 """Largest distance of touches of one site [m]."""

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset.model_objects import converter_of, indenter_of, layout_of, surface_of
 from skincal.effects import EffectSkin, Samples, SkinStream
 from skincal.model import Contacts, Patch, Skin, SkinParameters
+from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics
 from skincal.sim.presses import PressTracker
 from skincal.sim.touch import TrueContact
 from skincal.sim.truth import Truth
-
-FloatArray = NDArray[np.float64]
 
 _AT_ONCE = 256
 

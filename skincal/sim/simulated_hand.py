@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skincal.errors import WorkError
+from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription, Kinematics, contact_from_joints
 from skincal.sim.bullet import Fingers
 from skincal.sim.drives import DriveParameters, Drives
@@ -19,8 +20,6 @@ from skincal.sim.reference_skin import ReferenceSkin
 from skincal.sim.sim_options import SimOptions
 from skincal.sim.touch import TrueContact, contact_stiffness, true_contact
 from skincal.sim.truth import Truth
-
-FloatArray = NDArray[np.float64]
 
 _TOUCH_N = 0.3
 """Smallest force of contacts that count for the position error of a session [N]."""

@@ -6,13 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.model import Contacts
+from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription, Kinematics
 from skincal.robot.contact import nearest_on_surface
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,17 +9,15 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.calibration import Calibration, effects_of, sensor_differences
 from skincal.dataset.model_objects import layout_of
 from skincal.effects import effect
 from skincal.errors import InputError, Problem
 from skincal.model import ContactLaw, SensorPose
+from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription
 from skincal.sim.sim_options import Range, TruthOptions
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

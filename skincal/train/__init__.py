@@ -85,7 +85,7 @@ def __getattr__(name: str) -> Any:
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("skincal"):
             raise
-        from skincal.errors import InputError, Problem
+        from skincal.errors import input_error
 
         fix = "pip install 'skincal[train]'"
-        raise InputError([Problem("skincal train", f"the package {error.name}", "nothing", fix)]) from error
+        raise input_error("skincal train", f"the package {error.name}", "nothing", fix) from error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 
 FOLDER = Path(__file__).parents[1] / "policies"
 
@@ -27,7 +27,7 @@ def policy_path(name: str | Path) -> Path:
     if str(name) in known:
         return known[str(name)]
     choices = f", or one of {', '.join(known)}" if known else ""
-    raise InputError([Problem(str(name), f"a policy file{choices}", "no such file")])
+    raise input_error(str(name), f"a policy file{choices}", "no such file")
 
 
 def estimator_path(name: str | Path) -> Path:
@@ -40,7 +40,5 @@ def estimator_path(name: str | Path) -> Path:
     if path.exists() or str(name) not in known:
         if path.exists():
             return path
-        raise InputError(
-            [Problem(str(name), f"an estimator file, or one of {', '.join(known)}", "no such file")]
-        )
+        raise input_error(str(name), f"an estimator file, or one of {', '.join(known)}", "no such file")
     return known[str(name)]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.bounded import UnreadableError, parse_csv, read_text
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.files import reason, whole_file
 from skincal.train.watch import COLUMNS, Round
 
@@ -60,7 +60,7 @@ def read_curve(path: str | Path) -> dict[str, NDArray[np.float64]]:
     path = Path(path)
     rows = _rows(path)
     if not rows:
-        raise InputError([Problem(str(path), "the learning curve of a training run", "nothing")])
+        raise input_error(str(path), "the learning curve of a training run", "nothing")
     columns = np.array(rows, dtype=np.float64).T
     return dict(zip(COLUMNS, columns, strict=True))
 
@@ -74,12 +74,12 @@ def _rows(path: Path) -> list[list[str]]:
     except FileNotFoundError:
         return []
     except OSError as error:
-        raise InputError([Problem(str(path), "a learning curve", reason(error))]) from None
+        raise input_error(str(path), "a learning curve", reason(error)) from None
     except UnreadableError as error:
-        raise InputError([Problem(str(path), error.expected, error.got)]) from None
+        raise input_error(str(path), error.expected, error.got) from None
     whole = [row for row in rows if len(row) == len(COLUMNS) and all(map(_is_number, row))]
     if len(whole) < len(rows) - 1:
-        raise InputError([Problem(str(path), f"{len(COLUMNS)} numbers in every row", "other rows")])
+        raise input_error(str(path), f"{len(COLUMNS)} numbers in every row", "other rows")
     return whole
 
 

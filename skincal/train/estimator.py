@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skincal.bounded import MOST_TAXELS, decode, parse_json, read_arrays
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.files import reason, whole_file
+from skincal.model.arrays import FloatArray
 from skincal.train.network import Network
-
-FloatArray = NDArray[np.float64]
 
 FORMAT: Final = "skincal-estimator/1"
 SPAN_M: Final = 0.012
@@ -205,4 +204,4 @@ def read_estimator(path: str | Path) -> Estimator:
     except (OSError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         got = reason(error) if isinstance(error, OSError) else f"{error}"
         expected = f"an estimator ({FORMAT}), as `skincal train estimator` writes it"
-        raise InputError([Problem(str(path), expected, got)]) from error
+        raise input_error(str(path), expected, got) from error

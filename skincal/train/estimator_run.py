@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.envs.pinch import Pinch
+from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
 from skincal.train.estimator import SPAN_M, Estimator, Quality, features, learn
 from skincal.train.ranges_hash import ranges_hash
 from skincal.train.touches import Touches, draw_touches
-
-FloatArray = NDArray[np.float64]
 
 HANDS = 1000
 """Hands that images are drawn from, unless another number is asked for."""

@@ -10,13 +10,12 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.ranges import Ranges
 from skincal.train.policy_file import Policy
 from skincal.train.scores import Runs
 from skincal.train.tasks import ENVIRONMENT_IDS, Task
 
-FloatArray = NDArray[np.float64]
 Environment = gymnasium.Env[Any, Any]
 
 POLICY_HZ: Final = 10
@@ -94,9 +93,7 @@ def check_task(policy: Policy, task: Task) -> None:
     """
     if policy.description.task != task:
         fix = f"skincal eval {policy.description.task} {policy.file}"
-        raise InputError(
-            [Problem(policy.file, f"a policy for {task}", f"one for {policy.description.task}", fix)]
-        )
+        raise input_error(policy.file, f"a policy for {task}", f"one for {policy.description.task}", fix)
 
 
 def environment_for(
@@ -129,7 +126,7 @@ def check_fits(policy: Policy, environment: Environment) -> None:
     there = (gymnasium.spaces.flatdim(space["policy"]), gymnasium.spaces.flatdim(environment.action_space))
     if (about.size, about.actions) != there:
         expected = f"a policy from {there[0]} observed values to {there[1]} actions"
-        raise InputError([Problem(policy.file, expected, f"one from {about.size} to {about.actions}")])
+        raise input_error(policy.file, expected, f"one from {about.size} to {about.actions}")
 
 
 def episode(policy: Policy, environment: Environment, trial: Trial, number: int) -> Iterator[Step]:

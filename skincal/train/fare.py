@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import binomtest
 
+from skincal.model.arrays import FloatArray
 from skincal.train.scores import LEVEL, SETTLED_S, Runs
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.train.network import EPSILON, Network
 from skincal.train.settings import Settings
 from skincal.train.watch import Round, RoundWatch
@@ -71,7 +71,7 @@ class Learner(ABC):
         """
         del network, steps
         got = type(self.model).__name__
-        raise InputError([Problem("--from", "a task that is learned with soft actor-critic", got)])
+        raise input_error("--from", "a task that is learned with soft actor-critic", got)
 
     @property
     def steps(self) -> int:

@@ -15,7 +15,7 @@ from skincal.bounded import UnreadableError, read_bytes
 from skincal.dataset.keys import Key, Word
 from skincal.dataset.schema import Table
 from skincal.dataset.schema_errors import Violation
-from skincal.errors import InputError, Problem, WorkError
+from skincal.errors import InputError, WorkError, input_error
 from skincal.files import reason
 from skincal.train.network import Network
 from skincal.train.tasks import PolicyKind, Task
@@ -154,4 +154,4 @@ def read_policy(path: str | Path) -> Policy:
 
 
 def _refused(path: Path, got: str) -> InputError:
-    return InputError([Problem(str(path), "a policy written by `skincal train` (.onnx)", got)])
+    return input_error(str(path), "a policy written by `skincal train` (.onnx)", got)

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
+
 BoolArray = NDArray[np.bool_]
 
 SETTLED_S = (2.0, 8.0)

@@ -15,9 +15,8 @@ from skincal.envs.sensing import Sensor
 from skincal.envs.tactile import SESSION_S, Felt, TactileSkin
 from skincal.envs.trajectories import POLICY_HZ, wander
 from skincal.model import Cylinder
+from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
-
-FloatArray = NDArray[np.float64]
 
 FORCE_N = (0.8, 3.0)
 """Normal forces of the touches, as policies hold the marble [N]."""

@@ -14,7 +14,7 @@ import tomli_w
 
 from skincal.dataset.findings import Findings
 from skincal.dataset.schema import load_toml, read_table
-from skincal.errors import InputError, Problem, WorkError
+from skincal.errors import WorkError, input_error
 from skincal.files import alone, recover, refuse_existing, whole_folder
 from skincal.ranges import Ranges, read_ranges, write_ranges
 from skincal.train.checkpoint import ARRAYS, STATE, Progress, load_checkpoint, save_checkpoint
@@ -106,7 +106,7 @@ def _check_start(start: Policy, work: Work) -> None:
     wanted = f"a policy of {work.task} that sees {work.policy}, with layers of {work.settings.hidden}"
     if (about.task, about.policy, hidden) != (work.task, work.policy, work.settings.hidden):
         got = f"one of {about.task} that sees {about.policy}, with layers of {hidden}"
-        raise InputError([Problem(start.file, wanted, got)])
+        raise input_error(start.file, wanted, got)
 
 
 def read_run(folder: Path) -> tuple[Work, Ranges]:
@@ -240,6 +240,4 @@ def _backend(work: Work) -> type[Learner]:
         return Sb3Learner
     except ModuleNotFoundError as error:
         fix = f"pip install 'skincal[{'sbx' if name is BackendName.sbx else 'train'}]'"
-        raise InputError(
-            [Problem(f"--backend {name}", f"the package {error.name}", "nothing", fix)]
-        ) from error
+        raise input_error(f"--backend {name}", f"the package {error.name}", "nothing", fix) from error
