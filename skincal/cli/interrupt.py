@@ -114,9 +114,6 @@ def interruptible(*more: int) -> Generator[None]:
     So a verb stops its hand, says what is saved and removes half-written files, whoever asks. An extension module that
     is interrupted during its import may swallow the interrupt, so that the work goes on, or fail with an error of its
     own. A signal that is ignored (``nohup``) or handled elsewhere is left alone.
-
-    Args:
-        more: further signals that interrupt.
     """
     ours = {signal.SIGINT: signal.default_int_handler} | dict.fromkeys((*REQUESTS, *more), signal.SIG_DFL)
     before = {number: own for number, own in ours.items() if signal.getsignal(number) is own}

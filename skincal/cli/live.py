@@ -72,12 +72,7 @@ class _Live(AbstractContextManager["_Live"]):
 
 
 class SessionProgress(_Live):
-    """Reporter of a collecting session.
-
-    Args:
-        total: presses of the plan.
-        sensor: its layout and range.
-    """
+    """Reporter of a collecting session."""
 
     def __init__(self, total: int, sensor: SensorSpec) -> None:
         super().__init__()
@@ -112,11 +107,7 @@ class SessionProgress(_Live):
 
 
 class RunProgress(_Live):
-    """Reporter of a policy's run on a hand.
-
-    Args:
-        sensor: its layout and range.
-    """
+    """Reporter of a policy's run on a hand."""
 
     def __init__(self, sensor: SensorSpec) -> None:
         super().__init__()
@@ -135,11 +126,7 @@ class RunProgress(_Live):
 
 
 class TrainingProgress(_Live):
-    """Reporter of a training run.
-
-    Args:
-        steps: total environment steps.
-    """
+    """Reporter of a training run."""
 
     def __init__(self, steps: int) -> None:
         super().__init__()

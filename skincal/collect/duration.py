@@ -16,13 +16,7 @@ POSE_S = 1.0
 
 
 def duration_s(plan: Plan, fingers: Fingers, options: CollectOptions) -> float:
-    """Return an estimate of a session's length on the hand's clock [s], accurate to about a tenth.
-
-    Args:
-        plan: plan with angles for its poses.
-        fingers: the hand.
-        options: options of the presses.
-    """
+    """Return an estimate of a session's length on the hand's clock [s], accurate to about a tenth."""
     stiffness = {
         name: fingers.posture(
             plan.presses[0].site, np.array(angles), radius_of(fingers), heights(options)

@@ -13,13 +13,7 @@ Watcher = Callable[[Sample, str], None]
 
 
 class Loop:
-    """Control loop that commands the hand through its guard and stores the samples.
-
-    Args:
-        hand: connected hand.
-        senses: converts states into samples.
-        watch: callback with every sample.
-    """
+    """Control loop that commands the hand through its guard and stores the samples."""
 
     def __init__(self, hand: GuardedHand, senses: Senses, watch: Watcher | None = None) -> None:
         self.hand, self.senses = hand, senses

@@ -44,11 +44,6 @@ class Reach:
 def with_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> Plan:
     """Return the plan with angles for all its poses.
 
-    Args:
-        plan: the plan.
-        fingers: the hand.
-        options: options of the presses.
-
     Returns:
         The plan; unchanged if it has angles.
 

@@ -24,10 +24,6 @@ class PinchForces:
 
     Each finger has three joints: J^T f = tau is solved for the force f at the middle of the skin, and at the centre of
     the thumb's round end.
-
-    Args:
-        pinch: the hand.
-        kinematics: the same.
     """
 
     def __init__(self, pinch: Pinch, kinematics: Kinematics) -> None:

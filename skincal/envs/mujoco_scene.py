@@ -49,9 +49,6 @@ _ALONG_X = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
 class MujocoScene(Scene):
     """See :class:`Scene`.
 
-    Args:
-        pinch: the fingers.
-
     Raises:
         InputError: MuJoCo is not installed.
     """

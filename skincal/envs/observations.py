@@ -47,11 +47,7 @@ class Part:
 
 
 class Layout:
-    """Parts one after the other, in one array.
-
-    Args:
-        parts: in their order.
-    """
+    """Parts one after the other, in one array."""
 
     def __init__(self, parts: Sequence[Part]) -> None:
         self.parts = tuple(parts)

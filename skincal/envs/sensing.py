@@ -131,13 +131,7 @@ class View:
 
 
 def view(scene: Scene, sensor: Sensor, which: int = 0) -> View:
-    """Looks at a scene.
-
-    Args:
-        scene: as it is.
-        sensor: where the patch is.
-        which: object that is looked at.
-    """
+    """Looks at a scene."""
     q, dq = scene.joints()
     skin, thumb = scene.touches(which)
     (tip, thumb_tip), body = scene.tips(), scene.object_frame(which)

@@ -31,13 +31,7 @@ class Reply:
 
 
 class Outbox:
-    """Replies for the loop that sends them, which they wake.
-
-    Args:
-        replies: queue of the loop.
-        context: a ZeroMQ context.
-        zmq: the module.
-    """
+    """Replies for the loop that sends them, which they wake."""
 
     def __init__(self, replies: SimpleQueue[Reply], context: Any, zmq: Any) -> None:
         self._replies, self._context, self._zmq = replies, context, zmq

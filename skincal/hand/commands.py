@@ -51,9 +51,6 @@ class CommandCheck:
 
     A command may differ from the previous one by at most velocity times time (:class:`Elapsed`). Before the first
     command the hand holds its reported angles.
-
-    Args:
-        driver: the connected hand.
     """
 
     def __init__(self, driver: HandDriver) -> None:

@@ -96,12 +96,7 @@ def check_stage(rig: StageDescription, *, beyond: bool = False) -> None:
 
 
 class StageStateCheck:
-    """Checker of states, one after the other.
-
-    Args:
-        driver: the stage, connected.
-        options: limits and times.
-    """
+    """Checker of states, one after the other."""
 
     def __init__(self, driver: StageDriver, options: GuardOptions) -> None:
         self._rig, self._options = driver.description, options
@@ -194,9 +189,6 @@ class StageCommandCheck:
     """Checker of commands, one after the other: travel, and step size for the time passed (:class:`Elapsed`).
 
     Before the first command the tip holds to where it is.
-
-    Args:
-        driver: the stage, connected.
     """
 
     def __init__(self, driver: StageDriver) -> None:

@@ -30,13 +30,7 @@ class SkippedCheckError(Exception):
 
 
 class Trial:
-    """A driver under test: calls that hang are abandoned, and every state and command is checked as by the guard.
-
-    Args:
-        driver: a fresh driver.
-        options: options of the checks.
-        make: creates another driver.
-    """
+    """A driver under test: calls that hang are abandoned, and every state and command is checked as by the guard."""
 
     def __init__(self, driver: HandDriver, options: ContractOptions, make: Callable[[], HandDriver]) -> None:
         self.driver, self.options, self.make = driver, options, make

@@ -18,12 +18,7 @@ from skincal.ranges.parameter import Numbers, Parameter
 
 
 def effect_parameters(effect: Effect, warnings: list[Problem]) -> dict[str, Parameter]:
-    """Return the ranges of an effect's parameters by full name.
-
-    Args:
-        effect: an effect of a calibration.
-        warnings: list to which warnings are appended.
-    """
+    """Return the ranges of an effect's parameters by full name."""
     if EFFECTS[effect.name].of_rig:
         warnings.append(
             Problem(

@@ -83,10 +83,6 @@ def _plain_parameter(parameter: Parameter) -> dict[str, Any]:
 def from_plain(values: Mapping[str, Any], file: str) -> Ranges:
     """Return ranges from nested tables.
 
-    Args:
-        values: the content of a file.
-        file: its name, for the messages.
-
     Raises:
         InputError: listing every violation, with file, table and key.
     """

@@ -81,12 +81,6 @@ class Ranges(Mapping[str, Parameter]):
     ) -> None:
         """Check the parameters and the joint draws.
 
-        Args:
-            parameters: by full name.
-            joint: the joint draws.
-            provenance: free text by name.
-            warnings: warnings from their making.
-
         Raises:
             InputError: unknown names, figures out of bounds, a dangling ``sigma_from``; all are reported.
         """
@@ -142,9 +136,6 @@ class Ranges(Mapping[str, Parameter]):
 
     def require(self, paths: Iterable[str]) -> None:
         """Check that the parameters which a task needs are present.
-
-        Args:
-            paths: full names.
 
         Raises:
             InputError: some are missing; the message names all of them.

@@ -34,11 +34,7 @@ class Covariates:
 
 
 class PressTracker:
-    """Tracker that numbers presses, counts earlier touches of a site, and detects poses and phases.
-
-    Args:
-        kinematics: the hand.
-    """
+    """Tracker that numbers presses, counts earlier touches of a site, and detects poses and phases."""
 
     def __init__(self, kinematics: Kinematics) -> None:
         self._skin_joints = kinematics.skin.columns

@@ -23,11 +23,6 @@ class ReferenceSkin:
 
     Effects on pose and force act on the true ones: the skin feels another contact than the true one, and than the one
     inferred from the joints.
-
-    Args:
-        kinematics: the hand.
-        truth: pose and parameters.
-        rng: noise of the taxels.
     """
 
     def __init__(self, kinematics: Kinematics, truth: Truth, rng: np.random.Generator) -> None:

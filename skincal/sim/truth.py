@@ -124,10 +124,6 @@ class Truth:
     def with_skin(self, calibration: Calibration, description: HandDescription) -> Truth:
         """Return the same joints and noise with the skin of a calibration; its effects join those that were drawn.
 
-        Args:
-            calibration: calibration of the hand's sensor.
-            description: the hand.
-
         Raises:
             InputError: the calibration has another sensor, or an effect that was drawn as well.
         """

@@ -20,13 +20,7 @@ from skincal.train.settings import PpoSettings
 
 
 class Halves(torch.nn.Module):
-    """Hidden layers of an actor, on the first columns of what is seen, and of a critic, on all of them.
-
-    Args:
-        first: columns that the actor sees.
-        columns: all of them.
-        hidden: neurons of the layers.
-    """
+    """Hidden layers of an actor, on the first columns of what is seen, and of a critic, on all of them."""
 
     def __init__(self, first: int, columns: int, hidden: tuple[int, ...]) -> None:
         super().__init__()
