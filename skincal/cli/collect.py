@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +17,7 @@ from skincal.errors import input_error
 
 if TYPE_CHECKING:
     from skincal.collect import Collected, Need, Plan
-    from skincal.hand import HandDriver, StageDescription
+    from skincal.hand import HandDriver, StageDescription, StageDriver
     from skincal.robot import HandDescription
 
 EPILOG = example(
@@ -60,97 +61,34 @@ def collect(
     session continues when the same command is given again.
     """
     from skincal.collect import journal_folder
-    from skincal.collect.stage import collect_stage, stage_plan
+    from skincal.collect.stage import stage_plan
     from skincal.files import refuse_existing
-    from skincal.hand.registry import create_rig
-    from skincal.hand.stage import StageDriver
-    from skincal.hand.stage_guard import check_stage
-    from skincal.progress import stage_bars
-    from skincal.robot import check_limits
+    from skincal.hand import StageDescription
 
-    settings = options_of(driver, seed, effect, truth, hand, driver_option)
-    rig = create_rig(driver, **settings)
+    rig = Rig.of(driver, seed, effect, truth, hand, driver_option, beyond_limits=beyond_limits)
     inputs = [Path(one) for one in (plan, hand) if one is not None]
-    if isinstance(rig, StageDriver):
-        if second_indenter_mm is not None:
-            expected = "a hand's cap; a stage presses with its own indenter"
-            raise input_error("--second-indenter-mm", expected, f"{second_indenter_mm:g}")
-        check_stage(rig.description, beyond=beyond_limits)
-        chosen = stage_plan(plan_of(plan, protocol, seed, rig.description, None), rig.description)
-    else:
-        check_limits(rig.description, beyond=beyond_limits)
-        chosen = plan_of(plan, protocol, seed, rig.description, second_indenter_mm)
+    description, is_stage = rig.driver.description, rig.hand is None
+    if is_stage and second_indenter_mm is not None:
+        expected = "a hand's cap; a stage presses with its own indenter"
+        raise input_error("--second-indenter-mm", expected, f"{second_indenter_mm:g}")
+    chosen = plan_of(plan, protocol, seed, description, second_indenter_mm)
+    if isinstance(description, StageDescription):
+        chosen = stage_plan(chosen, description)
     if plan_only:
-        _show_plan(
-            chosen, None if isinstance(rig, StageDriver) else rig.description, out, inputs, force, as_json
-        )
+        _show_plan(chosen, rig.hand, out, inputs, force, as_json)
         return
     if truth is not None and not journal_folder(out).exists():
-        if isinstance(rig, StageDriver):
-            from skincal.hand.stage_sim import TRUTH_FORMAT
-        else:
-            from skincal.hand.sim import TRUTH_FORMAT
-        refuse_existing(truth, *inputs, force=force, mark=TRUTH_FORMAT)
-    output: dict[str, Any] = {"force": force, "inputs": inputs, "restart": restart}
-    if isinstance(rig, StageDriver):
-        source = f"skincal collect: stage, driver {driver}, plan {chosen.name}, {rig.description.name}"
-        with stage_bars() as progress, moving(lambda: saved(out)):
-            found = collect_stage(
-                chosen,
-                lambda: rig,
-                out,
-                **session_settings(driver, settings, seed, source, beyond_limits),
-                **output,
-                watch=lambda done, total: progress("presses", done, total),
-            )
-    else:
-        simulated = f", seed {seed}" if driver == "sim" else ""
-        effects = f", effects {', '.join(effect)}" if effect else ""
-        source = f"driver {driver}{simulated}{effects}, plan {chosen.name}, {rig.description.name}"
-        session = session_settings(driver, settings, seed, f"skincal collect: {source}", beyond_limits)
-        found = press_plan(chosen, rig.description, driver, settings, out, session, **output)
-    _conclude(found, out, as_json)
+        from skincal.hand import sim, stage_sim
 
-
-def session_settings(
-    driver: str, settings: dict[str, Any], seed: int, source: str, beyond_limits: bool
-) -> dict[str, Any]:
-    """Return what a session on a hand and one on a stage have in common."""
-    from skincal.hand import GuardOptions
-
-    key = {"driver": driver, "seed": seed, "driver options": {k: str(v) for k, v in sorted(settings.items())}}
-    return {"key": key, "guard": GuardOptions(beyond_limits=beyond_limits), "source": source}
-
-
-def press_plan(
-    plan: Plan,
-    description: HandDescription,
-    driver: str,
-    settings: dict[str, Any],
-    out: Path,
-    session: dict[str, Any],
-    *,
-    start_s: float = 0.0,
-    **output: Any,
-) -> Collected:
-    """Make the presses of a plan on a hand, or go on with them, with progress on the terminal.
-
-    Args:
-        plan: the presses.
-        description: the hand.
-        driver: name of its driver.
-        settings: options of the driver.
-        out: folder of the dataset.
-        session: key, guard and source of the session.
-        start_s: clock of a simulated hand at the beginning [s].
-        output: settings of :func:`skincal.collect.collect` about the output.
-    """
-    from skincal.cli.live import SessionProgress
-    from skincal.collect import collect as run
-
-    with SessionProgress(len(plan), description.meta.sensor) as progress, moving(lambda: saved(out)):
-        make = _maker(driver, settings, out, progress.pause, start_s)
-        return run(plan, description, make, out, **session, **output, watch=progress)
+        mark = (stage_sim if is_stage else sim).TRUTH_FORMAT
+        refuse_existing(truth, *inputs, force=force, mark=mark)
+    simulated = f", seed {seed}" if driver == "sim" else ""
+    effects = f", effects {', '.join(effect)}" if effect else ""
+    kind = "stage, " if is_stage else ""
+    source = (
+        f"skincal collect: {kind}driver {driver}{simulated}{effects}, plan {chosen.name}, {description.name}"
+    )
+    _conclude(rig.press(chosen, out, source, force=force, inputs=inputs, restart=restart), out, as_json)
 
 
 def _conclude(found: Collected, out: Path, as_json: bool) -> None:
@@ -181,57 +119,124 @@ def _conclude(found: Collected, out: Path, as_json: bool) -> None:
         raise typer.Exit(1)
 
 
-def options_of(
-    driver: str,
-    seed: int,
-    effect: list[str] | None,
-    truth: Path | None,
-    hand: str | None,
-    given: list[str] | None,
-) -> dict[str, Any]:
-    """Return the driver's options. An option of this command that the driver lacks is an error when it is created."""
-    from skincal.hand.registry import driver_options, parse_options
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """The hand or stage of a command line.
 
-    effects = numbers_by_name("--effect", effect, "NAME=STRENGTH")
-    own = {n: v for n, v in {"effects": effects, "truth_path": truth, "hand": hand}.items() if v}
-    if "seed" in {option.name for option in driver_options(driver)}:
-        own["seed"] = seed
-    settings: dict[str, Any] = dict(parse_options(given or []))
-    if twice := [name for name in own if name in settings]:
-        raise input_error("--driver-option", "options without an own command-line option", ", ".join(twice))
-    return {**settings, **own}
-
-
-def _maker(
-    driver: str, settings: dict[str, Any], out: Path, pause: Callable[[], None], start_s: float
-) -> Callable[[Need], HandDriver]:
-    """Return a factory of drivers for the point that the session has reached; it asks for another cap where needed.
-
-    A simulated hand is given the clock of its session, the cap and the contact history.
+    Attributes:
+        name_of_driver: as given.
+        options: of the driver.
+        seed: of the command.
+        beyond_limits: whether the guard's limits may be exceeded.
+        driver: not connected.
     """
-    from skincal.collect import journal_folder
-    from skincal.collect.connection import GAP_S
-    from skincal.hand.registry import create_driver, driver_options
 
-    known = {option.name for option in driver_options(driver)}
-    mounted: list[float | None] = [None]
+    name_of_driver: str
+    options: Mapping[str, Any]
+    seed: int
+    beyond_limits: bool
+    driver: HandDriver | StageDriver
 
-    def make(need: Need) -> HandDriver:
-        radius_m = need.indenter_radius_m
-        if radius_m != mounted[0] and "indenter_radius_m" not in known:
-            pause()
-            size = "the hand's own" if radius_m is None else f"{1e3 * radius_m:g} mm"
-            typer.confirm(f"Mount the cap with the sphere of radius: {size}. Done?", abort=True, err=True)
-            mounted[0] = radius_m
-        later = {
-            "start_s": (need.session_s or start_s) + GAP_S if need.session_s or start_s > 0 else None,
-            "indenter_radius_m": radius_m,
-            "memory_path": journal_folder(out) / MEMORY,
-        }
-        own = {n: v for n, v in later.items() if n in known and n not in settings and v is not None}
-        return create_driver(driver, **settings, **own)
+    @classmethod
+    def of(
+        cls,
+        driver: str,
+        seed: int,
+        effect: list[str] | None,
+        truth: Path | None,
+        hand: str | None,
+        given: list[str] | None,
+        *,
+        beyond_limits: bool,
+    ) -> Rig:
+        """Create the driver; an option of the command that it lacks is an error.
 
-    return make
+        Raises:
+            InputError: there is no such driver or option, or a limit is beyond those of any finger or bench.
+        """
+        from skincal.hand.registry import create_rig, driver_options, parse_options
+        from skincal.hand.stage import StageDriver
+        from skincal.hand.stage_guard import check_stage
+        from skincal.robot import check_limits
+
+        effects = numbers_by_name("--effect", effect, "NAME=STRENGTH")
+        own = {n: v for n, v in {"effects": effects, "truth_path": truth, "hand": hand}.items() if v}
+        if "seed" in {option.name for option in driver_options(driver)}:
+            own["seed"] = seed
+        options: dict[str, Any] = dict(parse_options(given or []))
+        if twice := [name for name in own if name in options]:
+            expected = "options without an own command-line option"
+            raise input_error("--driver-option", expected, ", ".join(twice))
+        options |= own
+        rig = create_rig(driver, **options)
+        if isinstance(rig, StageDriver):
+            check_stage(rig.description, beyond=beyond_limits)
+        else:
+            check_limits(rig.description, beyond=beyond_limits)
+        return cls(driver, options, seed, beyond_limits, rig)
+
+    @property
+    def hand(self) -> HandDescription | None:
+        """The hand; None: the rig is a stage."""
+        from skincal.hand.stage import StageDriver
+
+        return None if isinstance(self.driver, StageDriver) else self.driver.description
+
+    def press(self, plan: Plan, out: Path, source: str, start_s: float = 0.0, **output: Any) -> Collected:
+        """Make the presses of a plan, or go on with them, with progress on the terminal.
+
+        Args:
+            plan: the presses.
+            out: folder of the dataset.
+            source: for ``dataset.toml``.
+            start_s: clock of a simulated hand at the beginning [s].
+            output: settings of :func:`skincal.collect.collect` about the output.
+        """
+        from skincal.cli.live import SessionProgress
+        from skincal.collect import collect as run
+        from skincal.hand import GuardOptions
+
+        options = {name: str(value) for name, value in sorted(self.options.items())}
+        key = {"driver": self.name_of_driver, "seed": self.seed, "driver options": options}
+        guard, description = GuardOptions(beyond_limits=self.beyond_limits), self.driver.description
+        with SessionProgress(description.meta.sensor) as progress, moving(lambda: saved(out)):
+            make = self._maker(out, progress.pause, start_s)
+            return run(
+                plan, description, make, out, key=key, guard=guard, source=source, watch=progress, **output
+            )
+
+    def _maker(
+        self, out: Path, pause: Callable[[], None], start_s: float
+    ) -> Callable[[Need], HandDriver | StageDriver]:
+        """Return a factory of drivers for the point that the session has reached; it asks for another cap if needed.
+
+        A simulated hand is given the clock of its session, the cap and the contact history.
+        """
+        from skincal.collect import journal_folder
+        from skincal.collect.connection import GAP_S
+        from skincal.hand.registry import create_driver, driver_options
+
+        known = {option.name for option in driver_options(self.name_of_driver)}
+        mounted: list[float | None] = [None]
+
+        def make(need: Need) -> HandDriver | StageDriver:
+            if self.hand is None:
+                return self.driver
+            radius_m = need.indenter_radius_m
+            if radius_m != mounted[0] and "indenter_radius_m" not in known:
+                pause()
+                size = "the hand's own" if radius_m is None else f"{1e3 * radius_m:g} mm"
+                typer.confirm(f"Mount the cap with the sphere of radius: {size}. Done?", abort=True, err=True)
+                mounted[0] = radius_m
+            later = {
+                "start_s": (need.session_s or start_s) + GAP_S if need.session_s or start_s > 0 else None,
+                "indenter_radius_m": radius_m,
+                "memory_path": journal_folder(out) / MEMORY,
+            }
+            own = {n: v for n, v in later.items() if n in known and n not in self.options and v is not None}
+            return create_driver(self.name_of_driver, **self.options, **own)
+
+        return make
 
 
 def saved(out: Path) -> str:

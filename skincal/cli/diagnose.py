@@ -66,9 +66,11 @@ def diagnose(
     data, cal = read_dataset(dataset), read_calibration(calibration)
     rounds, settled = None, None
     if collect:
+        from skincal.cli.collect import Rig
         from skincal.cli.diagnose_collect import Rounds
 
-        rounds = Rounds.of(out, data, driver, seed, effect, hand, driver_option, beyond_limits=beyond_limits)
+        rig = Rig.of(driver, seed, effect, None, hand, driver_option, beyond_limits=beyond_limits)
+        rounds = Rounds.of(out, data, rig)
     warnings = (*data.warnings, *cal.warnings)
     warn(warnings)
     sessions = CONSTANTS.null_sessions * (5 if thorough else 1)

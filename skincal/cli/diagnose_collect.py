@@ -9,14 +9,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skincal.cli.collect import options_of, press_plan, session_settings
+from skincal.cli.collect import Rig
 from skincal.cli.interrupt import AGAIN
 from skincal.errors import input_error
 
 if TYPE_CHECKING:
     from skincal.collect import Plan
     from skincal.dataset import Dataset
-    from skincal.robot import HandDescription
 
 SESSION = "session"
 """Folder in the new calibration: the dataset with all presses."""
@@ -31,54 +30,29 @@ class Rounds:
     Attributes:
         folder: where rounds are saved until the run is over.
         key: what must be equal to continue an interrupted run.
-        driver: name of the hand's driver.
-        options: of it.
-        description: the hand.
-        seed: as given.
-        beyond_limits: whether the guard's limits may be exceeded.
+        rig: the hand.
     """
 
     folder: Path
     key: dict[str, Any]
-    driver: str
-    options: dict[str, Any]
-    description: HandDescription
-    seed: int
-    beyond_limits: bool
+    rig: Rig
 
     @classmethod
-    def of(
-        cls,
-        out: Path,
-        dataset: Dataset,
-        driver: str,
-        seed: int,
-        effect: list[str] | None,
-        hand: str | None,
-        given: list[str] | None,
-        *,
-        beyond_limits: bool,
-    ) -> Rounds:
-        """Take the command line, and find what an interrupted run has left.
+    def of(cls, out: Path, dataset: Dataset, rig: Rig) -> Rounds:
+        """Find what an interrupted run has left.
 
         Raises:
             InputError: the driver is no hand, a simulated hand is not the one of the dataset, presses of the hand
                 cannot join the dataset, or another run was interrupted.
         """
         from skincal.dataset.joined import check_same_rig
-        from skincal.hand.registry import create_rig
-        from skincal.hand.stage import StageDriver
-        from skincal.robot import check_limits
 
-        options = options_of(driver, seed, effect, None, hand, given)
-        rig = create_rig(driver, **options)
-        if isinstance(rig, StageDriver):
+        hand, driver, options = rig.hand, rig.name_of_driver, rig.options
+        if hand is None:
             fix = "Collect next-presses.toml with it, and diagnose both sessions together."
             raise input_error("--driver", "a hand", f"the stage {driver}", fix)
-        check_limits(rig.description, beyond=beyond_limits)
-        meta = rig.description.meta
-        raw = replace(meta, sensor=replace(meta.sensor, baseline="raw"))
-        check_same_rig(dataset.meta, raw, f"hand {rig.description.name}")
+        raw = replace(hand.meta, sensor=replace(hand.meta.sensor, baseline="raw"))
+        check_same_rig(dataset.meta, raw, f"hand {hand.name}")
         if dataset.frames is None:
             fix = "A session of hold means alone cannot be continued."
             raise input_error("--collect", "a dataset with frames", "one without", fix)
@@ -88,11 +62,11 @@ class Rounds:
             raise input_error("--driver sim", f"the hand of the dataset, seed {own[1]}", got, fix)
         folder = out.with_name(f".{out.name}.rounds")
         key = {
-            "dataset": dataset.sha256, "driver": driver, "seed": seed,
+            "dataset": dataset.sha256, "driver": driver, "seed": rig.seed,
             "options": {k: str(v) for k, v in sorted(options.items())},
         }  # fmt: skip
         _check_same(folder, key)
-        return cls(folder, key, driver, options, rig.description, seed, beyond_limits)
+        return cls(folder, key, rig)
 
     def press(self, dataset: Dataset, plan: Plan, number: int) -> Dataset:
         """Make the presses of a round, unless they were made before an interruption; return all presses so far."""
@@ -104,11 +78,9 @@ class Rounds:
         (self.folder / _KEY).write_text(json.dumps(self.key), encoding="utf-8")
         if not out.exists():
             end_s = 0.0 if dataset.frames is None else float(dataset.frames.time_s[-1])
-            source = (
-                f"skincal diagnose --collect: driver {self.driver}, round {number}, {self.description.name}"
-            )
-            session = session_settings(self.driver, self.options, self.seed, source, self.beyond_limits)
-            press_plan(plan, self.description, self.driver, self.options, out, session, start_s=end_s + GAP_S)
+            driver, hand = self.rig.name_of_driver, self.rig.driver.description.name
+            source = f"skincal diagnose --collect: driver {driver}, round {number}, {hand}"
+            self.rig.press(plan, out, source, start_s=end_s + GAP_S)
         both = joined(dataset, read_dataset(out))
         source = f"{dataset.meta.source}; round {number} of skincal diagnose --collect"
         write_dataset(replace(both, meta=replace(both.meta, source=source)), whole, force=True)

@@ -195,10 +195,10 @@ def _runs(
     if on is Engine.reference:
         from skincal.deploy.trials import reference_runs
 
-        return reference_runs(policy, trial, ranges=ranges or "iros24", told=progress)
+        return reference_runs(policy, trial, ranges=ranges or "iros24", progress=progress)
     environment = environment_for(policy, trial, ranges, engine=on.value)
     try:
-        return evaluate(policy, environment, trial, told=progress)
+        return evaluate(policy, environment, trial, progress=progress)
     finally:
         environment.close()
 

@@ -180,7 +180,7 @@ def test(
     with moving():
         if isinstance(first, StageDriver):
             guard = GuardOptions(beyond_limits=beyond_limits)
-            report = run_stage_checks(driver, another, move=move, guard=guard, told=show_check)
+            report = run_stage_checks(driver, another, move=move, guard=guard, progress=show_check)
         else:
             limits = ContractOptions(step_rad=math.radians(step_deg), move=move, beyond_limits=beyond_limits)
             report = run_contract(driver, lambda: create_driver(driver, **settings), limits, show_check)

@@ -74,9 +74,9 @@ class _Live(AbstractContextManager["_Live"]):
 class SessionProgress(_Live):
     """Reporter of a collecting session."""
 
-    def __init__(self, total: int, sensor: SensorSpec) -> None:
+    def __init__(self, sensor: SensorSpec) -> None:
         super().__init__()
-        self._sensor, self._total = sensor, total
+        self._sensor = sensor
         self._first: int | None = None
         self._last_line = -1
 

@@ -176,7 +176,7 @@ def _trained(out: Path, work: Work, ranges: Ranges, steps: int, *, processes: bo
 
     again = f"Continue from the last checkpoint with\n  skincal train {work.task} --out {out} --steps {steps} --resume"
     with resumable(lambda: again if (out / CHECKPOINT).is_dir() else ""), TrainingProgress(steps) as progress:
-        done = train(out, maker(work, ranges), steps, processes=processes, told=progress)
+        done = train(out, maker(work, ranges), steps, processes=processes, progress=progress)
     about = done.description
     figure = curves_figure({"": read_curve(out / "curve.csv")}, f"{about.task}, {about.policy}")
     save_whole(figure, out / "curve.png", force=True)
@@ -220,7 +220,7 @@ def _train_estimator(
         raise input_error(f"--out {out}", "a file that ends in .npz, for an estimator", out.name)
     refuse_existing(out, *([ranges] if ranges else []), force=force, mark=FORMAT)
     with stage_bars() as progress:
-        found = train_estimator(ranges_for("marble", ranges), read_pinch(None), seed=seed, told=progress)
+        found = train_estimator(ranges_for("marble", ranges), read_pinch(None), seed=seed, progress=progress)
     write_estimator(found, out, force=force)
     quality = found.quality
     content = {

@@ -6,7 +6,7 @@ from skincal.collect.mount import Mount
 from skincal.collect.plan import KINDS, Plan, PlannedPress
 from skincal.collect.plan_file import read_plan, write_plan
 from skincal.collect.press_options import CollectOptions
-from skincal.collect.press_session import MakeDriver, Need, Progress
+from skincal.collect.progress import MakeDriver, Need, Progress
 from skincal.collect.protocols import PROTOCOLS, FullProtocol, PaperProtocol, full_plan, paper_plan
 
 __all__ = [

@@ -1,8 +1,8 @@
-"""From a plan and a hand to a dataset: start or resume a session, and write the dataset when it is complete."""
+"""From a plan and a rig to a dataset: start or resume a session, and write the dataset when it is complete."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,12 +20,14 @@ from skincal.collect.plan_file import plan_as_toml, read_plan
 from skincal.collect.poses import with_poses
 from skincal.collect.posture import Fingers
 from skincal.collect.press_options import CollectOptions
-from skincal.collect.press_session import MakeDriver, Session, Watch
+from skincal.collect.press_session import Session
+from skincal.collect.progress import MakeDriver, Watch
 from skincal.collect.rest_shift import rest_shifts
+from skincal.collect.stage import StageSession, check_height
 from skincal.dataset import Dataset, DatasetMeta, check_dataset, write_dataset
 from skincal.errors import InputError, Problem, input_error
 from skincal.files import alone, recover, refuse_existing
-from skincal.hand import GuardOptions
+from skincal.hand import GuardOptions, StageDescription
 from skincal.robot import HandDescription, Kinematics
 
 MARKER = "dataset.toml"
@@ -71,7 +73,7 @@ class Collected:
 
 def collect(
     plan: Plan,
-    hand: HandDescription,
+    rig: HandDescription | StageDescription,
     make_driver: MakeDriver,
     out: Path,
     *,
@@ -90,8 +92,8 @@ def collect(
     again after an interruption of any kind, the session resumes with the press that was not finished.
 
     Args:
-        plan: the plan.
-        hand: the hand.
+        plan: the plan; for a stage, from :func:`~skincal.collect.stage.stage_plan`.
+        rig: the hand, or the stage.
         make_driver: creates a driver for every connection.
         out: folder of the dataset; created when the session is complete.
         key: further values that must be equal to resume a session: driver, seed, options.
@@ -103,60 +105,32 @@ def collect(
         restart: whether to discard an interrupted session.
         watch: progress callback, called in every period.
 
-    Returns:
-        The dataset, with information about its collection.
-
     Raises:
         InputError: the plan cannot be carried out, ``out`` exists, or another session was interrupted.
-        HandError: the hand failed; call again to resume.
+        HandError: the hand or stage failed; call again to resume.
         WorkError: a press cannot be made.
     """
     options = options or CollectOptions()
-    fingers = Fingers(Kinematics(hand), Mount.of(hand.meta))
-    same = {"plan": plan_digest(plan), "hand": f"{hand.name} ({hand.digest[:12]})", **(key or {}),
-            "options": digest_of(repr(asdict(options)))}  # fmt: skip
-
-    def make(journal: Journal) -> None:
-        resolved = _resolved(plan, journal, fingers, options)
-        session = Session(resolved, journal, fingers, make_driver, options, guard, watch)
-        if session.todo:
-            session.run()
-
-    return keep_session(out, same, hand.meta, source, make, inputs=inputs, force=force, restart=restart)
-
-
-def keep_session(
-    out: Path,
-    same: Mapping[str, Any],
-    meta: DatasetMeta,
-    source: str,
-    make: Callable[[Journal], None],
-    *,
-    inputs: Sequence[Path] = (),
-    force: bool,
-    restart: bool,
-) -> Collected:
-    """Complete a session, and write its dataset.
-
-    Args:
-        out: folder of the dataset.
-        same: values that must be equal to resume an interrupted session.
-        meta: metadata of the rig.
-        source: for ``dataset.toml``.
-        make: makes the presses that are missing in the journal.
-        inputs: files and folders that the dataset must not replace.
-        force: whether to replace an existing dataset.
-        restart: whether to discard an interrupted session.
-    """
+    same = {"plan": plan_digest(plan), **(key or {}), "options": digest_of(repr(asdict(options)))}
+    if isinstance(rig, StageDescription):
+        check_height(rig, options.clearance_m)
+        same["stage"] = rig.name
+    else:
+        same["hand"] = f"{rig.name} ({rig.digest[:12]})"
     folder = journal_folder(out)
     if not _written(folder, out):
         refuse_existing(out, *inputs, force=force, marker=MARKER)
     with alone(folder.with_name(f"{folder.name}.lock"), folder, create=True):
         recover(out)
         journal = Journal.open(folder, same, {"created": datetime.now(UTC).isoformat()}, restart=restart)
-        resumed = _sound_presses(journal, meta)
-        _begun_or_gone(journal, make)
-        dataset = dataset_of(journal, meta, source, datetime.fromisoformat(journal.head["created"]))
+        resumed = _sound_presses(journal, rig.meta)
+        try:
+            _make_presses(plan, rig, journal, make_driver, options, guard, watch)
+        except BaseException:
+            if not journal.connections():  # The rig was never reached.
+                journal.remove()
+            raise
+        dataset = dataset_of(journal, rig.meta, source, datetime.fromisoformat(journal.head["created"]))
         if not _written(folder, out):
             write_dataset(dataset, out, force=force)
         problems = check_dataset(out).errors
@@ -166,6 +140,26 @@ def keep_session(
         journal.remove()
     session_s = float(times[-1] - times[0])
     return Collected(dataset, resumed, session_s, cuts, problems, rest_shifts(dataset))
+
+
+def _make_presses(
+    plan: Plan,
+    rig: HandDescription | StageDescription,
+    journal: Journal,
+    make_driver: MakeDriver,
+    options: CollectOptions,
+    guard: GuardOptions | None,
+    watch: Watch | None,
+) -> None:
+    """Make the presses that are missing in the journal."""
+    if isinstance(rig, StageDescription):
+        StageSession(plan, journal, rig, options, watch).run(make_driver, guard)
+        return
+    fingers = Fingers(Kinematics(rig), Mount.of(rig.meta))
+    resolved = _resolved(plan, journal, fingers, options)
+    session = Session(resolved, journal, fingers, make_driver, options, guard, watch)
+    if session.todo:
+        session.run()
 
 
 def _sound_presses(journal: Journal, meta: DatasetMeta) -> int:
@@ -189,16 +183,6 @@ def _sound_presses(journal: Journal, meta: DatasetMeta) -> int:
         expected, got = "finished presses as they were stored", "files that have been changed"
         raise input_error(str(journal.folder), expected, got, fix)
     return len(numbers)
-
-
-def _begun_or_gone(journal: Journal, make: Callable[[Journal], None]) -> None:
-    """Make the missing presses; remove the journal of a session that never reached its rig."""
-    try:
-        make(journal)
-    except BaseException:
-        if not journal.connections():
-            journal.remove()
-        raise
 
 
 def plan_digest(plan: Plan) -> str:

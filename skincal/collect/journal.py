@@ -105,6 +105,13 @@ class Journal:
         """Return the recordings between presses: before the first, after the last, and after interruptions."""
         return [arrays for _, arrays in self._read("rest")]
 
+    def open_end(self, presses: int) -> tuple[list[int], float]:
+        """Return the missing ones of so many presses, and the time of the last frame [s]; -inf without one."""
+        done = self.presses()
+        times = [arrays["frames.time_s"] for arrays in (*done.values(), *self.rests())]
+        last_s = max((float(stretch[-1]) for stretch in times if len(stretch)), default=-math.inf)
+        return [number for number in range(presses) if number not in done], last_s
+
     def connections(self) -> list[dict[str, Any]]:
         """Return the starts and resumptions of the session in order: see :meth:`connected`.
 

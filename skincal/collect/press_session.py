@@ -2,63 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import groupby
-
-import numpy as np
 
 from skincal.collect.connection import Connection
 from skincal.collect.journal import Journal
 from skincal.collect.loop import Loop
-from skincal.collect.plan import Plan, PlannedPress
+from skincal.collect.plan import Plan
 from skincal.collect.poses import radius_of
 from skincal.collect.posture import Fingers
 from skincal.collect.press_options import CollectOptions
+from skincal.collect.progress import MakeDriver, Need, Progress, Watch
 from skincal.collect.record import Arrays
 from skincal.collect.senses import Sample, Senses
 from skincal.errors import input_error
 from skincal.hand import GuardedHand, GuardOptions, HandDriver
-
-
-@dataclass(frozen=True)
-class Need:
-    """State of a session for which a driver is created.
-
-    Attributes:
-        session_s: time at which the session's clock continues [s]; 0 at the start.
-        indenter_radius_m: radius of the indenter to mount [m]; None: the hand's own.
-        connections: number of connections for this session.
-    """
-
-    session_s: float
-    indenter_radius_m: float | None
-    connections: int
-
-
-@dataclass(frozen=True, eq=False)
-class Progress:
-    """Progress of a session.
-
-    Attributes:
-        done: finished presses.
-        total: presses of the plan.
-        number: number of the present press.
-        planned: the present press.
-        doing: phase of the hand.
-        sample: present sample of the hand.
-    """
-
-    done: int
-    total: int
-    number: int
-    planned: PlannedPress
-    doing: str
-    sample: Sample
-
-
-MakeDriver = Callable[[Need], HandDriver]
-Watch = Callable[[Progress], None]
 
 
 class Session:
@@ -87,13 +44,10 @@ class Session:
         self.plan, self.journal, self.fingers = plan, journal, fingers
         self._make_driver, self._guard, self._watch = make_driver, guard, watch
         self.options = options or CollectOptions()
-        done = journal.presses()
-        self.todo = [number for number in range(len(plan)) if number not in done]
+        self.todo, self.last_frame_s = journal.open_end(len(plan))
         # An earlier connection for the press that now comes first may have touched its site.
         self._resumed = bool(journal.connections())
         self.cycles = _touches(plan, [*_cuts(journal), *(self.todo[:1] if self._resumed else ())])
-        stretches = [a["frames.time_s"] for a in (*done.values(), *journal.rests())]
-        self.last_frame_s = max((float(times[-1]) for times in stretches if len(times)), default=-np.inf)
 
     def run(self) -> None:
         """Make the missing presses.
@@ -108,12 +62,13 @@ class Session:
             numbers = list(group)
             before = len(self.journal.connections())
             driver = self._make_driver(Need(max(self.last_frame_s, 0.0), radius, before))
+            assert isinstance(driver, HandDriver)
             if not driver.follows_commands:
                 fix = "The recording itself can be fitted: `skincal fit`."
                 raise input_error(f"driver {driver.name}", "a hand that moves", "a recorded one", fix)
             senses = Senses(self.fingers.kinematics, radius or radius_of(self.fingers))
             with GuardedHand(driver, self._guard, senses.contact_force) as hand:
-                loop = Loop(hand, senses, self._tell)
+                loop = Loop(hand, senses, self._report)
                 Connection(self, loop, radius or radius_of(self.fingers), numbers).run()
 
     def connected(self, first: int, shift_s: float) -> None:
@@ -137,11 +92,11 @@ class Session:
         if len(times):
             self.last_frame_s = float(times[-1])
 
-    def _tell(self, sample: Sample, doing: str) -> None:
+    def _report(self, sample: Sample, doing: str) -> None:
         if self._watch is not None:
-            number = self.todo[0] if self.todo else len(self.plan) - 1
-            done = len(self.plan) - len(self.todo)
-            self._watch(Progress(done, len(self.plan), number, self.plan.presses[number], doing, sample))
+            done, total = len(self.plan) - len(self.todo), len(self.plan)
+            planned = self.plan.presses[self.todo[0] if self.todo else -1]
+            self._watch(Progress(done, total, planned, doing, sample))
 
 
 def _cuts(journal: Journal) -> list[int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -112,14 +112,33 @@ def press_arrays(
         Arrays by name: ``press.*`` of the row, ``frames.*`` of the frames.
     """
     frames = frames_of(samples, last_frame_s, options.frame_rate_hz)
-    phase = _phases(frames["time_s"], moments)
-    touched = phase != IDLE
     series = Series.of(samples)
     steady = _steady(series.time_s, moments, options.settle_s)
     means = {name: float(np.mean(column[steady])) for name, column in series.values.items()}
     slip_m = _slip(series, moments)
-    status = _status(planned, means["force_n"], slip_m, moments, lost, options)
-    row: dict[str, Any] = {
+    missed = missed_target(planned, means["force_n"], options)
+    row = press_row(number, cycle, planned, target_m, moments, means, missed)
+    row |= {"slip_m": slip_m, "status": _status(missed, slip_m, moments, lost, options)}
+    row |= {f"tau_rest_{j}": float(value) for j, value in enumerate(tare_nm)}
+    if planned.indenter_radius_m is not None:
+        row["indenter_radius_m"] = planned.indenter_radius_m
+    row["counts"] = _mean_image(frames, series.time_s[steady])
+    frames |= phase_columns(_phases(frames["time_s"], moments), number, cycle, planned)
+    frames["pose"] = np.full(len(frames["time_s"]), planned.pose)
+    return named("press", row) | named("frames", frames)
+
+
+def press_row(
+    number: int,
+    cycle: int,
+    planned: PlannedPress,
+    target_m: FloatArray,
+    moments: Moments,
+    means: Mapping[str, float],
+    missed: bool,
+) -> dict[str, Any]:
+    """Return what the row of a press holds on every rig, by column; arguments as for :func:`press_arrays`."""
+    return {
         "press": number,
         **means,
         "t_start_s": moments.start_s,
@@ -132,41 +151,42 @@ def press_arrays(
         "pose": planned.pose,
         "cycle": cycle,
         "kind": planned.kind,
-        "missed_target": int(missed_target(planned, means["force_n"], options)),
-        "slip_m": slip_m,
-        "status": status,
-        **{f"tau_rest_{j}": float(value) for j, value in enumerate(tare_nm)},
+        "missed_target": int(missed),
     }
-    if planned.indenter_radius_m is not None:
-        row["indenter_radius_m"] = planned.indenter_radius_m
-    counts = _mean_image(frames, series.time_s[steady])
-    frames |= {
+
+
+def phase_columns(phase: NDArray[np.int8], number: int, cycle: int, planned: PlannedPress) -> Arrays:
+    """Return the columns of frames (M,) that say which press they belong to; idle ones belong to none."""
+    touched = phase != IDLE
+    return {
         "phase": phase,
         "press": np.where(touched, number, -1),
         "cycle": np.where(touched, float(cycle), np.nan),
         "speed_m_per_s": np.where(touched, planned.speed_m_per_s, np.nan),
-        "pose": np.full(len(phase), planned.pose),
     }
+
+
+def rest_columns(count: int) -> Arrays:
+    """Return the same columns for frames without contact, outside of presses."""
+    nothing = np.full(count, np.nan)
     return {
-        **{f"press.{name}": np.asarray(value) for name, value in row.items()},
-        "press.counts": counts,
-        **{f"frames.{name}": column for name, column in frames.items()},
+        "phase": np.full(count, IDLE),
+        "press": np.full(count, -1),
+        "cycle": nothing,
+        "speed_m_per_s": nothing,
     }
+
+
+def named(table: str, columns: Mapping[str, Any]) -> Arrays:
+    """Return columns by the names that they have in the journal."""
+    return {f"{table}.{name}": np.asarray(column) for name, column in columns.items()}
 
 
 def rest_arrays(samples: Sequence[Sample], last_frame_s: float, options: CollectOptions, pose: str) -> Arrays:
     """Return the record of the skin without contact, outside of presses."""
     frames = frames_of(samples, last_frame_s, options.frame_rate_hz)
     count = len(frames["time_s"])
-    nothing = np.full(count, np.nan)
-    frames |= {
-        "phase": np.full(count, IDLE),
-        "press": np.full(count, -1),
-        "cycle": nothing,
-        "speed_m_per_s": nothing,
-        "pose": np.full(count, pose),
-    }
-    return {f"frames.{name}": column for name, column in frames.items()}
+    return named("frames", {**frames, **rest_columns(count), "pose": np.full(count, pose)})
 
 
 def missed_target(planned: PlannedPress, force_n: float, options: CollectOptions) -> bool:
@@ -176,21 +196,14 @@ def missed_target(planned: PlannedPress, force_n: float, options: CollectOptions
     )
 
 
-def _status(
-    planned: PlannedPress,
-    force_n: float,
-    slip_m: float,
-    moments: Moments,
-    lost: bool,
-    options: CollectOptions,
-) -> Status:
+def _status(missed: bool, slip_m: float, moments: Moments, lost: bool, options: CollectOptions) -> Status:
     if not np.isfinite(moments.hold_s):
         return "no_contact"
     if lost:
         return "lost_contact"
     if slip_m > options.slip_m:
         return "slipped"
-    return "missed_target" if missed_target(planned, force_n, options) else "ok"
+    return "missed_target" if missed else "ok"
 
 
 def _phases(time_s: FloatArray, moments: Moments) -> NDArray[np.int8]:

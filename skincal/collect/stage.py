@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skincal.collect.collection import Collected, keep_session, plan_digest
-from skincal.collect.journal import Journal, digest_of
+from skincal.collect.journal import Journal
 from skincal.collect.mount import Mount
 from skincal.collect.plan import Plan, PlannedPress
 from skincal.collect.press import Moments
 from skincal.collect.press_options import CollectOptions
-from skincal.collect.record import missed_target
-from skincal.dataset import HOLD, IDLE, LOAD, UNLOAD
+from skincal.collect.progress import MakeDriver, Need, Progress, StageSample, Watch
+from skincal.collect.record import Arrays, missed_target, named, phase_columns, press_row, rest_columns
+from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD
 from skincal.errors import InputError, Problem, WorkError, input_error
-from skincal.hand import GuardOptions
-from skincal.hand.stage import StageDescription, StageDriver, StageState
-from skincal.hand.stage_guard import GuardedStage
+from skincal.hand import GuardedStage, GuardOptions, StageDescription, StageDriver
 from skincal.model.arrays import FloatArray
-
-StageWatch = Callable[[int, int], None]
 
 GAIN = 0.25
 """Part of the missing depth that is corrected per period; above 0.6, two periods of lag would make it oscillate."""
@@ -72,53 +64,7 @@ def stage_plan(plan: Plan, rig: StageDescription) -> Plan:
     return replace(plan, presses=presses, poses={})
 
 
-def collect_stage(
-    plan: Plan,
-    make_driver: Callable[[], StageDriver],
-    out: Path,
-    *,
-    key: Mapping[str, Any] | None = None,
-    options: CollectOptions | None = None,
-    guard: GuardOptions | None = None,
-    source: str = "",
-    force: bool = False,
-    inputs: Sequence[Path] = (),
-    restart: bool = False,
-    watch: StageWatch = lambda _done, _total: None,
-) -> Collected:
-    """Make the presses of a plan with a stage and write the dataset; resume an interrupted session.
-
-    Args:
-        plan: from :func:`stage_plan`.
-        make_driver: creates the driver.
-        out: folder of the dataset.
-        key: further values that must be equal to resume a session.
-        options: options of the presses.
-        guard: limits of the guard.
-        source: for ``dataset.toml``.
-        force: whether an existing dataset is replaced.
-        inputs: files that were read, and are not to be replaced.
-        restart: whether an interrupted session is thrown away.
-        watch: is told how many presses are done, and of how many.
-
-    Raises:
-        InputError: ``out`` exists, or another session was interrupted.
-        HandError: the stage failed; call again to resume.
-    """
-    options = options or CollectOptions()
-    driver = make_driver()
-    rig = driver.description
-    _check_height(rig, options.clearance_m)
-    same = {"plan": plan_digest(plan), "stage": rig.name,
-            **(key or {}), "options": digest_of(repr(asdict(options)))}  # fmt: skip
-
-    def make(journal: Journal) -> None:
-        _Session(plan, journal, rig, options, watch).run(driver, guard)
-
-    return keep_session(out, same, rig.meta, source, make, inputs=inputs, force=force, restart=restart)
-
-
-def _check_height(rig: StageDescription, clearance_m: float) -> None:
+def check_height(rig: StageDescription, clearance_m: float) -> None:
     """Refuse a stage that cannot lift its tip off the skin, or not reach the skin."""
     low, high = float(rig.lower_m[2]), float(rig.upper_m[2])
     if not low < 0 < clearance_m <= high:
@@ -126,50 +72,61 @@ def _check_height(rig: StageDescription, clearance_m: float) -> None:
         raise input_error(f"stage {rig.name}", expected, f"{low:g} m to {high:g} m")
 
 
-class _Session:
+class StageSession:
     """Executor of the missing presses of a session."""
 
     def __init__(
-        self, plan: Plan, journal: Journal, rig: StageDescription, options: CollectOptions, watch: StageWatch
+        self,
+        plan: Plan,
+        journal: Journal,
+        rig: StageDescription,
+        options: CollectOptions,
+        watch: Watch | None,
     ) -> None:
         self._plan, self._journal, self._options, self._watch = plan, journal, options, watch
         self._points, _ = Mount.of(rig.meta).place(plan.sites_m())
         self._cycles = plan.cycles()
-        done = journal.presses()
-        self._todo = [number for number in range(len(plan)) if number not in done]
-        times = [a["frames.time_s"] for a in (*done.values(), *journal.rests())]
-        self._last_s = max((float(t[-1]) for t in times if len(t)), default=-np.inf)
+        self._todo, self._last_s = journal.open_end(len(plan))
 
-    def run(self, driver: StageDriver, guard: GuardOptions | None) -> None:
+    def run(self, make_driver: MakeDriver, guard: GuardOptions | None) -> None:
+        """Make the presses; arguments and errors are those of :func:`skincal.collect.collect`."""
         if not self._todo:
             return
+        driver = make_driver(Need(max(self._last_s, 0.0), None, len(self._journal.connections())))
+        assert isinstance(driver, StageDriver)
         with GuardedStage(driver, guard) as stage:
-            self._stage, self._samples, self._shift_s = stage, list[tuple[StageState, int]](), 0.0
-            self._see(IDLE)
+            self._stage, self._samples, self._shift_s, self._tare_n = stage, list[StageSample](), 0.0, 0.0
+            first = self._see(IDLE)
             if np.isfinite(self._last_s):
                 # Another connection, another clock: the session's own continues a moment later.
-                self._shift_s = self._last_s + GAP_S - self._samples[0][0].time_s
+                self._shift_s = self._last_s + GAP_S - first.time_s
+                self._samples = [replace(first, time_s=first.time_s + self._shift_s)]
             self._journal.connected(
                 {"first": self._todo[0], "resumed": bool(np.isfinite(self._last_s)), "shift_s": self._shift_s}
             )
-            self._tip = np.clip(self._now.position_m, stage.description.lower_m, stage.description.upper_m)
+            self._tip = np.clip(first.state.position_m, stage.description.lower_m, stage.description.upper_m)
             top = self._options.clearance_m
             self._go([*self._tip[:2], max(float(self._tip[2]), top)])
             self._wait(self._options.rest_s)
             self._keep_rest()
-            for done, number in enumerate(list(self._todo)):
-                self._watch(len(self._plan) - len(self._todo) + done, len(self._plan))
+            for number in list(self._todo):
                 self._press(number, self._plan.presses[number])
+                self._todo.remove(number)
             self._wait(self._options.rest_s)
             self._keep_rest()
-        self._watch(len(self._plan), len(self._plan))
 
-    def _see(self, phase: int) -> StageState:
-        self._now = self._stage.observe()
-        self._samples.append((self._now, phase))
+    def _see(self, phase: int) -> StageSample:
+        state = self._stage.observe()
+        force_n = state.force_n - self._tare_n
+        self._now = StageSample(state.time_s + self._shift_s, force_n, state, phase)
+        self._samples.append(self._now)
+        if self._watch is not None:
+            done, total = len(self._plan) - len(self._todo), len(self._plan)
+            planned = self._plan.presses[self._todo[0] if self._todo else -1]
+            self._watch(Progress(done, total, planned, PHASES[phase], self._now))
         return self._now
 
-    def _step(self, tip: FloatArray | list[float], phase: int) -> StageState:
+    def _step(self, tip: FloatArray | list[float], phase: int) -> StageSample:
         # A state that came early leaves less time for a step than a period.
         self._tip = self._stage.nearest(np.asarray(tip, dtype=np.float64))
         self._stage.act(self._tip)
@@ -190,50 +147,47 @@ class _Session:
     def _press(self, number: int, planned: PlannedPress) -> None:
         options, dt = self._options, self._stage.period_s
         point, top = self._points[number], self._options.clearance_m
+        self._tare_n = 0.0
         self._go([point[0], point[1], top])
         begin = len(self._samples)
         self._wait(max(options.still_s, 5 * dt))
-        tare = float(np.mean([state.force_n for state, _ in self._samples[begin:]]))
-        times, found = Moments(), float("nan")
+        self._tare_n = float(np.mean([sample.state.force_n for sample in self._samples[begin:]]))
+        times = Moments()
         slow = min(options.approach_m_per_s, 0.9 * self._stage.description.max_speed_m_per_s) * dt
         lowest = max(-options.search_m, float(self._stage.description.lower_m[2]))
         felt = 0
         while felt < 2 and self._tip[2] - slow > lowest:
-            state = self._step(self._tip - np.array([0.0, 0.0, slow]), LOAD)
-            felt = felt + 1 if state.force_n - tare > options.contact_n else 0
+            sample = self._step(self._tip - np.array([0.0, 0.0, slow]), LOAD)
+            felt = felt + 1 if sample.force_n > options.contact_n else 0
         if felt >= 2:
             found = float(self._tip[2])
-            times.start_s = self._time(self._now) - options.before_s
-            self._regulate(
-                planned.force_n, tare, found, planned, LOAD, options.reach_s + self._ramp_s(planned)
-            )
-            times.hold_s = self._time(self._now)
-            self._regulate(planned.force_n, tare, found, planned, HOLD, planned.hold_s)
-            times.release_s = self._time(self._now)
+            times.start_s = self._now.time_s - options.before_s
+            self._regulate(found, planned, LOAD, options.reach_s + self._ramp_s(planned))
+            times.hold_s = self._now.time_s
+            self._regulate(found, planned, HOLD, planned.hold_s)
+            times.release_s = self._now.time_s
         up = planned.speed_m_per_s * dt
         while self._tip[2] < top:
             pressed = np.isfinite(times.release_s) and not np.isfinite(times.end_s)
             phase = UNLOAD if pressed else IDLE
-            state = self._step(self._tip + np.array([0.0, 0.0, min(up, top - self._tip[2])]), phase)
-            if pressed and state.force_n - tare < options.contact_n / 2:
-                times.end_s = self._time(state)
+            sample = self._step(self._tip + np.array([0.0, 0.0, min(up, top - self._tip[2])]), phase)
+            if pressed and sample.force_n < options.contact_n / 2:
+                times.end_s = sample.time_s
         self._wait(options.idle_s)
-        self._keep(number, planned, point, tare, times)
+        self._keep(number, planned, times)
 
     def _ramp_s(self, planned: PlannedPress) -> float:
         """Return the time to enter a soft skin at the planned speed, plus half a second to come to rest."""
         return self._options.search_m / planned.speed_m_per_s + 0.5
 
-    def _regulate(
-        self, target_n: float, tare: float, found_m: float, planned: PlannedPress, phase: int, seconds: float
-    ) -> None:
+    def _regulate(self, found_m: float, planned: PlannedPress, phase: int, seconds: float) -> None:
         """Move the tip until the force is right; during loading it stops there, during the hold it stays regulated."""
-        dt, lowest = self._stage.period_s, self._stage.description.lower_m[2]
+        dt, lowest, target_n = self._stage.period_s, self._stage.description.lower_m[2], planned.force_n
         near = max(0.5 * self._options.tolerance_n, 0.5 * self._options.tolerance_share * target_n)
         right, blind_m = 0, BLIND_M + BLIND_S * planned.speed_m_per_s
         most_n, there_m = -np.inf, found_m
         for _ in range(max(1, round(seconds / dt))):
-            force, place_m = self._now.force_n - tare, float(self._now.position_m[2])
+            force, place_m = self._now.force_n, float(self._now.state.position_m[2])
             if force > most_n + self._options.contact_n / 2:
                 most_n, there_m = force, place_m
             if phase == LOAD and there_m - place_m > blind_m:
@@ -244,92 +198,50 @@ class _Session:
             # For a sphere on a foundation the force grows with the square of the depth: dF/dz = 2 F / z.
             depth = max(found_m - float(self._tip[2]), 1e-5)
             stiffness = max(2 * force / depth, SOFTEST_N_PER_M)
-            step = np.clip(
-                GAIN * (target_n - force) / stiffness, -planned.speed_m_per_s * dt, planned.speed_m_per_s * dt
-            )
+            largest = planned.speed_m_per_s * dt
+            step = np.clip(GAIN * (target_n - force) / stiffness, -largest, largest)
             self._step([self._tip[0], self._tip[1], max(float(self._tip[2] - step), lowest)], phase)
-            right = right + 1 if abs(self._now.force_n - tare - target_n) < near else 0
+            right = right + 1 if abs(self._now.force_n - target_n) < near else 0
             if phase == LOAD and right >= 5:
                 return
 
-    def _time(self, state: StageState) -> float:
-        return state.time_s + self._shift_s
-
-    def _frames(self) -> dict[str, NDArray[Any]]:
-        """Return the samples since the last call, thinned to the rate of frames."""
-        states, phases = zip(*self._samples, strict=True)
-        self._samples.clear()
-        times = np.array([self._time(state) for state in states], dtype=np.float64)
+    def _frames(self) -> Arrays:
+        """Return the samples since the last call, thinned to the rate of frames; forces as the load cell reads them."""
         every = max(1, round(1 / (self._options.frame_rate_hz * self._stage.period_s)))
-        keep = np.arange(0, len(times), every)
-        place = np.array([state.position_m for state in states], dtype=np.float64)[keep]
+        kept, self._samples = self._samples[::every], []
+        states = [sample.state for sample in kept]
+        place = np.array([state.position_m for state in states], dtype=np.float64)
         return {
-            "time_s": times[keep],
-            "counts": np.array([state.taxels for state in states], dtype=np.float64)[keep],
-            "force_n": np.array([state.force_n for state in states], dtype=np.float64)[keep],
+            "time_s": np.array([sample.time_s for sample in kept], dtype=np.float64),
+            "counts": np.array([state.taxels for state in states], dtype=np.float64),
+            "force_n": np.array([state.force_n for state in states], dtype=np.float64),
             **{name: place[:, i] for i, name in enumerate(("x_m", "y_m", "z_m"))},
-            "phase": np.array(phases)[keep],
+            "phase": np.array([sample.phase for sample in kept]),
         }
 
     def _keep_rest(self) -> None:
         frames = self._frames()
-        nothing = np.full(len(frames["time_s"]), np.nan)
-        frames |= {"press": np.full(len(nothing), -1), "cycle": nothing, "speed_m_per_s": nothing}
-        frames["phase"] = np.full(len(nothing), IDLE)
-        self._journal.keep_rest({f"frames.{name}": column for name, column in frames.items()})
+        self._journal.keep_rest(named("frames", frames | rest_columns(len(frames["time_s"]))))
 
-    def _keep(
-        self, number: int, planned: PlannedPress, point: FloatArray, tare: float, times: Moments
-    ) -> None:
-        held = [
-            state
-            for state, phase in self._samples
-            if phase == HOLD and self._time(state) >= times.hold_s + self._options.settle_s
-        ]
-        status = "no_contact" if not np.isfinite(times.start_s) else "ok"
-        if not held:
-            held = [self._samples[-1][0]]
-        force = float(np.mean([state.force_n for state in held])) - tare
+    def _keep(self, number: int, planned: PlannedPress, times: Moments) -> None:
+        cycle, begin_s = self._cycles[number], times.hold_s + self._options.settle_s
+        held = [one.state for one in self._samples if one.phase == HOLD and one.time_s >= begin_s]
+        held = held or [self._now.state]
+        force = float(np.mean([state.force_n for state in held])) - self._tare_n
         place: FloatArray = np.mean(np.array([state.position_m for state in held], dtype=np.float64), axis=0)
         missed = missed_target(planned, force, self._options)
-        if missed and status == "ok":
-            status = "missed_target"
-        row: dict[str, Any] = {
-            "press": number,
-            "force_n": force,
-            **dict(zip(("x_m", "y_m", "z_m"), (place[0], place[1], 0.0), strict=True)),
-            "t_start_s": times.start_s,
-            "t_hold_s": times.hold_s,
-            "t_release_s": times.release_s,
-            "t_end_s": times.end_s,
-            **dict(zip(("target_x_m", "target_y_m", "target_z_m"), point, strict=True)),
-            "target_force_n": planned.force_n,
-            "speed_m_per_s": planned.speed_m_per_s,
-            "cycle": self._cycles[number],
-            "kind": planned.kind,
-            "missed_target": int(missed),
-            "status": status,
-            "force_rest_n": tare,
-        }
-        counts: FloatArray = np.mean(np.array([state.taxels for state in held], dtype=np.float64), axis=0)
+        means = {"force_n": force, "x_m": float(place[0]), "y_m": float(place[1]), "z_m": 0.0}
+        row = press_row(number, cycle, planned, self._points[number], times, means, missed)
+        del row["pose"]  # of a hand
+        found = bool(np.isfinite(times.start_s))
+        row["status"] = "no_contact" if not found else "missed_target" if missed else "ok"
+        row["force_rest_n"] = self._tare_n
+        row["counts"] = np.mean(np.array([state.taxels for state in held], dtype=np.float64), axis=0)
         frames = self._frames()
-        frames["force_n"] = frames["force_n"] - tare
+        frames["force_n"] = frames["force_n"] - self._tare_n
         frames["z_m"] = np.zeros_like(frames["z_m"])
         begun = frames["time_s"] >= times.start_s
         ended = frames["time_s"] > (times.end_s if np.isfinite(times.end_s) else np.inf)
         phase = np.where(begun & ~ended, frames["phase"], IDLE)
-        touched = phase != IDLE
-        frames |= {
-            "phase": phase,
-            "press": np.where(touched, number, -1),
-            "cycle": np.where(touched, float(self._cycles[number]), np.nan),
-            "speed_m_per_s": np.where(touched, planned.speed_m_per_s, np.nan),
-        }
-        self._journal.keep_press(
-            number,
-            {
-                **{f"press.{name}": np.asarray(value) for name, value in row.items()},
-                "press.counts": counts,
-                **{f"frames.{name}": column for name, column in frames.items()},
-            },
-        )
+        frames |= phase_columns(phase, number, cycle, planned)
+        self._journal.keep_press(number, named("press", row) | named("frames", frames))

@@ -51,7 +51,7 @@ def reference_runs(
     *,
     ranges: Ranges | str = "iros24",
     engine: str = "pybullet",
-    told: Callable[[int], None] = lambda _: None,
+    progress: Callable[[int], None] = lambda _: None,
 ) -> Runs:
     """Runs of a policy on reference hands, one on each; the marble.
 
@@ -62,7 +62,7 @@ def reference_runs(
         trial: how often, how long, and with which seed; see :func:`check_trial`.
         ranges: the hands' truth is drawn from these.
         engine: the hands' physics.
-        told: is given the number of runs that are done.
+        progress: progress callback; gets the number of runs that are done.
     """
     check_trial(trial)
     pinch = read_pinch(None)
@@ -83,7 +83,7 @@ def reference_runs(
             error[number, : found.steps] = found.error_m
             places[number, : found.steps] = _places(found)
             dropped[number] = found.lost_s is not None
-        told(number + 1)
+        progress(number + 1)
     nothing = np.full(n, np.nan)
     shown = np.broadcast_to(targets[1:], (n, t, 2)).copy()
     time_s = np.arange(1, t + 1) / POLICY_HZ

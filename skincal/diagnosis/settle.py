@@ -53,7 +53,7 @@ def settle(
     seed: int = 0,
     heard: Heard = lambda _: None,
     null_sessions: int = C.null_sessions,
-    told: Heard = lambda _: None,
+    progress: Heard = lambda _: None,
     budget: int = BUDGET,
 ) -> Settled:
     """Diagnoses until every effect has one name, no press would tell more, or all presses have been made.
@@ -65,7 +65,7 @@ def settle(
         seed: of all chance.
         heard: told which stage begins.
         null_sessions: simulated sessions with nothing hidden.
-        told: told what each round is for, and what it came to.
+        progress: progress callback; gets what each round is for, and what it came to.
         budget: presses that are made at most.
 
     Raises:
@@ -78,12 +78,12 @@ def settle(
         assert found.next_plan is not None
         plan = _round(found.next_plan, min(ROUND, budget - made))
         number += 1
-        told(f"round {number}: {len(plan)} presses, to tell {_words(open_sets(found))}")
+        progress(f"round {number}: {len(plan)} presses, to tell {_words(open_sets(found))}")
         dataset = press(dataset, plan, number)
         made += len(plan)
         found = diagnose(dataset, calibration, seed, heard, null_sessions, ROUND)
         names = "; ".join(" or ".join(e.consistent_with) for e in found.effects) or "no name"
-        told(f"round {number}: with {made} more presses: {found.verdict}, {names}")
+        progress(f"round {number}: with {made} more presses: {found.verdict}, {names}")
     return Settled(found, dataset, made, number, open_sets(found), reason)
 
 

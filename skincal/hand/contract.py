@@ -102,7 +102,7 @@ def run_contract(
     name: str,
     make: Callable[[], HandDriver],
     options: ContractOptions | None = None,
-    told: Callable[[CheckResult], None] = lambda result: None,
+    progress: Callable[[CheckResult], None] = lambda result: None,
 ) -> ContractReport:
     """Run every check against a driver.
 
@@ -110,12 +110,12 @@ def run_contract(
         name: the driver's name, for the report.
         make: creates a driver that is not connected; called once per check.
         options: options of the checks.
-        told: callback with every result.
+        progress: callback with every result.
     """
     results: list[CheckResult] = []
     for check in CHECKS:
         results.append(_run(check, make, options or ContractOptions()))
-        told(results[-1])
+        progress(results[-1])
     return ContractReport(name, tuple(results))
 
 

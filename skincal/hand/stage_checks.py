@@ -78,7 +78,7 @@ def run_stage_checks(
     *,
     move: bool = True,
     guard: GuardOptions | None = None,
-    told: Callable[[CheckResult], None] = lambda result: None,
+    progress: Callable[[CheckResult], None] = lambda result: None,
 ) -> ContractReport:
     """Run every check against a driver of a stage.
 
@@ -87,7 +87,7 @@ def run_stage_checks(
         make: creates a driver that is not connected; called once per check.
         move: whether to move the stage.
         guard: limits and times.
-        told: callback with every result.
+        progress: callback with every result.
     """
     guard = guard or GuardOptions()
     results: list[CheckResult] = []
@@ -111,5 +111,5 @@ def run_stage_checks(
             finally:
                 worker.end()
             results.append(CheckResult(check.__name__, expected, status, got, time.monotonic() - begin))
-        told(results[-1])
+        progress(results[-1])
     return ContractReport(name, tuple(results))

@@ -91,7 +91,7 @@ def learn(
     width: int = 64,
     batch: int = 128,
     rate: float = 2e-3,
-    told: Callable[[int], None] = lambda _: None,
+    progress: Callable[[int], None] = lambda _: None,
 ) -> Network:
     """Fits a perceptron with two hidden layers by Adam; the loss is the Huber loss, so that odd images count less.
 
@@ -103,7 +103,7 @@ def learn(
         width: of the hidden layers.
         batch: images in a step.
         rate: of learning, at first.
-        told: is given the number of epochs that are done.
+        progress: progress callback; gets the number of epochs that are done.
     """
     seen = features(images_counts)
     mean, variance = seen.mean(axis=0), seen.var(axis=0) + 1e-6
@@ -126,7 +126,7 @@ def learn(
                 m += 0.1 * (g - m)
                 v += 1e-3 * (g * g - v)
                 p -= now * (m / (1 - 0.9**step)) / (np.sqrt(v / (1 - 0.999**step)) + 1e-8)
-        told(epoch + 1)
+        progress(epoch + 1)
     layers = [(parameters[i], parameters[i + 3]) for i in range(3)]
     return Network.build(mean, variance, 10.0, layers)
 

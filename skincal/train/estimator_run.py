@@ -28,7 +28,7 @@ def train_estimator(
     seed: int = 0,
     hands: int = HANDS,
     epochs: int = 40,
-    told: Callable[[str, int, int], None] = lambda *_: None,
+    progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Estimator:
     """Draws hands, learns from most of them, and judges on the rest.
 
@@ -38,11 +38,11 @@ def train_estimator(
         seed: of all randomness.
         hands: how many, the ones kept back among them; at least 10.
         epochs: passes over the images.
-        told: is given a stage, how much of it is done, and of how much.
+        progress: progress callback: a stage, how much of it is done, and of how much.
     """
     draws, learning = np.random.default_rng(seed).spawn(2)
     touches = draw_touches(
-        ranges, pinch, hands, IMAGES, draws, lambda n: told("images of drawn hands", n, hands)
+        ranges, pinch, hands, IMAGES, draws, lambda n: progress("images of drawn hands", n, hands)
     )
     back = max(1, round(KEPT_BACK * hands))
     taxels = touches.images_counts.shape[-1]
@@ -50,7 +50,9 @@ def train_estimator(
         touches.images_counts[:-back].reshape(-1, taxels),
         touches.places_m[:-back].reshape(-1, 2),
     )
-    network = learn(images, places, learning, epochs=epochs, told=lambda n: told("learning", n, epochs))
+    network = learn(
+        images, places, learning, epochs=epochs, progress=lambda n: progress("learning", n, epochs)
+    )
     quality = judge(lambda seen: SPAN_M * network(features(seen)).astype(np.float64), touches, back)
     return Estimator(network, taxels, ranges_hash(ranges), seed, quality)
 

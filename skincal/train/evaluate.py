@@ -144,7 +144,7 @@ def evaluate(
     environment: Environment,
     trial: Trial,
     *,
-    told: Callable[[int], None] = lambda _: None,
+    progress: Callable[[int], None] = lambda _: None,
 ) -> Runs:
     """Lets a policy act for all episodes of a trial.
 
@@ -152,13 +152,13 @@ def evaluate(
         policy: acts without noise.
         environment: see :func:`environment_for`.
         trial: what is asked.
-        told: is given the number of episodes that are done.
+        progress: progress callback; gets the number of episodes that are done.
     """
     record = _Record(trial)
     for number in range(trial.episodes):
         for t, step in enumerate(episode(policy, environment, trial, number)):
             record.add(number, t, step)
-        told(number + 1)
+        progress(number + 1)
     return record.runs()
 
 

@@ -78,19 +78,19 @@ class Learner(ABC):
         """Environment steps so far."""
         return self.model.num_timesteps
 
-    def learn(self, rounds: int, seed: int, told: Callable[[Round], None]) -> None:
+    def learn(self, rounds: int, seed: int, progress: Callable[[Round], None]) -> None:
         """Gathers and learns for so many rounds, from fresh episodes on.
 
         Args:
             rounds: how many.
             seed: of the environments.
-            told: is given the figures of every round.
+            progress: progress callback; gets the figures of every round.
         """
         self.normalised.seed(seed)
         # Without a last observation the learner resets its environments; the transition before was stored as one
         # that goes on, so nothing of the cut is seen in the buffer.
         self.model._last_obs = None
-        self._watch.told = told
+        self._watch.report = progress
         steps = rounds * self.settings.steps_per_round
         self.model.learn(steps, callback=self._watch, reset_num_timesteps=False, log_interval=None)  # type: ignore[arg-type]
 

@@ -59,7 +59,7 @@ def draw_touches(
     hands: int,
     each: int,
     rng: np.random.Generator,
-    told: Callable[[int], None] = lambda _: None,
+    progress: Callable[[int], None] = lambda _: None,
 ) -> Touches:
     """Lets a marble wander over the skins of drawn hands, at forces that change.
 
@@ -69,7 +69,7 @@ def draw_touches(
         hands: how many.
         each: images of each.
         rng: source of chance.
-        told: is given the number of hands that are done.
+        progress: progress callback; gets the number of hands that are done.
     """
     skin = TactileSkin(pinch, _RESOLUTION_M)
     drawer = Drawer(ranges, "marble", pinch, skin.taxels)
@@ -98,7 +98,7 @@ def draw_touches(
             felt = Felt(contacts, *rng.normal(0.0, SHEAR_N, 2).tolist())
             images[hand, k] = skin.image(felt, (_RESTING + k) / POLICY_HZ, noise[_RESTING + k]) - rest
         places[hand] = way
-        told(hand + 1)
+        progress(hand + 1)
     layout = skin.layout
     half = (np.abs(layout.centres_m) + layout.sizes_m / 2).max(axis=0)
     return Touches(images, places, layout.centres_m, half)

@@ -138,7 +138,7 @@ def train(
     steps: int | None = None,
     *,
     processes: bool = False,
-    told: Callable[[Round], None] = lambda _: None,
+    progress: Callable[[Round], None] = lambda _: None,
 ) -> Trained:
     """Trains until a run has so many steps; goes on from its last checkpoint where there is one.
 
@@ -147,7 +147,7 @@ def train(
         make: makes an environment.
         steps: environment steps that it shall have in the end, of all environments together; None: as planned.
         processes: whether each environment has a process of its own.
-        told: is given the figures of every round.
+        progress: progress callback; gets the figures of every round.
 
     Raises:
         InputError: the folder is no run's, or another process works on it.
@@ -155,7 +155,7 @@ def train(
     """
     work, ranges = read_run(folder)
     with alone(folder / MARKER, folder), _learner(work, make, processes=processes) as learner:
-        course = _Course(folder, work, ranges, learner, told)
+        course = _Course(folder, work, ranges, learner, progress)
         course.go_on(work.settings.rounds(steps or work.steps))
         about = course.write_policy()
     return Trained(folder, folder / POLICY, about, course.last)
@@ -165,10 +165,10 @@ class _Course:
     """The way of one run from checkpoint to checkpoint."""
 
     def __init__(
-        self, folder: Path, work: Work, ranges: Ranges, learner: Learner, told: Callable[[Round], None]
+        self, folder: Path, work: Work, ranges: Ranges, learner: Learner, report: Callable[[Round], None]
     ) -> None:
         self.folder, self.work, self.ranges = folder, work, ranges
-        self.learner, self.told = learner, told
+        self.learner, self.report = learner, report
         self.last: Round | None = None
         there = (folder / CHECKPOINT).is_dir()
         self.progress = load_checkpoint(learner, folder / CHECKPOINT) if there else Progress()
@@ -202,7 +202,7 @@ class _Course:
         def listen(row: Round) -> None:
             self.last = row
             curve.add(row)
-            self.told(row)
+            self.report(row)
 
         began, done = time.perf_counter(), self.progress.rounds
         self.learner.learn(until - done, segment_seed(self.work.seed, done), listen)

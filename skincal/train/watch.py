@@ -48,7 +48,7 @@ class RoundWatch(BaseCallback):
 
     def __init__(self) -> None:
         super().__init__()
-        self.told: Callable[[Round], None] = lambda _: None
+        self.report: Callable[[Round], None] = lambda _: None
         self._length: Any = None
         self._ended: float | None = None
         self._learn_s = 0.0
@@ -98,7 +98,7 @@ class RoundWatch(BaseCallback):
             learn_s=self._learn_s,
         )
         self._ended = now
-        self.told(row)
+        self.report(row)
 
 
 def _figure(figures: dict[str, Any], *names: str) -> float:

@@ -11,6 +11,7 @@ import pytest
 from calibrations import make_calibration
 
 from skincal.calibration import read_calibration, write_calibration
+from skincal.cli.collect import Rig
 from skincal.cli.diagnose_collect import SESSION, Rounds
 from skincal.cli.main import main
 from skincal.collect import Mount, Plan, PlannedPress, collect
@@ -47,7 +48,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 
 def rounds(out: Path, data: Dataset, seed: int = SEED, driver: str = "sim") -> Rounds:
-    return Rounds.of(out, data, driver, seed, None, None, None, beyond_limits=False)
+    return Rounds.of(out, data, Rig.of(driver, seed, None, None, None, None, beyond_limits=False))
 
 
 def test_a_round_is_pressed_once_and_joins_the_session(run: Dataset, tmp_path: Path, monkeypatch):
@@ -63,7 +64,7 @@ def test_a_round_is_pressed_once_and_joins_the_session(run: Dataset, tmp_path: P
     def never(*_: object, **__: object) -> None:
         raise AssertionError("pressed again")
 
-    monkeypatch.setattr("skincal.cli.diagnose_collect.press_plan", never)
+    monkeypatch.setattr(Rig, "press", never)
     again = rounds(tmp_path / "new", run)
     assert again.press(run, plan(2, 4), 1).presses.press.tolist() == both.presses.press.tolist()
     assert "1 rounds" in again.saved()

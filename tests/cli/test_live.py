@@ -37,9 +37,9 @@ def test_the_terminal_shows_presses_force_image_and_time_left(
         description = driver.description
         sample = Senses(Kinematics(description), 0.004).sample(driver.observe())
     planned = PlannedPress(0.0, 0.0, 2.5, 0.04, 0.5)
-    with SessionProgress(9, description.meta.sensor) as show:
+    with SessionProgress(description.meta.sensor) as show:
         for done in (3, 5):
-            show(Progress(done, 9, done, planned, "hold", sample))
+            show(Progress(done, 9, planned, "hold", sample))
     seen = capsys.readouterr().err
     assert "press 6 of 9" in seen and "N of 2.50 N" in seen and "s left" in seen
     assert "48;2;0;40;120" in seen  # a taxel at rest

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from skincal.cli.main import main
+from skincal.collect import collect
 from skincal.collect.plan import Plan, PlannedPress
-from skincal.collect.stage import collect_stage, stage_plan
+from skincal.collect.stage import stage_plan
 from skincal.dataset import HOLD, read_dataset
 from skincal.dataset.reading import Check
 from skincal.errors import InputError, Problem, WorkError
@@ -32,7 +33,7 @@ PLAN = Plan(
 
 def test_presses_are_made_at_their_place_and_force(tmp_path: Path) -> None:
     plan = stage_plan(PLAN, StageSim().description)
-    found = collect_stage(plan, lambda: StageSim(seed=2), tmp_path / "run")
+    found = collect(plan, StageSim().description, lambda _: StageSim(seed=2), tmp_path / "run")
     data = read_dataset(tmp_path / "run")
     assert found.statuses == {"ok": 3}
     assert data.presses.force_n == pytest.approx([2.0, 4.0, 1.0], rel=0.04)
@@ -56,8 +57,8 @@ def test_an_interrupted_session_goes_on(tmp_path: Path) -> None:
 
     plan = stage_plan(PLAN, StageSim().description)
     with pytest.raises(HandError, match="the cable is out"):
-        collect_stage(plan, lambda: Weary(seed=2), tmp_path / "run")
-    found = collect_stage(plan, lambda: StageSim(seed=2), tmp_path / "run")
+        collect(plan, StageSim().description, lambda _: Weary(seed=2), tmp_path / "run")
+    found = collect(plan, StageSim().description, lambda _: StageSim(seed=2), tmp_path / "run")
     assert 0 < found.resumed < 3
     assert found.statuses == {"ok": 3}
     assert found.dataset.frames is not None
@@ -160,7 +161,7 @@ def test_a_travel_that_does_not_span_the_skin_is_refused(tmp_path: Path, axis: s
             return replace(rig, **{axis: np.array([*getattr(rig, axis)[:2], value])})
 
     with pytest.raises(InputError, match="travel along z"):
-        collect_stage(stage_plan(PLAN, Low().description), Low, tmp_path / "run")
+        collect(stage_plan(PLAN, Low().description), Low().description, lambda _: Low(), tmp_path / "run")
 
 
 def test_a_load_cell_that_stands_ends_the_press(tmp_path: Path) -> None:
@@ -176,7 +177,7 @@ def test_a_load_cell_that_stands_ends_the_press(tmp_path: Path) -> None:
 
     stage = Stuck(seed=2)
     with pytest.raises(WorkError, match="load cell") as failed:
-        collect_stage(stage_plan(PLAN, stage.description), lambda: stage, tmp_path / "run")
+        collect(stage_plan(PLAN, stage.description), stage.description, lambda _: stage, tmp_path / "run")
     assert stage._halted  # pyright: ignore[reportPrivateUsage]
     assert any("stopped" in note for note in failed.value.__notes__)
     assert stage.deepest_m > -2e-3

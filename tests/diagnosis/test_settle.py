@@ -52,7 +52,7 @@ class Rig:
         return dataset
 
     def run(self, **more: int):
-        return settle(object(), object(), self.press, told=self.said.append, **more)  # type: ignore[arg-type]
+        return settle(object(), object(), self.press, progress=self.said.append, **more)  # type: ignore[arg-type]
 
 
 def test_it_ends_when_there_is_one_name(monkeypatch: pytest.MonkeyPatch):

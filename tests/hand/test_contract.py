@@ -38,7 +38,7 @@ def failed(report: ContractReport) -> set[str]:
 
 def test_a_good_driver_passes_every_check() -> None:
     told: list[str] = []
-    report = run_contract("fake", FakeHand, GOOD, told=lambda result: told.append(result.name))
+    report = run_contract("fake", FakeHand, GOOD, progress=lambda result: told.append(result.name))
     assert report.ok
     assert report.count("passed") == len(report.results) == len(told) >= 15
     assert all(result.expected for result in report.results)

@@ -113,7 +113,7 @@ def test_a_run_that_was_killed_goes_on_exactly(tmp_path):
         raise KilledError
 
     with pytest.raises(KilledError):
-        train(folder, small_runs.make, told=kill)
+        train(folder, small_runs.make, progress=kill)
     assert read_curve(folder / "curve.csv")["steps"][-1] > 2 * small_runs.CHECKPOINT_STEPS
     small_runs.run(folder, 4 * small_runs.CHECKPOINT_STEPS)
     for a, b in zip(last_network(tmp_path / "straight"), last_network(folder), strict=True):
