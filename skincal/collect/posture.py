@@ -128,7 +128,4 @@ class Fingers:
         at = skin.to_root(point_m[None])
         across = np.array([normal[2], 0.0, -normal[0]])
         forces = skin.rotations[0] @ np.stack([-normal, across, [0.0, 1.0, 0.0]], axis=1)
-        torques = np.zeros((len(links_rad), 3))
-        torques[kinematics.indenter.columns] = kinematics.indenter.jacobian(indenter, at)[0].T @ forces
-        torques[kinematics.skin.columns] = -kinematics.skin.jacobian(skin, at)[0].T @ forces
-        return torques
+        return kinematics.torques(skin, indenter, at, at, forces)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from skincal.deploy.deploy_options import DeployOptions
 from skincal.deploy.motion import Motion
-from skincal.envs.pinch import Pinch, require_cylinder
+from skincal.envs.pinch import Pinch
 from skincal.envs.postures import Postures
 from skincal.errors import WorkError
 from skincal.hand.driver import HandState
@@ -27,11 +25,7 @@ class PinchForces:
     """
 
     def __init__(self, pinch: Pinch, kinematics: Kinematics) -> None:
-        mount, radius = pinch.description.meta.mount, require_cylinder(pinch)
-        beta = math.radians(mount.beta_deg or 0.0)
-        self._out = np.array([math.sin(beta), 0.0, math.cos(beta)])
-        self._foot = (radius * self._out + [0.0, mount.y_m, 0.0])[None]
-        self._end = np.array([[0.0, pinch.thumb.length_m, 0.0]])
+        self._out, self._foot, self._end = pinch.facing
         self._kinematics = kinematics
         self.tare_nm = np.zeros(pinch.joints)
 
@@ -59,13 +53,8 @@ class PinchForces:
         """Torques (n,) with which both fingers press on each other along the skin's normal [N m]."""
         chains = self._kinematics
         skin, thumb = chains.frames(chains.link_angles(state.q_rad, state.tau_nm - self.tare_nm))
-        force = force_n * (skin.rotations[0] @ self._out)
-        torque = np.zeros(len(state.tau_nm))
-        torque[chains.skin.columns] = chains.skin.jacobian(skin, skin.to_root(self._foot))[0].T @ force
-        torque[chains.indenter.columns] = (
-            -chains.indenter.jacobian(thumb, thumb.to_root(self._end))[0].T @ force
-        )
-        return torque
+        force = -force_n * (skin.rotations[0] @ self._out)
+        return chains.torques(skin, thumb, skin.to_root(self._foot), thumb.to_root(self._end), force)
 
 
 def _force(jacobian: FloatArray, torque_nm: FloatArray) -> FloatArray:

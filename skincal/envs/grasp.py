@@ -131,12 +131,9 @@ class Grasp:
 
     def _middle(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The point midway between the two tips as they would hold the object, and the fingertip's rotation."""
-        mount, radius = self._pinch.description.meta.mount, require_cylinder(self._pinch)
-        beta = math.radians(mount.beta_deg or 0.0)
-        out = np.array([math.sin(beta), 0.0, math.cos(beta)])
+        out, centre, thumb_end = self._pinch.facing
         skin, thumb = self._kinematics.frames(q_rad)
-        foot = skin.to_root((radius * out + [0.0, mount.y_m, 0.0])[None])[0]
-        end = thumb.to_root(np.array([[0.0, self._pinch.thumb.length_m, 0.0]]))[0]
+        foot, end = skin.to_root(centre)[0], thumb.to_root(thumb_end)[0]
         face = end - self._pinch.thumb.radius_m * (skin.rotations[0] @ out)
         return (foot + face) / 2, skin.rotations[0]
 
@@ -179,18 +176,11 @@ class Grasp:
 
     def _torque(self, q_rad: FloatArray) -> FloatArray:
         """Torques (n,) with which the tips press on each other along the skin's normal [N m]."""
-        mount, radius = self._pinch.description.meta.mount, require_cylinder(self._pinch)
-        beta = math.radians(mount.beta_deg or 0.0)
-        out = np.array([math.sin(beta), 0.0, math.cos(beta)])
+        out, centre, thumb_end = self._pinch.facing
         skin, thumb = self._kinematics.frames(q_rad)
-        force = self._options.squeeze_n * (skin.rotations[0] @ out)
-        foot = skin.to_root((radius * out + [0.0, mount.y_m, 0.0])[None])
-        end = thumb.to_root(np.array([[0.0, self._pinch.thumb.length_m, 0.0]]))
-        torque = np.zeros(self._pinch.joints)
-        chains = self._kinematics
-        torque[chains.skin.columns] = chains.skin.jacobian(skin, foot)[0].T @ force
-        torque[chains.indenter.columns] = -chains.indenter.jacobian(thumb, end)[0].T @ force
-        return torque
+        force = -self._options.squeeze_n * (skin.rotations[0] @ out)
+        foot, end = skin.to_root(centre), thumb.to_root(thumb_end)
+        return self._kinematics.torques(skin, thumb, foot, end, force)
 
     def _grip(self, values: Values, angles_rad: FloatArray, objects: tuple[Placed, ...]) -> Grip:
         body = objects[0].body

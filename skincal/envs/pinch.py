@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -78,6 +79,19 @@ class Pinch:
     def joints(self) -> int:
         """Number of joints n."""
         return len(self.description.joints)
+
+    @property
+    def facing(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the parts of the tips that face each other.
+
+        They are the skin's outward normal (3,) at the sensor's nominal centre and that centre (1, 3) [m], both in the
+        fingertip's frame, and the centre (1, 3) of the thumb's round end, in its tip's frame [m].
+        """
+        mount = self.description.meta.mount
+        beta = math.radians(mount.beta_deg or 0.0)
+        out = np.array([math.sin(beta), 0.0, math.cos(beta)])
+        centre = require_cylinder(self) * out + [0.0, mount.y_m, 0.0]
+        return out, centre[None], np.array([[0.0, self.thumb.length_m, 0.0]])
 
     def joints_of(self, which: slice) -> NDArray[np.int64]:
         """Columns of some joints of each finger, finger by finger."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.envs.pinch import Pinch, require_cylinder
+from skincal.envs.pinch import Pinch
 from skincal.errors import WorkError
 from skincal.robot import Chain, Kinematics
 from skincal.robot.chain import TipFrames
@@ -45,21 +45,17 @@ class Postures:
         Raises:
             WorkError: the fingers cannot reach them.
         """
-        mount, radius = pinch.description.meta.mount, require_cylinder(pinch)
-        beta = np.radians(mount.beta_deg or 0.0)
-        out = np.array([np.sin(beta), 0.0, np.cos(beta)])
-        foot = radius * out + [0.0, mount.y_m, 0.0]
+        out, foot, end = pinch.facing
         skin, thumb = kinematics.frames(pinch.angles_rad)
-        end = np.array([[0.0, pinch.thumb.length_m, 0.0]])
         normal = skin.rotations[0] @ out
-        middle = (skin.to_root(foot[None])[0] + thumb.to_root(end)[0] - pinch.thumb.radius_m * normal) / 2
+        middle = (skin.to_root(foot)[0] + thumb.to_root(end)[0] - pinch.thumb.radius_m * normal) / 2
         rows: list[FloatArray] = []
         start = int(np.argmin(np.abs(_WIDTHS_M - 0.012)))
         for part in (_WIDTHS_M[start:], _WIDTHS_M[:start][::-1]):
             q = pinch.angles_rad.copy()
             found: list[FloatArray] = []
             for width in part:
-                q = _reach(kinematics.skin, q, foot + width / 2 * out, middle)
+                q = _reach(kinematics.skin, q, foot[0] + width / 2 * out, middle)
                 face = kinematics.skin_frames(q).rotations[0] @ out
                 target = middle + (width / 2 + pinch.thumb.radius_m) * face
                 q = _reach(kinematics.indenter, q, end[0], target)

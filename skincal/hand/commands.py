@@ -3,79 +3,93 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError, Violation, shown
+from skincal.hand.stage import StageDriver, StageState
 from skincal.model.arrays import FloatArray
 
 ROUNDING_RAD = 1e-9
 """Tolerance of a command's limits, as sums of steps are not exact [rad]."""
 
 
-class Elapsed:
-    """Clock of the time that bounds the step of a command.
+State = TypeVar("State", HandState, StageState)
+Command = TypeVar("Command", HandCommand, FloatArray)
 
-    It is what has passed since the command before, on the rig's clock and on ours, whichever is less, and one period at
-    most: a state that comes early, twice or with a clock that leaps earns no larger step. A simulated clock has nothing
-    to do with ours, and counts alone. Before the first command the time is that since the first state.
 
-    Args:
-        real_time: whether the rig's clock runs as fast as ours.
-        period_s: time between two states [s].
+class StepCheck(ABC, Generic[State, Command]):
+    """Checker of commands, one after the other: a command may differ from the one before by speed times time.
+
+    The time is what has passed since the command before, on the rig's clock and on ours, whichever is less, and one
+    period at most: a state that comes early, twice or with a clock that leaps earns no larger step. A simulated clock
+    has nothing to do with ours, and counts alone. Before the first command the time is that since the first state, and
+    the rig holds to where it is.
     """
 
-    def __init__(self, *, real_time: bool, period_s: float) -> None:
-        self._real_time, self._period_s = real_time, period_s
+    def __init__(self, driver: HandDriver | StageDriver) -> None:
+        self._real_time, self._period_s = driver.real_time, driver.period_s
         self._rig_s = self._sent_rig_s = self._sent_own_s = math.nan
+        self._base: FloatArray | None = None
+        self._sent = False
 
-    def observed(self, rig_s: float, now_s: float) -> None:
-        """Record the time of a sound state on the rig's clock [s], which arrived at ``now_s`` on ours."""
-        self._rig_s = rig_s
+    @abstractmethod
+    def _held(self, state: State) -> FloatArray:
+        """Return what a rig without a command holds to, as a copy."""
+
+    @abstractmethod
+    def _target(self, command: Command) -> FloatArray:
+        """Return where a command leads, as a copy: the caller may reuse its array."""
+
+    @abstractmethod
+    def __call__(self, command: Command, now_s: float) -> Violation | None:
+        """Return the violation of a command that is to be sent now; None if it is allowed."""
+
+    def observed(self, state: State, now_s: float) -> None:
+        """Record a sound state that arrived at ``now_s`` on our clock [s]."""
+        self._rig_s = float(state.time_s)
         if math.isnan(self._sent_rig_s):
-            self._sent_rig_s, self._sent_own_s = rig_s, now_s
+            self._sent_rig_s, self._sent_own_s = self._rig_s, now_s
+        if not self._sent:
+            self._base = self._held(state)
 
-    def sent(self, now_s: float) -> None:
-        """Record that a command was sent; ``now_s`` is our clock afterwards [s]."""
+    def sent(self, command: Command, now_s: float) -> None:
+        """Record a command that the driver has sent; ``now_s`` is our clock afterwards [s]."""
+        self._base, self._sent = self._target(command), True
         self._sent_rig_s, self._sent_own_s = self._rig_s, now_s
 
-    def passed_s(self, now_s: float) -> float:
+    def _passed_s(self, now_s: float) -> float:
         """Return the time since the last command that counts [s]."""
         own_s = now_s - self._sent_own_s if self._real_time else math.inf
         return max(0.0, min(self._rig_s - self._sent_rig_s, own_s, self._period_s))
 
+    def _before(self) -> FloatArray:
+        if self._base is None:
+            raise HandError("observe a state before the first command", "order")
+        return self._base
 
-class CommandCheck:
-    """Checker of commands, one after the other.
 
-    A command may differ from the previous one by at most velocity times time (:class:`Elapsed`). Before the first
-    command the hand holds its reported angles.
-    """
+class CommandCheck(StepCheck[HandState, HandCommand]):
+    """Checker of the commands of a hand."""
 
     def __init__(self, driver: HandDriver) -> None:
+        super().__init__(driver)
         description = driver.description
         self._joints, self._limits = description.joints, description.limits
         self._low = self._limits.lower_rad - ROUNDING_RAD
         self._high = self._limits.upper_rad + ROUNDING_RAD
-        self._elapsed = Elapsed(real_time=driver.real_time, period_s=driver.period_s)
-        self._base_rad: FloatArray | None = None
-        self._sent = False
 
-    def observed(self, state: HandState, now_s: float) -> None:
-        """Record a sound state that arrived at ``now_s`` on our clock [s]."""
-        self._elapsed.observed(float(state.time_s), now_s)
-        if not self._sent:
-            self._base_rad = state.q_desired_rad.copy()
+    def _held(self, state: HandState) -> FloatArray:
+        return state.q_desired_rad.copy()
 
-    def sent(self, command: HandCommand, now_s: float) -> None:
-        """Record a command that the driver has sent; ``now_s`` is our clock afterwards [s]."""
-        # Copy the array: the caller may reuse it.
-        self._base_rad, self._sent = command.q_desired_rad.copy(), True
-        self._elapsed.sent(now_s)
+    def _target(self, command: HandCommand) -> FloatArray:
+        return command.q_desired_rad.copy()
 
     def __call__(self, command: HandCommand, now_s: float) -> Violation | None:
-        """Return the violation of a command that is to be sent now; None if it is allowed."""
+        """See :meth:`StepCheck.__call__`."""
         before_rad = self._before()
         if not isinstance(command, HandCommand):  # pyright: ignore[reportUnnecessaryIsInstance]
             return Violation("command", f"expected a HandCommand; got {shown(command)}")
@@ -95,13 +109,8 @@ class CommandCheck:
         near = np.clip(q_rad, before_rad - step, before_rad + step)
         return np.clip(near, self._limits.lower_rad, self._limits.upper_rad)
 
-    def _before(self) -> FloatArray:
-        if self._base_rad is None:
-            raise HandError("observe a state before the first command", "order")
-        return self._base_rad
-
     def _step_rad(self, now_s: float) -> FloatArray:
-        return self._limits.velocity_rad_per_s * self._elapsed.passed_s(now_s)
+        return self._limits.velocity_rad_per_s * self._passed_s(now_s)
 
     def _named(self, q: FloatArray, step: FloatArray, largest: FloatArray, now_s: float) -> Violation | None:
         for j, name in enumerate(self._joints):
@@ -113,7 +122,7 @@ class CommandCheck:
                 text = f"joint {name}: commanded angle {value:.4g} rad lies outside its limits [{low:.4g}, {high:.4g}]"
                 return Violation("command", text, name, value, low if value < low else high)
             if step[j] > largest[j] + ROUNDING_RAD:
-                speed, passed_s = float(self._limits.velocity_rad_per_s[j]), self._elapsed.passed_s(now_s)
+                speed, passed_s = float(self._limits.velocity_rad_per_s[j]), self._passed_s(now_s)
                 text = (
                     f"joint {name}: commanded angle steps by {step[j]:.4g} rad; at {speed:.4g} rad/s and "
                     f"{1e3 * passed_s:.3g} ms since the last command at most {largest[j]:.4g} rad are allowed"

@@ -142,16 +142,7 @@ class SimDriver(HandDriver):
             if self._halted.is_set():
                 hand.hold()
             hand.advance(self._steps)
-            reading = hand.reading()
-        return HandState(
-            time_s=reading.time_s,
-            q_rad=reading.q_rad,
-            dq_rad_per_s=reading.dq_rad_per_s,
-            tau_nm=reading.tau_nm,
-            q_desired_rad=reading.q_desired_rad,
-            taxels=reading.taxels,
-            taxel_time_s=reading.taxel_time_s,
-        )
+            return hand.reading()
 
     def act(self, command: HandCommand) -> None:
         """Set the target angles. A hand that has been stopped stays so until it is connected again."""

@@ -11,8 +11,8 @@ import numpy as np
 
 from skincal.errors import InputError, Problem
 from skincal.hand.clock import ClockCheck
-from skincal.hand.commands import Elapsed
-from skincal.hand.errors import NUMBERS, HandError, HandErrorKind, Violation, shown
+from skincal.hand.commands import StepCheck
+from skincal.hand.errors import NUMBERS, HandErrorKind, Violation, shown
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
 from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState
@@ -185,43 +185,33 @@ class StageStateCheck:
         return None
 
 
-class StageCommandCheck:
-    """Checker of commands, one after the other: travel, and step size for the time passed (:class:`Elapsed`).
-
-    Before the first command the tip holds to where it is.
-    """
+class StageCommandCheck(StepCheck[StageState, FloatArray]):
+    """Checker of the commands of a stage."""
 
     def __init__(self, driver: StageDriver) -> None:
+        super().__init__(driver)
         self._rig = driver.description
-        self._elapsed = Elapsed(real_time=driver.real_time, period_s=driver.period_s)
-        self._base: FloatArray | None = None
-        self._sent = False
 
-    def observed(self, state: StageState, now_s: float) -> None:
-        """Record a sound state that arrived at ``now_s`` on our clock [s]."""
-        self._elapsed.observed(float(state.time_s), now_s)
-        if not self._sent:
-            self._base = np.array(state.position_m, dtype=np.float64)
+    def _held(self, state: StageState) -> FloatArray:
+        return np.array(state.position_m, dtype=np.float64)
 
-    def sent(self, position_m: FloatArray, now_s: float) -> None:
-        """Record a command that was sent; ``now_s`` is our clock afterwards [s]."""
-        self._base, self._sent = np.array(position_m, dtype=np.float64), True
-        self._elapsed.sent(now_s)
+    def _target(self, command: FloatArray) -> FloatArray:
+        return np.array(command, dtype=np.float64)
 
-    def __call__(self, position_m: FloatArray, now_s: float) -> Violation | None:
-        """Return the violation of a command that is to be sent now; None if it is allowed."""
+    def __call__(self, command: FloatArray, now_s: float) -> Violation | None:
+        """See :meth:`StepCheck.__call__`."""
         base = self._before()
         if (
-            not isinstance(position_m, np.ndarray)  # pyright: ignore[reportUnnecessaryIsInstance]
-            or position_m.shape != (3,)
-            or position_m.dtype != np.float64
-            or not np.isfinite(position_m).all()
+            not isinstance(command, np.ndarray)  # pyright: ignore[reportUnnecessaryIsInstance]
+            or command.shape != (3,)
+            or command.dtype != np.float64
+            or not np.isfinite(command).all()
         ):
-            return Violation("command", f"expected a place (3,) of finite numbers; got {shown(position_m)}")
+            return Violation("command", f"expected a place (3,) of finite numbers; got {shown(command)}")
         rig = self._rig
-        if (position_m < rig.lower_m - ROUNDING_M).any() or (position_m > rig.upper_m + ROUNDING_M).any():
-            return Violation("command", f"{_shown(position_m)} lies outside the travel")
-        step_m, longest_m = float(np.linalg.norm(position_m - base)), self._longest_m(now_s)
+        if (command < rig.lower_m - ROUNDING_M).any() or (command > rig.upper_m + ROUNDING_M).any():
+            return Violation("command", f"{_shown(command)} lies outside the travel")
+        step_m, longest_m = float(np.linalg.norm(command - base)), self._longest_m(now_s)
         if step_m <= longest_m + ROUNDING_M:
             return None
         text = f"a step of {1e3 * step_m:.3g} mm, and in the time passed {1e3 * longest_m:.3g} mm is the most"
@@ -234,13 +224,8 @@ class StageCommandCheck:
         step_m, longest_m = float(np.linalg.norm(inside - base)), self._longest_m(now_s)
         return inside if step_m <= longest_m else base + (inside - base) * (longest_m / step_m)
 
-    def _before(self) -> FloatArray:
-        if self._base is None:
-            raise HandError("observe a state before the first command", "order")
-        return self._base
-
     def _longest_m(self, now_s: float) -> float:
-        return self._rig.max_speed_m_per_s * self._elapsed.passed_s(now_s)
+        return self._rig.max_speed_m_per_s * self._passed_s(now_s)
 
 
 def _plain(kind: np.dtype[Any]) -> bool:

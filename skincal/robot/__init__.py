@@ -13,6 +13,7 @@ from skincal.robot.hand_file import FORMAT, read_hand
 from skincal.robot.inverse import place_indenter
 from skincal.robot.kinematics import Kinematics
 from skincal.robot.limits import check_limits
+from skincal.robot.state import HandState
 from skincal.robot.urdf import urdf_with_sphere
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "Chain",
     "FingerDescription",
     "HandDescription",
+    "HandState",
     "ImpedanceGains",
     "JointContact",
     "JointLimits",

@@ -70,6 +70,28 @@ class Kinematics:
         give = self.description.compliance_rad_per_nm
         return q if give is None else q - give * self.angles(tau_nm)
 
+    def torques(
+        self,
+        skin: TipFrames,
+        indenter: TipFrames,
+        on_skin_m: FloatArray,
+        on_indenter_m: FloatArray,
+        forces_n: FloatArray,
+    ) -> FloatArray:
+        """Return the torques at rest of all joints with which the fingers press on each other, (n,) or (n, F) [N m].
+
+        Args:
+            skin: frames of the fingertip, for one posture.
+            indenter: frames of the other tip.
+            on_skin_m: (1, 3) where the finger with the skin is pressed [m].
+            on_indenter_m: (1, 3) where the other finger presses [m].
+            forces_n: (3,) or (3, F) forces on the skin; like the points in the frame of the URDF's root [N].
+        """
+        tau = np.zeros((len(self.description.joints), *forces_n.shape[1:]))
+        tau[self.indenter.columns] = self.indenter.jacobian(indenter, on_indenter_m)[0].T @ forces_n
+        tau[self.skin.columns] = -self.skin.jacobian(skin, on_skin_m)[0].T @ forces_n
+        return tau
+
     def angles(self, values: ArrayLike) -> FloatArray:
         """Return values (K, n) or (n,) as (K, n).
 

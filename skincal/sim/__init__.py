@@ -4,7 +4,7 @@ from skincal.sim.memory import SkinMemory
 from skincal.sim.position_error import PositionError, position_error
 from skincal.sim.reference_skin import ReferenceSkin
 from skincal.sim.sim_options import SimOptions, TruthOptions
-from skincal.sim.simulated_hand import SimReading, SimulatedHand
+from skincal.sim.simulated_hand import SimulatedHand
 from skincal.sim.touch import TrueContact
 from skincal.sim.truth import JointTruth, Truth
 
@@ -13,7 +13,6 @@ __all__ = [
     "PositionError",
     "ReferenceSkin",
     "SimOptions",
-    "SimReading",
     "SimulatedHand",
     "SkinMemory",
     "TrueContact",

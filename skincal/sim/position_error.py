@@ -8,7 +8,7 @@ import numpy as np
 
 from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray
-from skincal.robot import Kinematics, TipFrames, contact_from_joints, place_indenter
+from skincal.robot import Kinematics, contact_from_joints, place_indenter
 from skincal.sim.truth import Truth
 
 FORCE_N = 3.0
@@ -107,7 +107,9 @@ def _error_at(
         )
     except WorkError:
         return None
-    tau = _torques(kinematics, q, kinematics.skin_frames(q), point, -FORCE_N * normal)
+    skin = kinematics.skin_frames(q)
+    at, force = skin.to_root(point[None]), skin.rotations[0] @ (-FORCE_N * normal)
+    tau = kinematics.torques(skin, kinematics.indenter_frames(q), at, at, force)
     measured = q
     if kinematics.description.compliance_rad_per_nm is not None:
         measured = q + tau / truth.joints.drive_stiffness_nm_per_rad
@@ -117,15 +119,3 @@ def _error_at(
         return float(found.points_m[0, 0] - point[0]), along
     turn = np.arctan2(found.normals[0, 0], found.normals[0, 2]) - np.arctan2(normal[0], normal[2])
     return float(meta.surface.radius_m * turn), along
-
-
-def _torques(
-    kinematics: Kinematics, q: FloatArray, skin: TipFrames, point: FloatArray, force: FloatArray
-) -> FloatArray:
-    """Return torques (n,) [N m] that hold a force (3,) on the skin at a point (3,), both in the fingertip frame."""
-    at, root_force = skin.to_root(point[None]), skin.rotations[0] @ force
-    tau = np.zeros(len(q))
-    indenter = kinematics.indenter_frames(q)
-    tau[kinematics.indenter.columns] = kinematics.indenter.jacobian(indenter, at)[0].T @ root_force
-    tau[kinematics.skin.columns] = -kinematics.skin.jacobian(skin, at)[0].T @ root_force
-    return tau

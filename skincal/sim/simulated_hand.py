@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray
-from skincal.robot import HandDescription, Kinematics, contact_from_joints
+from skincal.robot import HandDescription, HandState, Kinematics, contact_from_joints
 from skincal.sim.bullet import Fingers
 from skincal.sim.drives import DriveParameters, Drives
 from skincal.sim.memory import Look, SkinMemory
@@ -23,29 +22,6 @@ from skincal.sim.truth import Truth
 
 _TOUCH_N = 0.3
 """Smallest force of contacts that count for the position error of a session [N]."""
-
-
-@dataclass(frozen=True, eq=False)
-class SimReading:
-    """Readings of the hand's sensors.
-
-    Attributes:
-        time_s: the hand's clock [s].
-        q_rad: measured joint angles (n,) [rad].
-        dq_rad_per_s: measured joint velocities (n,) [rad/s].
-        tau_nm: measured joint torques (n,) [N m].
-        q_desired_rad: last commanded angles (n,) [rad].
-        taxels: the last image (J,) [counts].
-        taxel_time_s: time at which each of its taxels was read (J,) [s].
-    """
-
-    time_s: float
-    q_rad: FloatArray
-    dq_rad_per_s: FloatArray
-    tau_nm: FloatArray
-    q_desired_rad: FloatArray
-    taxels: FloatArray
-    taxel_time_s: FloatArray
 
 
 class SimulatedHand:
@@ -145,13 +121,13 @@ class SimulatedHand:
         """Return the present true contact."""
         return self._contact(self._fingers.joints()[0])
 
-    def reading(self) -> SimReading:
+    def reading(self) -> HandState:
         """Return the present readings of the sensors; every call draws new noise."""
         joints, count = self.truth.joints, len(self._desired)
         noise = self._rng.standard_normal((3, count))
         speed = self._drives.speed_rad_per_s
         tau = self._drives.torque_nm * joints.torque_scale + joints.torque_offset_nm
-        return SimReading(
+        return HandState(
             time_s=self.time_s,
             q_rad=self._measured_angles() + joints.noise_rad * noise[0],
             dq_rad_per_s=speed + joints.speed_noise_rad_per_s * noise[1],

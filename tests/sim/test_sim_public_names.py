@@ -28,7 +28,6 @@ SIM = {
     "PositionError",
     "ReferenceSkin",
     "SimOptions",
-    "SimReading",
     "SimulatedHand",
     "SkinMemory",
     "TrueContact",
