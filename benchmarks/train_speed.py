@@ -26,6 +26,7 @@ from dataclasses import replace
 from typing import Any
 
 from skincal.train import BackendName, PolicyKind, Settings, Task, Work, maker, parallel
+from skincal.train.settings import rounds_of
 from skincal.train.training_run import _learner
 
 FULL_STEPS = 800_000
@@ -57,7 +58,7 @@ def measure(backend: str, policy: str, rounds: int, clock: Callable[[], float]) 
     return {
         "environment_step_s": gather / SETTINGS.steps_per_round,
         "gradient_step_s": learn / SETTINGS.gradient_steps,
-        "run_of_800000_steps_h": SETTINGS.rounds(FULL_STEPS) * (gather + learn) / 3600,
+        "run_of_800000_steps_h": rounds_of(SETTINGS, FULL_STEPS) * (gather + learn) / 3600,
     }
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -53,6 +53,7 @@ class JointDraws:
         return same_names and np.array_equal(self.draws, other.draws)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class Ranges(Mapping[str, Parameter]):
     """An immutable mapping from full names (``skin.y_m``) to randomized parameters.
 
@@ -60,64 +61,51 @@ class Ranges(Mapping[str, Parameter]):
     names, which stay as the box around them.
 
     Attributes:
+        parameters: by full name, in the order of :data:`skincal.ranges.NAMES`.
         joint: parameters that are drawn together, or None.
         provenance: where the ranges come from: preset, dataset, version.
         warnings: warnings from their making; not written to files.
+
+    Raises:
+        InputError: unknown names, figures out of bounds, a dangling ``sigma_from``; all are reported.
     """
 
-    __slots__ = ("_drawn", "_parameters", "joint", "provenance", "warnings")
-    _parameters: dict[str, Parameter]
-    _drawn: dict[str, dict[str, Parameter]]
-    joint: JointDraws | None
-    provenance: Mapping[str, str]
-    warnings: tuple[Problem, ...]
+    parameters: Mapping[str, Parameter]
+    joint: JointDraws | None = None
+    provenance: Mapping[str, str] = field(default_factory=dict[str, str])
+    warnings: Sequence[Problem] = ()
 
-    def __init__(
-        self,
-        parameters: Mapping[str, Parameter],
-        joint: JointDraws | None = None,
-        provenance: Mapping[str, str] | None = None,
-        warnings: Iterable[Problem] = (),
-    ) -> None:
-        """Check the parameters and the joint draws.
-
-        Raises:
-            InputError: unknown names, figures out of bounds, a dangling ``sigma_from``; all are reported.
-        """
-        if found := collection_problems(parameters):
+    def __post_init__(self) -> None:
+        if found := collection_problems(self.parameters):
             raise InputError(found)
-        ordered = {path: parameters[path] for path in sorted(parameters, key=sort_key)}
-        object.__setattr__(self, "_parameters", ordered)
-        object.__setattr__(self, "joint", joint)
-        together = () if joint is None else joint.columns
-        drawn = {
-            mode: {path: p for path, p in ordered.items() if p.mode == mode and path not in together}
+        ordered = {path: self.parameters[path] for path in sorted(self.parameters, key=sort_key)}
+        object.__setattr__(self, "parameters", ordered)
+        object.__setattr__(self, "provenance", dict(self.provenance))
+        object.__setattr__(self, "warnings", tuple(self.warnings))
+
+    @cached_property
+    def _drawn(self) -> dict[str, dict[str, Parameter]]:
+        """Parameters that are drawn by themselves, by mode."""
+        together = () if self.joint is None else self.joint.columns
+        return {
+            mode: {path: p for path, p in self.items() if p.mode == mode and path not in together}
             for mode in MODES
         }
-        object.__setattr__(self, "_drawn", drawn)
-        object.__setattr__(self, "provenance", dict(provenance or {}))
-        object.__setattr__(self, "warnings", tuple(warnings))
-
-    def __setattr__(self, name: str, value: object) -> None:
-        raise AttributeError(f"Ranges is frozen; build a new one to change {name}")
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Ranges, (self._parameters, self.joint, self.provenance, self.warnings)
 
     def __getitem__(self, path: str) -> Parameter:
-        return self._parameters[path]
+        return self.parameters[path]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._parameters)
+        return iter(self.parameters)
 
     def __len__(self) -> int:
-        return len(self._parameters)
+        return len(self.parameters)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Ranges):
             return NotImplemented
-        same_rest = self.joint == other.joint and dict(self.provenance) == dict(other.provenance)
-        return self._parameters == other._parameters and same_rest
+        same_rest = self.joint == other.joint and self.provenance == other.provenance
+        return self.parameters == other.parameters and same_rest
 
     __hash__ = None  # type: ignore[assignment]
 

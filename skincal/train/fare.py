@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from skincal.model.arrays import FloatArray
-from skincal.train.scores import LEVEL, SETTLED_S, Runs
+from skincal.train.scores import LEVEL, SETTLED_S, Runs, mean_of_finite
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,5 @@ def fare(runs: Runs) -> Fare:
 
 
 def settled_m(runs: Runs) -> FloatArray:
-    """Mean tracking error of each run from 2 s on (N,) [m]; NaN of one that was over by then."""
-    late = runs.error_m[:, runs.time_s >= SETTLED_S[0]]
-    going = np.isfinite(late)
-    total = np.where(going, late, 0.0).sum(axis=1)
-    count = going.sum(axis=1)
-    return np.divide(total, count, out=np.full(len(runs), np.nan), where=count > 0)
+    """Return the mean tracking error of each run from 2 s on (N,) [m]; NaN of one that was over by then."""
+    return mean_of_finite(runs.error_m[:, runs.time_s >= SETTLED_S[0]])

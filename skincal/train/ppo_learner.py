@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import torch
 from gymnasium import spaces
-from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import VecNormalize
 
-from skincal.train.learner import ACTOR_KEY, CRITIC_KEY, Learner
-from skincal.train.sb3_learner import Part
+from skincal.train.learner import ACTOR_KEY, CRITIC_KEY
+from skincal.train.sb3_learner import Part, TorchLearner
 from skincal.train.settings import PpoSettings
 
 
@@ -57,10 +55,9 @@ class HalvesPolicy(ActorCriticPolicy):
         self.action_net = torch.nn.Sequential(self.action_net, torch.nn.Tanh())
 
 
-class PpoLearner(Learner):
-    """Stable-Baselines3's PPO."""
+class PpoLearner(TorchLearner):
+    """Proximal policy optimisation of Stable-Baselines3."""
 
-    weights_file: ClassVar[str] = "weights.pt"
     settings: PpoSettings
     model: PPO
 
@@ -86,24 +83,13 @@ class PpoLearner(Learner):
             device="cpu",
         )
 
-    def save_weights(self, path: Path) -> None:
-        """Writes networks, optimiser and torch's random state."""
-        policy = self.model.policy
-        kept = {"policy": policy.state_dict(), "optimizer": policy.optimizer.state_dict()}
-        torch.save(kept | {"random": torch.get_rng_state()}, path)
+    def _parts(self) -> dict[str, Any]:
+        return {"policy": self.model.policy, "optimizer": self.model.policy.optimizer}
 
-    def load_weights(self, path: Path) -> None:
-        """Reads them; a file with anything but numbers in it is refused."""
-        kept = torch.load(path, weights_only=True)
-        self.model.policy.load_state_dict(kept["policy"])
-        self.model.policy.optimizer.load_state_dict(kept["optimizer"])
-        torch.set_rng_state(kept["random"])
-
-    def _actor_layers(self) -> list[tuple[NDArray[Any], NDArray[Any]]]:
+    def _actor_linear(self) -> list[torch.nn.Linear]:
         policy = self.model.policy
         parts = [*policy.mlp_extractor.actor, *policy.action_net]  # type: ignore[misc]
-        layers = [part for part in parts if isinstance(part, torch.nn.Linear)]
-        return [(layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in layers]
+        return [part for part in parts if isinstance(part, torch.nn.Linear)]
 
 
 def _layers(sizes: tuple[int, ...]) -> torch.nn.Sequential:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from abc import abstractmethod
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -15,7 +16,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import Actor, SACPolicy
 
-from skincal.train.learner import ACTOR_KEY, CRITIC_KEY, OffPolicyLearner, published
+from skincal.train.learner import ACTOR_KEY, CRITIC_KEY, Learner, OffPolicyLearner, published
 from skincal.train.settings import Settings
 
 
@@ -47,10 +48,46 @@ class AsymmetricPolicy(SACPolicy):
         return cast("spaces.Dict", self.observation_space)
 
 
-class Sb3Learner(OffPolicyLearner):
-    """Stable-Baselines3 itself."""
+class TorchLearner(Learner):
+    """What learners in torch share: weights in a file of numbers alone."""
 
     weights_file: ClassVar[str] = "weights.pt"
+
+    def save_weights(self, path: Path) -> None:
+        """Write networks, optimisers and torch's random state."""
+        kept = {name: part.state_dict() for name, part in self._parts().items()}
+        torch.save(kept | self._tensors() | {"random": torch.get_rng_state()}, path)
+
+    def load_weights(self, path: Path) -> None:
+        """Read them; a file with anything but numbers in it is refused."""
+        kept = torch.load(path, weights_only=True)
+        for name, part in self._parts().items():
+            part.load_state_dict(kept[name])
+        with torch.no_grad():
+            for name, tensor in self._tensors().items():
+                tensor.copy_(kept[name])
+        torch.set_rng_state(kept["random"])
+
+    @abstractmethod
+    def _parts(self) -> dict[str, Any]:
+        """Return networks and optimisers by their names in the file."""
+
+    def _tensors(self) -> dict[str, torch.Tensor]:
+        """Return what else is learned."""
+        return {}
+
+    @abstractmethod
+    def _actor_linear(self) -> list[torch.nn.Linear]:
+        """Return the layers of the actor's mean."""
+
+    def _actor_layers(self) -> list[tuple[NDArray[Any], NDArray[Any]]]:
+        layers = self._actor_linear()
+        return [(layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in layers]
+
+
+class Sb3Learner(TorchLearner, OffPolicyLearner):
+    """Soft actor-critic of Stable-Baselines3."""
+
     model: SAC
 
     def _make(self, environments: VecNormalize, settings: Settings, seed: int) -> SAC:
@@ -61,20 +98,6 @@ class Sb3Learner(OffPolicyLearner):
             policy_kwargs={"net_arch": list(settings.hidden)},
             **published(settings),
         )
-
-    def save_weights(self, path: Path) -> None:
-        """Writes networks, optimisers, entropy coefficient and torch's random state."""
-        torch.save({name: part.state_dict() for name, part in self._parts().items()} | self._rest(), path)
-
-    def load_weights(self, path: Path) -> None:
-        """Reads them; a file with anything but numbers in it is refused."""
-        kept = torch.load(path, weights_only=True)
-        for name, part in self._parts().items():
-            part.load_state_dict(kept[name])
-        assert self.model.log_ent_coef is not None
-        with torch.no_grad():
-            self.model.log_ent_coef.copy_(kept["log_ent_coef"])
-        torch.set_rng_state(kept["random"])
 
     def _set_actor(self, layers: list[tuple[NDArray[Any], NDArray[Any]]], log_deviation: float) -> None:
         actor = self.model.actor
@@ -104,13 +127,9 @@ class Sb3Learner(OffPolicyLearner):
             "entropy_optimizer": model.ent_coef_optimizer,
         }
 
-    def _rest(self) -> dict[str, torch.Tensor]:
+    def _tensors(self) -> dict[str, torch.Tensor]:
         assert self.model.log_ent_coef is not None
-        return {"log_ent_coef": self.model.log_ent_coef.detach(), "random": torch.get_rng_state()}
-
-    def _actor_layers(self) -> list[tuple[NDArray[Any], NDArray[Any]]]:
-        layers = self._actor_linear()
-        return [(layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in layers]
+        return {"log_ent_coef": self.model.log_ent_coef.detach()}
 
     def _actor_linear(self) -> list[torch.nn.Linear]:
         actor = self.model.actor

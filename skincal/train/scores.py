@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,16 +52,8 @@ class Runs:
 
     def of(self, rows: BoolArray) -> Runs:
         """Some of the episodes."""
-        parts = (
-            "error_m",
-            "object_m",
-            "target_m",
-            "dropped",
-            "angle_error_rad",
-            "orientation_deg",
-            "rewards",
-        )
-        return Runs(self.time_s, **{name: getattr(self, name)[rows] for name in parts})
+        parts = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "time_s"}
+        return Runs(self.time_s, **{name: values[rows] for name, values in parts.items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +125,7 @@ def score(runs: Runs, rng: np.random.Generator) -> Score:
     resampled = mean_error_m(runs.error_m, draws)
     low, high = _interval(resampled)
     settled = (runs.time_s >= SETTLED_S[0]) & (runs.time_s <= SETTLED_S[1] + 1e-9)
-    settled_low, settled_high = _interval(_mean(resampled[:, settled])[:, None])
+    settled_low, settled_high = _interval(mean_of_finite(resampled[:, settled])[:, None])
     return Score(
         episodes=len(runs),
         drops=int(runs.dropped.sum()),
@@ -141,7 +133,7 @@ def score(runs: Runs, rng: np.random.Generator) -> Score:
         error_m=mean,
         error_low_m=low,
         error_high_m=high,
-        error_settled_m=float(_mean(mean[None, settled])[0]),
+        error_settled_m=float(mean_of_finite(mean[None, settled])[0]),
         error_settled_interval_m=(float(settled_low[0]), float(settled_high[0])),
         error_end_m=float(mean[-1]),
         reward=float(runs.rewards.mean()),
@@ -168,16 +160,7 @@ def rolling(runs: Runs) -> Rolling:
     """Sums up how a bolt was rolled, over all orientations and for each."""
     orientations = sorted(set(runs.orientation_deg.tolist()))
     parts = {f"{degrees:g}": _rolling(runs.of(runs.orientation_deg == degrees)) for degrees in orientations}
-    whole = _rolling(runs)
-    return Rolling(
-        whole.episodes,
-        whole.drops,
-        whole.direction_right,
-        whole.held_to_end,
-        whole.held_s,
-        whole.angle_error_rad,
-        parts,
-    )
+    return replace(_rolling(runs), by_orientation_deg=parts)
 
 
 def _rolling(runs: Runs) -> Rolling:
@@ -190,7 +173,7 @@ def _rolling(runs: Runs) -> Rolling:
         direction_right=float(np.mean(right)),
         held_to_end=1.0 - float(runs.dropped.mean()),
         held_s=float(going.sum(axis=1).mean() * step_s),
-        angle_error_rad=float(_mean(np.abs(runs.angle_error_rad).ravel()[None])[0]),
+        angle_error_rad=float(mean_of_finite(np.abs(runs.angle_error_rad).ravel()[None])[0]),
     )
 
 
@@ -225,7 +208,7 @@ def _interval(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     return low, high
 
 
-def _mean(values: FloatArray) -> FloatArray:
+def mean_of_finite(values: FloatArray) -> FloatArray:
     """Mean of each row over what is finite; NaN of nothing."""
     finite = np.isfinite(values)
     number = finite.sum(axis=1)

@@ -57,10 +57,6 @@ class Settings(Table, unknown="refuse"):
         """Environment steps of a round: gather, then learn."""
         return self.environments * self.train_every
 
-    def rounds(self, steps: int) -> int:
-        """Rounds that so many environment steps take; the last one is always whole."""
-        return -(-steps // self.steps_per_round)
-
 
 @dataclass(frozen=True)
 class PpoSettings(Table, unknown="refuse"):
@@ -99,10 +95,6 @@ class PpoSettings(Table, unknown="refuse"):
         """Environment steps of a round: gather, then learn."""
         return self.rollout_steps // self.environments * self.environments
 
-    def rounds(self, steps: int) -> int:
-        """Rounds that so many environment steps take; the last one is always whole."""
-        return -(-steps // self.steps_per_round)
-
 
 @dataclass(frozen=True)
 class Work(Table, unknown="keep"):
@@ -136,3 +128,8 @@ class Work(Table, unknown="keep"):
         table = asdict(self)
         table["settings"]["hidden"] = list(self.settings.hidden)
         return {**table, "task": str(self.task), "policy": str(self.policy), "backend": str(self.backend)}
+
+
+def rounds_of(settings: Settings | PpoSettings, steps: int) -> int:
+    """Return the rounds that so many environment steps take; the last one is always whole."""
+    return -(-steps // settings.steps_per_round)

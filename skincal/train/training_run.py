@@ -24,7 +24,7 @@ from skincal.train.environments import Make, end, in_full, parallel, segment_see
 from skincal.train.learner import Learner
 from skincal.train.onnx_file import write_policy
 from skincal.train.policy_file import Description, Policy, read_policy
-from skincal.train.settings import PpoSettings, Settings, Work
+from skincal.train.settings import PpoSettings, Settings, Work, rounds_of
 from skincal.train.tasks import BackendName
 from skincal.train.watch import Round
 
@@ -156,7 +156,7 @@ def train(
     work, ranges = read_run(folder)
     with alone(folder / MARKER, folder), _learner(work, make, processes=processes) as learner:
         course = _Course(folder, work, ranges, learner, progress)
-        course.go_on(work.settings.rounds(steps or work.steps))
+        course.go_on(rounds_of(work.settings, steps or work.steps))
         about = course.write_policy()
     return Trained(folder, folder / POLICY, about, course.last)
 

@@ -19,6 +19,7 @@ from skincal.files import alone
 from skincal.ranges import preset
 from skincal.train import Network, Settings, begin, maker, read_curve, read_policy, read_run, train
 from skincal.train.environments import segment_seed
+from skincal.train.settings import rounds_of
 
 JAX = pytest.param(
     "sbx",
@@ -205,8 +206,8 @@ def test_description(tmp_path):
 def test_published_settings():
     settings = Settings()
     assert settings.steps_per_round == 480
-    assert settings.rounds(800_000) == 1667
-    assert settings.rounds(480) == 1
+    assert rounds_of(settings, 800_000) == 1667
+    assert rounds_of(settings, 480) == 1
 
 
 def test_work_survives_a_file(tmp_path):
