@@ -6,9 +6,9 @@ on standard error and its ``exit_status``; a library user catches it as an ordin
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,21 @@ class InputError(SkincalError):
 def input_error(place: str, expected: str, got: object, fix: str = "") -> InputError:
     """Return the error of a single problem; arguments are those of :class:`Problem`."""
     return InputError([Problem(place, expected, str(got), fix)])
+
+
+def check_options(options: Any, expected: str, is_good: Callable[[Any], bool], *exempt: str) -> None:
+    """Check the fields of a dataclass of options, apart from those that are exempt.
+
+    Raises:
+        InputError: some fields are not as expected; all are reported.
+    """
+    problems = [
+        Problem(f"{type(options).__name__}.{name}", expected, repr(value))
+        for name, value in cast("dict[str, Any]", vars(options)).items()
+        if name not in exempt and not is_good(value)
+    ]
+    if problems:
+        raise InputError(problems)
 
 
 class WorkError(SkincalError):

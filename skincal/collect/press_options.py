@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-from skincal.errors import InputError, Problem
+from skincal.errors import check_options
 
 
 @dataclass(frozen=True)
@@ -72,10 +72,4 @@ class CollectOptions:
     reserve: float = 0.9
 
     def __post_init__(self) -> None:
-        problems = [
-            Problem(f"CollectOptions.{item.name}", "a number above 0", repr(getattr(self, item.name)))
-            for item in fields(self)
-            if not getattr(self, item.name) > 0
-        ]
-        if problems:
-            raise InputError(problems)
+        check_options(self, "a number above 0", lambda value: value > 0)

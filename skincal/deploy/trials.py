@@ -68,26 +68,22 @@ def reference_runs(
     pinch = read_pinch(None)
     targets = marble_targets(trial.trajectory, trial.steps / POLICY_HZ)
     speed = float(policy.description.environment.get("speed_rad_per_s", SPEED_RAD_PER_S))
-    n, t = trial.episodes, trial.steps
-    error, places = np.full((n, t), np.nan), np.full((n, t, 2), np.nan)
-    dropped = np.zeros(n, dtype=np.bool_)
-    for number in range(n):
+    runs = Runs.empty(trial.episodes, trial.steps, POLICY_HZ)
+    runs.target_m[:], runs.rewards[:] = targets[1:], np.nan
+    for number in range(trial.episodes):
         hand = ReferenceHand(seed=trial.episode_seed(number), ranges=ranges, engine=engine)
         try:
             found = deploy(
                 policy, hand, pinch, targets, object_width_m=hand.object_width_m, speed_rad_per_s=speed
             )
         except WorkError:
-            dropped[number] = True
+            runs.dropped[number] = True
         else:
-            error[number, : found.steps] = found.error_m
-            places[number, : found.steps] = _places(found)
-            dropped[number] = found.lost_s is not None
+            runs.error_m[number, : found.steps] = found.error_m
+            runs.object_m[number, : found.steps] = _places(found)
+            runs.dropped[number] = found.lost_s is not None
         progress(number + 1)
-    nothing = np.full(n, np.nan)
-    shown = np.broadcast_to(targets[1:], (n, t, 2)).copy()
-    time_s = np.arange(1, t + 1) / POLICY_HZ
-    return Runs(time_s, error, places, shown, dropped, np.full((n, t), np.nan), nothing, nothing)
+    return runs
 
 
 def _places(found: Deployed) -> FloatArray:

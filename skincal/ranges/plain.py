@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Final, Literal, cast
@@ -67,6 +69,11 @@ def to_plain(ranges: Ranges) -> dict[str, Any]:
         table = {"mode": "episode", "source": ranges.joint.source, "columns": columns}
         _put(plain, _JOINT, table | {"draws": ranges.joint.draws.tolist()})
     return plain
+
+
+def digest(ranges: Ranges) -> str:
+    """Return the SHA-256 of what ranges say, whatever file they come from and in whatever order."""
+    return hashlib.sha256(json.dumps(to_plain(ranges), sort_keys=True).encode()).hexdigest()
 
 
 def _plain_parameter(parameter: Parameter) -> dict[str, Any]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-from skincal.errors import InputError, Problem
+from skincal.errors import check_options, input_error
 
 Range = tuple[float, float]
 
@@ -34,19 +34,10 @@ class SimOptions:
     largest_force_n: float = 1e3
 
     def __post_init__(self) -> None:
-        problems = [
-            Problem(f"SimOptions.{item.name}", "a number, 0 or more", repr(getattr(self, item.name)))
-            for item in fields(self)
-            if not getattr(self, item.name) >= 0
-        ]
-        if not problems and (self.taxel_hz < 1 or self.physics_hz % self.taxel_hz):
-            problems = [
-                Problem(
-                    "SimOptions.taxel_hz", f"a divisor of physics_hz = {self.physics_hz}", str(self.taxel_hz)
-                )
-            ]
-        if problems:
-            raise InputError(problems)
+        check_options(self, "a number, 0 or more", lambda value: value >= 0)
+        if self.taxel_hz < 1 or self.physics_hz % self.taxel_hz:
+            expected = f"a divisor of physics_hz = {self.physics_hz}"
+            raise input_error("SimOptions.taxel_hz", expected, self.taxel_hz)
 
 
 @dataclass(frozen=True)

@@ -10,35 +10,31 @@ FOLDER = Path(__file__).parents[1] / "policies"
 
 
 def bundled_policies() -> dict[str, Path]:
-    """File of every policy that comes with skincal, by name."""
-    return {path.stem: path for path in sorted(FOLDER.glob("*.onnx"))}
+    """Return the file of every policy that comes with skincal, by name."""
+    return _bundled(".onnx")
 
 
 def policy_path(name: str | Path) -> Path:
-    """The file that is meant: one that exists, or a policy that comes with skincal.
+    """Return the file of a policy: one that exists, or that of a policy that comes with skincal.
 
     Raises:
         InputError: there is neither.
     """
-    path = Path(name)
-    if path.exists():
-        return path
-    known = bundled_policies()
-    if str(name) in known:
-        return known[str(name)]
-    choices = f", or one of {', '.join(known)}" if known else ""
-    raise input_error(str(name), f"a policy file{choices}", "no such file")
+    return _path(name, ".onnx", "a policy")
 
 
 def estimator_path(name: str | Path) -> Path:
-    """The file that is meant: one that exists, or an estimator that comes with skincal.
+    """Return the file of an estimator, as :func:`policy_path` does."""
+    return _path(name, ".npz", "an estimator")
 
-    Raises:
-        InputError: there is neither.
-    """
-    path, known = Path(name), {path.stem: path for path in sorted(FOLDER.glob("*.npz"))}
-    if path.exists() or str(name) not in known:
-        if path.exists():
-            return path
-        raise input_error(str(name), f"an estimator file, or one of {', '.join(known)}", "no such file")
-    return known[str(name)]
+
+def _bundled(suffix: str) -> dict[str, Path]:
+    return {path.stem: path for path in sorted(FOLDER.glob(f"*{suffix}"))}
+
+
+def _path(name: str | Path, suffix: str, what: str) -> Path:
+    path, known = Path(name), _bundled(suffix)
+    if not path.exists() and str(name) not in known:
+        choices = f", or one of {', '.join(known)}" if known else ""
+        raise input_error(str(name), f"{what} file{choices}", "no such file")
+    return path if path.exists() else known[str(name)]

@@ -9,9 +9,9 @@ from typing import Any
 from gymnasium import spaces
 
 from skincal.ranges import Ranges
+from skincal.ranges.plain import digest
 from skincal.train.learner import ACTOR_KEY, Learner
 from skincal.train.policy_file import Description
-from skincal.train.ranges_hash import ranges_hash
 from skincal.train.settings import Work
 
 PACKAGES = ("skincal", "gymnasium", "numpy", "pybullet", "stable-baselines3", "torch", "sbx-rl", "jax")
@@ -24,7 +24,7 @@ def describe(work: Work, ranges: Ranges, learner: Learner, steps: int, wall_s: f
         policy=work.policy,
         observation=_layout(learner),
         actions=spaces.flatdim(learner.model.action_space),
-        ranges_sha256=ranges_hash(ranges),
+        ranges_sha256=digest(ranges),
         seed=work.seed,
         steps=steps,
         wall_time_s=round(wall_s, 1),

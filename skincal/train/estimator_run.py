@@ -9,8 +9,8 @@ import numpy as np
 from skincal.envs.pinch import Pinch
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
+from skincal.ranges.plain import digest
 from skincal.train.estimator import SPAN_M, Estimator, Quality, features, learn
-from skincal.train.ranges_hash import ranges_hash
 from skincal.train.touches import Touches, draw_touches
 
 HANDS = 1000
@@ -54,7 +54,7 @@ def train_estimator(
         images, places, learning, epochs=epochs, progress=lambda n: progress("learning", n, epochs)
     )
     quality = judge(lambda seen: SPAN_M * network(features(seen)).astype(np.float64), touches, back)
-    return Estimator(network, taxels, ranges_hash(ranges), seed, quality)
+    return Estimator(network, taxels, digest(ranges), seed, quality)
 
 
 def judge(places_of: Callable[[FloatArray], FloatArray], touches: Touches, back: int) -> Quality:

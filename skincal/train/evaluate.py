@@ -154,49 +154,24 @@ def evaluate(
         trial: what is asked.
         progress: progress callback; gets the number of episodes that are done.
     """
-    record = _Record(trial)
+    runs = Runs.empty(trial.episodes, trial.steps, POLICY_HZ)
+    if trial.task is Task.bolt:
+        runs.orientation_deg[:] = np.resize(ORIENTATIONS_DEG, trial.episodes)
     for number in range(trial.episodes):
         for t, step in enumerate(episode(policy, environment, trial, number)):
-            record.add(number, t, step)
+            _add(runs, number, t, step)
         progress(number + 1)
-    return record.runs()
+    return runs
 
 
-class _Record:
-    """Fills the arrays of :class:`~skincal.train.scores.Runs`."""
-
-    def __init__(self, trial: Trial) -> None:
-        n, t = trial.episodes, trial.steps
-        self._error, self._angle = np.full((n, t), np.nan), np.full((n, t), np.nan)
-        self._object, self._target = np.full((n, t, 2), np.nan), np.full((n, t, 2), np.nan)
-        self._dropped, self._rewards = np.zeros(n, dtype=np.bool_), np.zeros(n)
-        self._orientation = np.full(n, np.nan)
-        if trial.task is Task.bolt:
-            self._orientation[:] = np.resize(ORIENTATIONS_DEG, n)
-        self._steps = t
-
-    def add(self, number: int, t: int, step: Step) -> None:
-        """Adds a step; in the one that loses the object there is no place of it any more."""
-        info = step.info
-        self._rewards[number] += step.reward
-        self._target[number, t] = info["target_m"]
-        if info["drop"]:
-            self._dropped[number] = True
-            return
-        self._error[number, t] = info["error_m"]
-        self._object[number, t] = info["position_m"]
-        self._angle[number, t] = info.get("orientation_error_rad", np.nan)
-
-    def runs(self) -> Runs:
-        """Everything."""
-        time_s = np.arange(1, self._steps + 1) / POLICY_HZ
-        return Runs(
-            time_s,
-            self._error,
-            self._object,
-            self._target,
-            self._dropped,
-            self._angle,
-            self._orientation,
-            self._rewards,
-        )
+def _add(runs: Runs, number: int, t: int, step: Step) -> None:
+    """Add a step; in the one that loses the object there is no place of it any more."""
+    info = step.info
+    runs.rewards[number] += step.reward
+    runs.target_m[number, t] = info["target_m"]
+    if info["drop"]:
+        runs.dropped[number] = True
+        return
+    runs.error_m[number, t] = info["error_m"]
+    runs.object_m[number, t] = info["position_m"]
+    runs.angle_error_rad[number, t] = info.get("orientation_error_rad", np.nan)

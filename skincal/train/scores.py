@@ -47,6 +47,17 @@ class Runs:
     orientation_deg: FloatArray
     rewards: FloatArray
 
+    @classmethod
+    def empty(cls, episodes: int, steps: int, rate_hz: float) -> Runs:
+        """Return runs in which nothing has happened yet, to be filled in; their rewards are 0."""
+        n, t = episodes, steps
+        error, angle, place, target = (
+            np.full(shape, np.nan) for shape in ((n, t), (n, t), (n, t, 2), (n, t, 2))
+        )
+        dropped = np.zeros(n, dtype=np.bool_)
+        time_s = np.arange(1, t + 1) / rate_hz
+        return cls(time_s, error, place, target, dropped, angle, np.full(n, np.nan), np.zeros(n))
+
     def __len__(self) -> int:
         return len(self.error_m)
 

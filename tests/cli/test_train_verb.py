@@ -123,9 +123,9 @@ def test_ranges_of_ones_own_are_kept_with_the_run(tmp_path):
 
 
 def _hash(ranges: object) -> str:
-    from skincal.train.ranges_hash import ranges_hash
+    from skincal.ranges.plain import digest
 
-    return ranges_hash(ranges)  # type: ignore[arg-type]
+    return digest(ranges)  # type: ignore[arg-type]
 
 
 def test_evaluation_as_json(trained, tmp_path, capsys):
