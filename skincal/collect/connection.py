@@ -54,10 +54,7 @@ class Connection:
     """Executor of some presses of a session with a connected hand.
 
     Args:
-        session: session of the presses.
-        loop: loop with the hand.
         radius_m: radius of the indenter [m].
-        numbers: the presses.
     """
 
     def __init__(self, session: Owner, loop: Loop, radius_m: float, numbers: list[int]) -> None:

@@ -40,7 +40,6 @@ class Journal:
     """The journal of one session, in a folder.
 
     Args:
-        folder: folder of the journal.
         head: description of the session: all that must be equal to resume it. JSON values only.
     """
 

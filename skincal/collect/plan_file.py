@@ -110,9 +110,6 @@ def read_plan(path: Path, mount: Mount) -> Plan:
         path: the file, ``.toml`` or ``.csv``.
         mount: the surface with the patch at its nominal pose.
 
-    Returns:
-        The plan, named after the file.
-
     Raises:
         InputError: the file has faults; all are reported.
     """

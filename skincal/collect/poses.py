@@ -44,9 +44,6 @@ class Reach:
 def with_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> Plan:
     """Return the plan with angles for all its poses.
 
-    Returns:
-        The plan; unchanged if it has angles.
-
     Raises:
         InputError: angles of the plan do not fit the hand, or a press is out of reach.
         WorkError: the hand has too few poses in which all sites can be pressed.

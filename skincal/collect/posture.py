@@ -88,9 +88,6 @@ class Fingers:
             range_m: lowest and highest height of the indenter above the skin [m].
             start_rad: angles of all links from which the solution starts (n,) [rad]; None: home.
 
-        Returns:
-            The posture.
-
         Raises:
             WorkError: the site is out of reach.
         """

@@ -47,10 +47,6 @@ class Press:
     """Executor of one press; the hand stands above the site at the posture's largest height.
 
     Args:
-        loop: loop with the hand.
-        posture: posture over the site.
-        planned: the planned press.
-        options: options of the press.
         near_m: below this height the approach is slow, as the skin may begin there [m].
     """
 

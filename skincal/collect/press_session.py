@@ -22,13 +22,7 @@ class Session:
     """Executor of a plan on a hand.
 
     Args:
-        plan: plan with angles for its poses.
-        journal: journal of finished presses.
-        fingers: the hand.
-        make_driver: creates a driver for every connection.
-        options: options of the presses.
         guard: limits of the guard; None: its defaults.
-        watch: progress callback, called in every period.
     """
 
     def __init__(

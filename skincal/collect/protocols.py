@@ -79,9 +79,6 @@ def paper_plan(rng: np.random.Generator, layout: TaxelLayout, options: PaperProt
         layout: the taxels, which set the extent of the grid.
         options: options of the protocol.
 
-    Returns:
-        The plan.
-
     Raises:
         InputError: the patch is too small for this number of sites.
     """
@@ -114,9 +111,6 @@ def full_plan(
         layout: the taxels, which set the extent of the sites.
         options: options of the protocol.
         second_indenter_m: radius of a second sphere [m], for presses at the end; None: no change of the cap.
-
-    Returns:
-        The plan.
     """
     options = options or FullProtocol()
     anchor = _anchor(layout, options)

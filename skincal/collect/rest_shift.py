@@ -27,9 +27,6 @@ def rest_shifts(dataset: Dataset) -> tuple[Problem, ...]:
 
     Args:
         dataset: dataset with frames in the pauses between presses.
-
-    Returns:
-        One problem per press.
     """
     numbers, levels, errors = _pauses(dataset)
     found: list[Problem] = []

@@ -47,7 +47,6 @@ class Senses:
     """Converter of states to samples: contact from joints, the session's clock, torques at rest.
 
     Args:
-        kinematics: the hand.
         indenter_radius_m: radius of the sphere [m].
     """
 

@@ -18,9 +18,7 @@ class Motion:
     """Command a hand through its guard, and keep its states.
 
     Args:
-        hand: connected.
         place: called after every state: where the object truly is (2,), or None.
-        watch: called with every state.
 
     Attributes:
         states: all of them, in order.

@@ -26,8 +26,6 @@ class StateCheck:
     """Checker of states, one after the other.
 
     Args:
-        driver: the connected hand.
-        options: limits and times.
         contact_force: the contact force of a state [N]; None: not checked.
     """
 

@@ -64,11 +64,7 @@ class Session:
     """Executor of one client's requests, in a separate thread, so that a stop gets through at any time.
 
     Args:
-        token: name of the session, chosen by the client.
-        driver: the hand.
-        options: time-outs.
         contact_force: computes the contact force; None: not checked.
-        replies: collects the replies.
     """
 
     def __init__(

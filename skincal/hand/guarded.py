@@ -47,8 +47,6 @@ class Guarded(ABC, Generic[State, Command]):
     A separate thread of the guard makes all calls to the driver, except for ``stop``.
 
     Args:
-        driver: the rig.
-        options: limits and times.
         clock: our clock [s].
     """
 

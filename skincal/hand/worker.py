@@ -29,9 +29,7 @@ class Worker:
     A call that hangs is abandoned: the thread waits in it, and ends with the process.
 
     Args:
-        name: name of the thread.
         idle_s: time without a call after which ``on_idle`` is called once in the thread [s]; None: never.
-        on_idle: callback for that case.
     """
 
     def __init__(

@@ -26,11 +26,6 @@ class Fingers:
     """The fingers as rigid bodies, without gravity (a torque-controlled hand compensates it).
 
     Only the tip with the skin and the indenter collide, softly.
-
-    Args:
-        description: the hand.
-        options: options of the physics.
-        contact_stiffness_n_per_m: spring constant of the contact [N/m].
     """
 
     def __init__(

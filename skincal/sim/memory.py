@@ -42,7 +42,6 @@ class SkinMemory:
 
     Args:
         path: the file; created if missing.
-        joints: number of the hand's joints.
 
     Raises:
         InputError: the file is of another kind.

@@ -22,7 +22,6 @@ class Curve:
     """Appends rows to a CSV file; each is on disk as soon as it is known.
 
     Args:
-        path: the file.
         steps: rows beyond so many environment steps are dropped: the run goes on from a checkpoint before them.
     """
 

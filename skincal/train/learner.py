@@ -43,8 +43,6 @@ class Learner(ABC):
 
     Args:
         environments: as vectorised; observations are dictionaries with the keys ``policy`` and ``critic``.
-        settings: of the algorithm.
-        seed: of the networks, the sampling and the exploration.
     """
 
     weights_file: ClassVar[str]
