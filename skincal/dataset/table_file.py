@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from skincal.bounded import UnreadableError, check_table_size
 from skincal.dataset.findings import SHOWN, Findings, Sheet, listed
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, text_of
 from skincal.files import check_input, reason
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
         check_table_size(rows, len(names), most_rows)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         what = "a readable CSV file" if path.suffix == ".csv" else "a whole Parquet file"
-        got = " ".join(str(error).split())[:200].rstrip(".")
+        got = text_of(error).rstrip(".")
         findings.error(path.name, what, got, "Was it cut short while it was copied or written?")
         return None
     except UnreadableError as error:
@@ -165,9 +165,9 @@ class ParquetColumns(Mapping[str, Column]):
                 raise pa.ArrowInvalid(f"{len(column)} of {self.rows} rows in column {name}")
             return _to_numpy(column, self._sheet, name)
         except (pa.ArrowException, KeyError, OSError, UnicodeDecodeError) as error:
-            reason = " ".join(str(error).split())[:200].rstrip(".")
+            got = text_of(error).rstrip(".")
             fix = "Was it cut short while it was copied or written?"
-            raise InputError([Problem(str(self._path), "a whole Parquet file", reason, fix)]) from None
+            raise InputError([Problem(str(self._path), "a whole Parquet file", got, fix)]) from None
 
     def __contains__(self, name: object) -> bool:
         return name in self.names

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.errors import quoted, shown
 from skincal.hand.clock import ClockCheck
 from skincal.hand.driver import HandDriver, HandState
-from skincal.hand.errors import NUMBERS, HandErrorKind, Violation, shown
+from skincal.hand.errors import NUMBERS, HandErrorKind, Violation
 from skincal.hand.guard_options import GuardOptions
 from skincal.robot.description import HandDescription
 
@@ -165,9 +166,7 @@ class StateCheck:
         try:
             force_n = float(self._contact_force(state))
         except Exception as error:
-            return Violation(
-                "force", f"the contact force cannot be computed: {type(error).__name__}: {error}"
-            )
+            return Violation("force", f"the contact force cannot be computed: {quoted(error)}")
         if math.isfinite(force_n) and abs(force_n) <= self._max_force_n:
             return None
         limit_n = self._max_force_n

@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.errors import shown
 from skincal.hand.driver import HandCommand, HandDriver, HandState
-from skincal.hand.errors import HandError, Violation, shown
+from skincal.hand.errors import HandError, Violation
 
 FloatArray = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, shown
 from skincal.hand.clock import ClockCheck
 from skincal.hand.commands import Elapsed
-from skincal.hand.errors import NUMBERS, HandError, HandErrorKind, Violation, shown
+from skincal.hand.errors import NUMBERS, HandError, HandErrorKind, Violation
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
 from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.errors import InputError, Problem, WorkError
+from skincal.errors import InputError, Problem, WorkError, text_of
 from skincal.robot import HandDescription, urdf_with_sphere
 from skincal.sim.sim_options import SimOptions
 
@@ -66,7 +66,7 @@ class Fingers:
         except engine.error as error:
             self.close()
             raise WorkError(
-                f"{description.urdf}: expected a URDF that PyBullet can load; got: {error}"
+                f"{description.urdf}: expected a URDF that PyBullet can load; got: {text_of(error)}"
             ) from error
 
     def _named(self, description: HandDescription) -> tuple[list[int], int, int]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.bounded import MOST_TAXELS, decode, parse_json, read_arrays
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, text_of
 from skincal.files import reason, whole_file
 from skincal.train.network import Network
 
@@ -203,6 +203,6 @@ def read_estimator(path: str | Path) -> Estimator:
             network, taxels, about["ranges_sha256"], int(about["seed"]), Quality(**about["quality"])
         )
     except (OSError, ArithmeticError, LookupError, TypeError, ValueError) as error:
-        got = reason(error) if isinstance(error, OSError) else f"{error}"
+        got = reason(error) if isinstance(error, OSError) else text_of(error)
         expected = f"an estimator ({FORMAT}), as `skincal train estimator` writes it"
         raise InputError([Problem(str(path), expected, got)]) from error

@@ -470,3 +470,74 @@ def test_a_cycle_costs_little() -> None:
     # Below 100 us a call on a quiet machine; the bound leaves room for a busy one.
     assert min(costs) < 400e-6
     print(f"guard: {min(costs) * 1e6:.0f} us a call")
+
+
+class TextlessError(Exception):
+    """Raises when it is asked for its text."""
+
+    def __str__(self) -> str:
+        raise RuntimeError
+
+    __repr__ = __str__
+
+
+class BareHandError(HandError):
+    """Of a driver that calls no ``__init__`` of ours, and keeps values of its own."""
+
+    def __init__(self) -> None:
+        self.value, self.limit, self.joint = "much", object(), TextlessError()  # type: ignore[assignment]
+
+
+class HangingTextError(Exception):
+    """Does not return when it is asked for its text."""
+
+    def __str__(self) -> str:
+        time.sleep(1.0)
+        return ""
+
+
+FOREIGN: dict[str, tuple[BaseException, str]] = {
+    "no text": (TextlessError(), "raised TextlessError: an error whose text cannot be read"),
+    "megabytes": (ValueError("x" * 10**7), "xxx…"),
+    "control characters": (ValueError("\x1b[2J"), "raised ValueError: \\x1b[2J"),
+    "group": (ExceptionGroup("tasks", [OSError("cable")]), "raised ExceptionGroup: tasks: OSError: cable"),
+    "bare error": (BareHandError(), "fake: BareHandError"),
+    "base": (GeneratorExit(), "raised GeneratorExit"),
+}
+
+
+@pytest.mark.parametrize("call", ["observe", "act", "connect", "close"])
+@pytest.mark.parametrize(("raised", "text"), FOREIGN.values(), ids=FOREIGN)
+def test_any_exception_of_a_driver_is_told(call: str, raised: BaseException, text: str) -> None:
+    driver = FakeHand(raises={call: raised}, after=0)
+    with pytest.raises(HandError) as caught, GuardedHand(driver, QUICK) as hand:
+        for _ in range(3):
+            hand.act(HandCommand(hand.observe().q_desired_rad))
+    assert text in str(caught.value)
+    assert len(str(caught.value)) < 400
+    assert driver.stopped_at is not None
+    if call != "close":
+        assert f"{text}. The hand was stopped" in str(caught.value)
+        assert caught.value.stopped is True
+
+
+@pytest.mark.parametrize("raised", [one for one, _ in FOREIGN.values()], ids=FOREIGN)
+def test_any_exception_of_stop_tells_to_cut_the_power(raised: BaseException) -> None:
+    driver = FakeHand(raises={"stop": raised, "act": OSError("bus")}, after=0)
+    with pytest.raises(HandError, match="Cut the hand's power") as caught, GuardedHand(driver, QUICK) as hand:
+        hand.act(HandCommand(hand.observe().q_desired_rad))
+    assert caught.value.stopped is False
+    assert driver.calls.count("stop") >= 2  # it is tried once more
+
+
+@pytest.mark.parametrize("call", ["observe", "stop"])
+def test_a_text_that_hangs_is_a_call_that_hangs(call: str) -> None:
+    driver = FakeHand(raises={call: HangingTextError(), "act": OSError("bus")}, after=0)
+    started = time.monotonic()
+    with (
+        pytest.raises(HandError, match=rf"{call}\(\) did not return") as caught,
+        GuardedHand(driver, QUICK) as hand,
+    ):
+        hand.act(HandCommand(hand.observe().q_desired_rad))
+    assert caught.value.stopped is (call != "stop")
+    assert time.monotonic() - started < 0.9
