@@ -246,10 +246,9 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
     if not path.stat().st_size:
         findings.error(path.name, "a header line and rows", "an empty file", "Write it again.")
         return None
-    if not _begins_as_text(path):
-        findings.error(
-            path.name, "text in UTF-8", "other bytes", "Is it another kind of file, or of another encoding?"
-        )
+    if line := _other_bytes(path):
+        fix = "Is it another kind of file, or of another encoding?"
+        findings.error(f"{path.name}, {line}", "text in UTF-8", "other bytes", fix)
         return None
     table = read(threads=True)
     if bad:
@@ -260,14 +259,18 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
     return table
 
 
-def _begins_as_text(path: Path) -> bool:
-    """Return whether the first bytes are UTF-8; otherwise the CSV reader prints a traceback for invalid rows."""
+def _other_bytes(path: Path) -> str:
+    """Return the line of the first bytes that are not UTF-8, or ''; the CSV reader prints tracebacks for invalid rows."""
+    decoder, line = codecs.getincrementaldecoder("utf-8")(), 1
     with path.open("rb") as file:
-        try:
-            codecs.getincrementaldecoder("utf-8")().decode(file.read(1 << 16))
-        except UnicodeDecodeError:
-            return False
-    return True
+        while True:
+            block = file.read(1 << 20)
+            try:
+                line += decoder.decode(block, final=not block).count("\n")
+            except UnicodeDecodeError as error:
+                return f"line {line + error.object[: error.start].count(10)}"
+            if not block:
+                return ""
 
 
 def _report_ragged(file: str, bad: Sequence[Any], findings: Findings) -> None:

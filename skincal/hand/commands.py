@@ -13,6 +13,12 @@ from skincal.hand.errors import HandError, Violation
 
 FloatArray = NDArray[np.float64]
 
+FROZEN_S = 0.5
+"""Longest time for which commands may move a rig whose measured values stay the same, as for a standing clock [s]."""
+
+MOVED_RAD = 0.01
+"""A command that moves by less need not show, as encoders and torque sensors are coarse [rad]."""
+
 ROUNDING_RAD = 1e-9
 """Tolerance of a command's limits, as sums of steps are not exact [rad]."""
 
@@ -49,6 +55,50 @@ class Elapsed:
         return max(0.0, min(self._rig_s - self._sent_rig_s, own_s, self._period_s))
 
 
+class FrozenCheck:
+    """Check that measured values answer to commands: none is allowed on the strength of states that are frozen.
+
+    A driver that gives old values with new stamps hides angles, torques and forces from every other check. Only values
+    that are the same to the last bit count as frozen, and only while commands move the rig: one at rest whose encoders
+    and torque sensors are coarse may well give the same values for long.
+
+    Args:
+        moved: by how much commands have to move any joint or axis.
+        unit: unit of ``moved``.
+    """
+
+    def __init__(self, moved: float, unit: str) -> None:
+        self._moved, self._unit = moved, unit
+        self._values = self._command = self._base = np.empty(0)
+        self._since_s = self._now_s = math.nan
+
+    def observed(self, values: FloatArray, rig_s: float) -> None:
+        """Record all values that the rig measured at ``rig_s`` on its clock [s]."""
+        self._now_s = rig_s
+        if not np.array_equal(values, self._values):
+            self._values, self._since_s, self._base = values.copy(), rig_s, self._command
+
+    def sent(self, command: FloatArray) -> None:
+        """Record a command that was sent."""
+        self._command = command.copy()
+        if not self._base.size:
+            self._base = self._command
+
+    def __call__(self) -> Violation | None:
+        """Return the violation of a command that is to be sent now; None if the rig has answered to those before."""
+        for_s = self._now_s - self._since_s
+        if not for_s > FROZEN_S or not self._base.size:
+            return None
+        moved = float(np.abs(self._command - self._base).max())
+        if moved <= self._moved:
+            return None
+        text = (
+            f"no measured value has changed for {for_s:.3g} s, while commands moved by {moved:.3g} {self._unit}: the "
+            "states are frozen"
+        )
+        return Violation("state", text, value=for_s, limit=FROZEN_S)
+
+
 class CommandCheck:
     """Checker of commands, one after the other.
 
@@ -65,12 +115,16 @@ class CommandCheck:
         self._low = self._limits.lower_rad - ROUNDING_RAD
         self._high = self._limits.upper_rad + ROUNDING_RAD
         self._elapsed = Elapsed(real_time=driver.real_time, period_s=driver.period_s)
+        # A recording answers to no command.
+        self._frozen = FrozenCheck(MOVED_RAD if driver.follows_commands else math.inf, "rad")
         self._base_rad: FloatArray | None = None
         self._sent = False
 
     def observed(self, state: HandState, now_s: float) -> None:
         """Record a sound state that arrived at ``now_s`` on our clock [s]."""
         self._elapsed.observed(float(state.time_s), now_s)
+        measured = (state.q_rad, state.dq_rad_per_s, state.tau_nm, state.q_desired_rad)
+        self._frozen.observed(np.concatenate(measured), float(state.time_s))
         if not self._sent:
             self._base_rad = state.q_desired_rad.copy()
 
@@ -79,6 +133,7 @@ class CommandCheck:
         # Copy the array: the caller may reuse it.
         self._base_rad, self._sent = command.q_desired_rad.copy(), True
         self._elapsed.sent(now_s)
+        self._frozen.sent(command.q_desired_rad)
 
     def __call__(self, command: HandCommand, now_s: float) -> Violation | None:
         """Return the violation of a command that is to be sent now; None if it is allowed."""
@@ -89,6 +144,8 @@ class CommandCheck:
         if type(q) is not np.ndarray or q.shape != shape or q.dtype != np.float64:
             text = f"command, q_desired_rad: expected an array of float64 of shape {shape}; got {shown(q)}"
             return Violation("command", text)
+        if frozen := self._frozen():
+            return frozen
         largest = self._step_rad(now_s)
         small = np.abs(q - before_rad) <= largest + ROUNDING_RAD
         if ((q >= self._low) & (q <= self._high) & small).all():

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from skincal.dataset.columns import LARGEST
 from skincal.errors import InputError, Problem, shown
 from skincal.hand.clock import ClockCheck
-from skincal.hand.commands import Elapsed
+from skincal.hand.commands import Elapsed, FrozenCheck
 from skincal.hand.errors import NUMBERS, HandError, HandErrorKind, Violation
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
@@ -147,8 +148,8 @@ class StageStateCheck:
 
     def _taxels(self, state: StageState) -> Violation | None:
         sensor, values = self._rig.meta.sensor, state.taxels[~np.isnan(state.taxels)]
-        low = -math.inf if sensor.value_min is None else sensor.value_min
-        high = math.inf if sensor.value_max is None else sensor.value_max
+        low = -LARGEST if sensor.value_min is None else sensor.value_min
+        high = LARGEST if sensor.value_max is None else sensor.value_max
         good = (values >= low) & (values <= high) & np.isfinite(values)
         if sensor.integer:
             good &= values == np.rint(values)
@@ -202,12 +203,14 @@ class StageCommandCheck:
     def __init__(self, driver: StageDriver) -> None:
         self._rig = driver.description
         self._elapsed = Elapsed(real_time=driver.real_time, period_s=driver.period_s)
+        self._frozen = FrozenCheck(BEYOND_M, "m")
         self._base: FloatArray | None = None
         self._sent = False
 
     def observed(self, state: StageState, now_s: float) -> None:
         """Record a sound state that arrived at ``now_s`` on our clock [s]."""
         self._elapsed.observed(float(state.time_s), now_s)
+        self._frozen.observed(np.append(state.position_m, state.force_n), float(state.time_s))
         if not self._sent:
             self._base = np.array(state.position_m, dtype=np.float64)
 
@@ -215,6 +218,7 @@ class StageCommandCheck:
         """Record a command that was sent; ``now_s`` is our clock afterwards [s]."""
         self._base, self._sent = np.array(position_m, dtype=np.float64), True
         self._elapsed.sent(now_s)
+        self._frozen.sent(position_m)
 
     def __call__(self, position_m: FloatArray, now_s: float) -> Violation | None:
         """Return the violation of a command that is to be sent now; None if it is allowed."""
@@ -229,6 +233,8 @@ class StageCommandCheck:
         rig = self._rig
         if (position_m < rig.lower_m - ROUNDING_M).any() or (position_m > rig.upper_m + ROUNDING_M).any():
             return Violation("command", f"{_shown(position_m)} lies outside the travel")
+        if frozen := self._frozen():
+            return frozen
         step_m, longest_m = float(np.linalg.norm(position_m - base)), self._longest_m(now_s)
         if step_m <= longest_m + ROUNDING_M:
             return None
