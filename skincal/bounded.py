@@ -23,6 +23,7 @@ from typing import IO, Any, Final, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.errors import quoted, text_of
 from skincal.files import open_input
 
 MOST_TEXT_BYTES: Final = 8 << 20
@@ -186,8 +187,7 @@ def parsed(kind: str, parse: Callable[[str], Value], text: str) -> Value:
     except MemoryError:
         raise
     except Exception as error:  # libraries raise whatever their code runs into
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise UnreadableError(kind, _cut(reason)) from error
+        raise UnreadableError(kind, text_of(error) or type(error).__name__) from error
 
 
 def checked(value: Value, bits: int = 64) -> Value:
@@ -275,7 +275,7 @@ def _whole(kind: str) -> Generator[None]:
     except (MemoryError, UnreadableError):
         raise
     except Exception as error:  # zipfile, zlib and numpy have no common class for what they raise
-        raise UnreadableError(f"a whole {kind} file", _cut(f"{type(error).__name__}: {error}")) from error
+        raise UnreadableError(f"a whole {kind} file", quoted(error)) from error
 
 
 def _array(stream: IO[bytes]) -> NDArray[Any]:

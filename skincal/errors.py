@@ -6,6 +6,7 @@ on standard error and its ``exit_status``; a library user catches it as an ordin
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -48,6 +49,55 @@ def _cut(text: str, most: int = 500) -> str:
 def _shown(text: str) -> str:
     """A text without what would steer a terminal; no name or value of a file can."""
     return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def text_of(error: BaseException, most: int = 200) -> str:
+    """Return the text of a foreign exception: one line, printable, of at most ``most`` letters; it never raises.
+
+    An exception of a driver, a library or a plug-in may raise, in any way, when it is asked for its text, or give
+    megabytes. Of a group the first members are told as well, as its own text says only how many there are.
+    """
+    return _line(error, _text, most)
+
+
+def quoted(error: BaseException, most: int = 200) -> str:
+    """Return the class of a foreign exception, and its :func:`text_of`."""
+    name, text = _line(error, lambda one: type(one).__name__, 60), text_of(error, most)
+    return f"{name}: {text}" if text else name
+
+
+def _line(error: BaseException, text_of: Callable[[BaseException], str], most: int) -> str:
+    try:
+        text = str.__str__(text_of(error))  # a subclass may come with methods of its own
+    except BaseException:  # also SystemExit, and a KeyboardInterrupt that is not the user's
+        return "an error whose text cannot be read"
+    return one_line(text, most)
+
+
+def one_line(text: str, most: int) -> str:
+    """Return a foreign text as one line without what would steer a terminal, of at most ``most`` letters."""
+    return _cut(_shown(" ".join(str(text)[: 8 * most].split())), most)
+
+
+def _text(error: BaseException) -> str:
+    if not isinstance(error, BaseExceptionGroup):
+        return str(error)
+    members: list[BaseException] = []
+    rest: list[BaseException] = [error]
+    while rest and len(members) < 3:
+        one = rest.pop()
+        if isinstance(one, BaseExceptionGroup):
+            rest += reversed(cast("BaseExceptionGroup[BaseException]", one).exceptions)
+        else:
+            members.append(one)
+    return f"{error.message}: {'; '.join(map(quoted, members))}"
+
+
+def shown(value: Any) -> str:
+    """Return a short text for a value of wrong type or shape, whose own ``repr`` may raise."""
+    if type(value).__module__ == "numpy" and hasattr(value, "shape"):  # an array, without importing numpy
+        return f"an array of {value.dtype} of shape {value.shape}"
+    return f"{type(value).__name__} {reprlib.repr(value):.60}"
 
 
 class SkincalError(Exception):

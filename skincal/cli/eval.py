@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from skincal.cli import options
 from skincal.cli.options import argument, example, numbers_by_name, option
 from skincal.cli.terminal import answer, picked, plain, table, warn
-from skincal.errors import input_error
+from skincal.errors import input_error, text_of
 from skincal.progress import stage_bars
 from skincal.train.tasks import Task
 
@@ -150,7 +150,7 @@ def read_targets(path: Path) -> list[list[float]]:
             raise ValueError("no rows")
         return targets
     except (OSError, ValueError, IndexError) as error:
-        got = reason(error) if isinstance(error, OSError) else f"{error}"
+        got = reason(error) if isinstance(error, OSError) else text_of(error)
         expected = "circle, random, still, or a CSV file with the columns u_m and v_m [m]"
         raise input_error(f"--trajectory {path}", expected, got) from error
 

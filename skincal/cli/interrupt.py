@@ -10,6 +10,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from skincal.cli.terminal import say
+from skincal.errors import text_of
 from skincal.signals import ENDING
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ def _danger_and_notes(error: BaseException | None) -> tuple[str, list[str]]:
     danger, notes = "", list[str]()
     while error is not None:
         if getattr(error, "stopped", None) is False:
-            danger = danger or str(error)
+            danger = danger or text_of(error, 2000)
         notes += [note for note in getattr(error, "__notes__", []) if note not in notes]
         error = error.__cause__ or error.__context__
     return danger, notes

@@ -20,7 +20,7 @@ from skincal.cli import verbs
 from skincal.cli.interrupt import Ended, interruptible
 from skincal.cli.options import example
 from skincal.cli.terminal import json_alone, say
-from skincal.errors import SkincalError, input_error
+from skincal.errors import SkincalError, input_error, quoted
 from skincal.version import __version__
 
 app = typer.Typer(
@@ -153,11 +153,19 @@ _NO_ROOM = {
 }
 
 
+def _lines(error: SkincalError) -> list[str]:
+    """Return the lines of an error, which may be of a class of a driver's own that cannot be shown."""
+    try:
+        return str(error).splitlines() or [quoted(error)]
+    except Exception:
+        return [quoted(error)]
+
+
 def _report(error: BaseException) -> int:
     """Print an error in a few lines; return the exit status."""
     match error:
         case SkincalError():
-            lines = str(error).splitlines()
+            lines = _lines(error)
             if len(lines) > MOST_LINES:
                 lines[MOST_LINES - 1 :] = [
                     f"… and {len(lines) - MOST_LINES + 1} more; --debug shows all of them"
@@ -181,7 +189,7 @@ def _report(error: BaseException) -> int:
             say("skincal: error: out of memory; use a coarser grid or fewer presses")
         case _:
             say(
-                f"skincal: internal error: {type(error).__name__}: {error}\n"
+                f"skincal: internal error: {quoted(error)}\n"
                 "This is a bug in skincal, not your mistake. Run again with --debug to see where, and report it."
             )
     return 1

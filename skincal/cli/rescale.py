@@ -10,7 +10,7 @@ from skincal.cli import options
 from skincal.cli.deploy import MARKER, SESSION, targets_of
 from skincal.cli.options import argument, example, option
 from skincal.cli.terminal import answer, warn
-from skincal.errors import input_error
+from skincal.errors import input_error, quoted
 from skincal.train.tasks import Task
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def read_deployed(rolled: Path) -> dict[str, Any]:
         _check_run(run)
         return {name: run[name] for name in ("task", "policy", "steps", "rest_counts", "asked")}
     except (OSError, ArithmeticError, LookupError, TypeError, ValueError) as error:
-        got = reason(error) if isinstance(error, OSError) else f"{type(error).__name__} {error}"
+        got = reason(error) if isinstance(error, OSError) else quoted(error)
         expected = "the output of `skincal deploy` of this version or a later one"
         raise input_error(str(rolled / MARKER), expected, got) from error
 

@@ -12,6 +12,7 @@ from skincal.dataset.position_table import positions_from
 from skincal.dataset.spec import IndenterSpec, SensorSpec, SurfaceSpec
 from skincal.dataset.table_file import read_table
 from skincal.dataset.tables import TaxelPositions
+from skincal.errors import text_of
 from skincal.files import reason
 
 LARGEST_M, SMALLEST_M = 1.0, 1e-4
@@ -66,7 +67,7 @@ def _mesh(folder: Path, place: str, spec: SurfaceSpec | IndenterSpec, findings: 
         findings.error(place, "a file in the same folder", f'"{spec.file}": {reason(error)}', COPY)
         return None
     except ValueError as error:
-        findings.error(spec.file, "a triangle mesh (STL, OBJ, PLY, …)", str(error)[:200], EXPORT)
+        findings.error(spec.file, "a triangle mesh (STL, OBJ, PLY, …)", text_of(error), EXPORT)
         return None
     extent = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
     if extent > LARGEST_M:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from skincal.dataset.kinds import INDENTERS, SURFACES, Kind
 from skincal.dataset.spec import IndenterSpec, MountSpec, SensorSpec, SurfaceSpec
 from skincal.dataset.tables import TaxelPositions
+from skincal.errors import quoted
 from skincal.units import rad
 
 if TYPE_CHECKING:
@@ -108,7 +109,7 @@ def mesh_arrays(content: bytes, name: str) -> tuple[NDArray[np.float64], NDArray
         vertices = np.asarray(mesh.vertices, dtype=np.float64)  # type: ignore[union-attr]
         faces = np.asarray(mesh.faces, dtype=np.int64)  # type: ignore[union-attr]
     except Exception as error:  # trimesh raises whatever its parsers raise
-        raise ValueError(f"{type(error).__name__}: {error}") from error
+        raise ValueError(quoted(error)) from error
     if faces.ndim != 2 or not len(faces):
         raise ValueError("no triangles")
     if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from skincal.bounded import UnreadableError, check_table_size
 from skincal.dataset.findings import SHOWN, Findings, Sheet, listed
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, text_of
 from skincal.files import check_input, reason
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
         check_table_size(rows, len(names), most_rows)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         what = "a readable CSV file" if path.suffix == ".csv" else "a whole Parquet file"
-        got = " ".join(str(error).split())[:200].rstrip(".")
+        got = text_of(error).rstrip(".")
         findings.error(path.name, what, got, "Was it cut short while it was copied or written?")
         return None
     except UnreadableError as error:
@@ -165,9 +165,9 @@ class ParquetColumns(Mapping[str, Column]):
                 raise pa.ArrowInvalid(f"{len(column)} of {self.rows} rows in column {name}")
             return _to_numpy(column, self._sheet, name)
         except (pa.ArrowException, KeyError, OSError, UnicodeDecodeError) as error:
-            reason = " ".join(str(error).split())[:200].rstrip(".")
+            got = text_of(error).rstrip(".")
             fix = "Was it cut short while it was copied or written?"
-            raise InputError([Problem(str(self._path), "a whole Parquet file", reason, fix)]) from None
+            raise InputError([Problem(str(self._path), "a whole Parquet file", got, fix)]) from None
 
     def __contains__(self, name: object) -> bool:
         return name in self.names
@@ -246,10 +246,9 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
     if not path.stat().st_size:
         findings.error(path.name, "a header line and rows", "an empty file", "Write it again.")
         return None
-    if not _begins_as_text(path):
-        findings.error(
-            path.name, "text in UTF-8", "other bytes", "Is it another kind of file, or of another encoding?"
-        )
+    if line := _other_bytes(path):
+        fix = "Is it another kind of file, or of another encoding?"
+        findings.error(f"{path.name}, {line}", "text in UTF-8", "other bytes", fix)
         return None
     table = read(threads=True)
     if bad:
@@ -260,14 +259,18 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
     return table
 
 
-def _begins_as_text(path: Path) -> bool:
-    """Return whether the first bytes are UTF-8; otherwise the CSV reader prints a traceback for invalid rows."""
+def _other_bytes(path: Path) -> str:
+    """Return the line of the first bytes that are not UTF-8, or ''; the CSV reader prints tracebacks for invalid rows."""
+    decoder, line = codecs.getincrementaldecoder("utf-8")(), 1
     with path.open("rb") as file:
-        try:
-            codecs.getincrementaldecoder("utf-8")().decode(file.read(1 << 16))
-        except UnicodeDecodeError:
-            return False
-    return True
+        while True:
+            block = file.read(1 << 20)
+            try:
+                line += decoder.decode(block, final=not block).count("\n")
+            except UnicodeDecodeError as error:
+                return f"line {line + error.object[: error.start].count(10)}"
+            if not block:
+                return ""
 
 
 def _report_ragged(file: str, bad: Sequence[Any], findings: Findings) -> None:

@@ -9,10 +9,10 @@ import difflib
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
-from typing import Final
+from typing import Any, Final, cast
 
-from skincal.effects.effect import Effect
-from skincal.errors import InputError, Problem
+from skincal.effects.effect import Effect, Stage
+from skincal.errors import InputError, Problem, quoted, shown
 
 _OWN: Final = (
     "force_bias:ForceBias",
@@ -88,12 +88,18 @@ def _load(point: EntryPoint) -> Effect:
     try:
         loaded: object = point.load()
         one = loaded() if isinstance(loaded, type) else loaded
-    except Exception as error:
-        got = f"{type(error).__name__}: {error}"
-        raise InputError([Problem(_place(point), "an effect that can be loaded", got, mend)]) from error
-    if not isinstance(one, Effect):
-        raise InputError([Problem(_place(point), "a subclass of skincal.effects.Effect", repr(loaded), mend)])
-    return one
+        known: Any = one
+        found = isinstance(one, Effect) and isinstance(known.name, str) and isinstance(known.stage, Stage)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a package may raise SystemExit, too
+        raise InputError(
+            [Problem(_place(point), "an effect that can be loaded", quoted(error), mend)]
+        ) from error
+    if not found:
+        expected = "a subclass of skincal.effects.Effect with its name and stage"
+        raise InputError([Problem(_place(point), expected, shown(loaded), mend)])
+    return cast(Effect, one)
 
 
 EFFECTS: Final[Mapping[str, Effect]] = Registry()

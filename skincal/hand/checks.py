@@ -12,12 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from skincal.dataset.columns import LARGEST
+from skincal.errors import quoted, shown
 from skincal.hand.clock import ClockCheck
 from skincal.hand.driver import HandDriver, HandState
-from skincal.hand.errors import NUMBERS, HandErrorKind, Violation, shown
+from skincal.hand.errors import NUMBERS, HandErrorKind, Violation
 from skincal.hand.guard_options import GuardOptions
 from skincal.model.arrays import FloatArray
 from skincal.robot.description import HandDescription
+
+TEMPERATURES_C = (-273.15, 1000.0)
+"""Lowest and highest temperature of a skin [deg C]; anything beyond is a fault of the sensor or its driver."""
 
 ContactForce = Callable[[HandState], float]
 
@@ -48,8 +53,8 @@ class StateCheck:
         # A recording need not hold raw counts.
         sensor, raw = description.meta.sensor, driver.follows_commands
         self._counts = (
-            sensor.value_min if raw and sensor.value_min is not None else -math.inf,
-            sensor.value_max if raw and sensor.value_max is not None else math.inf,
+            sensor.value_min if raw and sensor.value_min is not None else -LARGEST,
+            sensor.value_max if raw and sensor.value_max is not None else LARGEST,
         )
         self._whole = raw and sensor.integer
         self._answered_s = math.nan
@@ -84,6 +89,11 @@ class StateCheck:
             value = getattr(state, name)
             if not isinstance(value, NUMBERS) or isinstance(value, bool):
                 return Violation("state", f"state, {name}: expected a number; got {shown(value)}")
+        low_c, high_c = TEMPERATURES_C
+        if not (math.isnan(state.temperature_c) or low_c <= state.temperature_c <= high_c):
+            expected = f"{low_c:g} to {high_c:g} degrees Celsius, or NaN if not measured"
+            got = shown(state.temperature_c)
+            return Violation("state", f"state, temperature_c: expected {expected}; got {got}")
         return None
 
     def _joints(self, state: HandState) -> Violation | None:
@@ -160,9 +170,7 @@ class StateCheck:
         try:
             force_n = float(self._contact_force(state))
         except Exception as error:
-            return Violation(
-                "force", f"the contact force cannot be computed: {type(error).__name__}: {error}"
-            )
+            return Violation("force", f"the contact force cannot be computed: {quoted(error)}")
         if math.isfinite(force_n) and abs(force_n) <= self._max_force_n:
             return None
         limit_n = self._max_force_n

@@ -8,6 +8,7 @@ from queue import Empty, SimpleQueue
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 
+from skincal.errors import quoted
 from skincal.hand.checks import ContactForce
 from skincal.hand.driver import HandCommand, HandDriver
 from skincal.hand.errors import HandError
@@ -167,7 +168,7 @@ class Session:
         except HandError as error:
             refusal = error
         except Exception as error:
-            refusal = HandError(f"{type(error).__name__}: {error}", "driver")
+            refusal = HandError(quoted(error), "driver")
         self._stop_quietly()
         return Message("refused", message.number, self.token, refusal_body(refusal))
 

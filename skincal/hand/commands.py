@@ -8,13 +8,64 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from skincal.errors import shown
 from skincal.hand.driver import HandCommand, HandDriver, HandState
-from skincal.hand.errors import HandError, Violation, shown
+from skincal.hand.errors import HandError, Violation
 from skincal.hand.stage import StageDriver, StageState
 from skincal.model.arrays import FloatArray
 
+FROZEN_S = 0.5
+"""Longest time for which commands may move a rig whose measured values stay the same, as for a standing clock [s]."""
+
+MOVED_RAD = 0.01
+"""A command that moves by less need not show, as encoders and torque sensors are coarse [rad]."""
+
 ROUNDING_RAD = 1e-9
 """Tolerance of a command's limits, as sums of steps are not exact [rad]."""
+
+
+class FrozenCheck:
+    """Check that measured values answer to commands: none is allowed on the strength of states that are frozen.
+
+    A driver that gives old values with new stamps hides angles, torques and forces from every other check. Only values
+    that are the same to the last bit count as frozen, and only while commands move the rig: one at rest whose encoders
+    and torque sensors are coarse may well give the same values for long.
+
+    Args:
+        moved: by how much commands have to move any joint or axis.
+        unit: unit of ``moved``.
+    """
+
+    def __init__(self, moved: float, unit: str) -> None:
+        self._moved, self._unit = moved, unit
+        self._values = self._command = self._base = np.empty(0)
+        self._since_s = self._now_s = math.nan
+
+    def observed(self, values: FloatArray, rig_s: float) -> None:
+        """Record all values that the rig measured at ``rig_s`` on its clock [s]."""
+        self._now_s = rig_s
+        if not np.array_equal(values, self._values):
+            self._values, self._since_s, self._base = values.copy(), rig_s, self._command
+
+    def sent(self, command: FloatArray) -> None:
+        """Record a command that was sent."""
+        self._command = command.copy()
+        if not self._base.size:
+            self._base = self._command
+
+    def __call__(self) -> Violation | None:
+        """Return the violation of a command that is to be sent now; None if the rig has answered to those before."""
+        for_s = self._now_s - self._since_s
+        if not for_s > FROZEN_S or not self._base.size:
+            return None
+        moved = float(np.abs(self._command - self._base).max())
+        if moved <= self._moved:
+            return None
+        text = (
+            f"no measured value has changed for {for_s:.3g} s, while commands moved by {moved:.3g} {self._unit}: the "
+            "states are frozen"
+        )
+        return Violation("state", text, value=for_s, limit=FROZEN_S)
 
 
 State = TypeVar("State", HandState, StageState)
@@ -27,10 +78,11 @@ class StepCheck(ABC, Generic[State, Command]):
     The time is what has passed since the command before, on the rig's clock and on ours, whichever is less, and one
     period at most: a state that comes early, twice or with a clock that leaps earns no larger step. A simulated clock
     has nothing to do with ours, and counts alone. Before the first command the time is that since the first state, and
-    the rig holds to where it is.
+    the rig holds to where it is. No command is allowed while measured values do not answer to those before.
     """
 
-    def __init__(self, driver: HandDriver | StageDriver) -> None:
+    def __init__(self, driver: HandDriver | StageDriver, frozen: FrozenCheck) -> None:
+        self._frozen = frozen
         self._real_time, self._period_s = driver.real_time, driver.period_s
         self._rig_s = self._sent_rig_s = self._sent_own_s = math.nan
         self._base: FloatArray | None = None
@@ -39,6 +91,10 @@ class StepCheck(ABC, Generic[State, Command]):
     @abstractmethod
     def _held(self, state: State) -> FloatArray:
         """Return what a rig without a command holds to, as a copy."""
+
+    @abstractmethod
+    def _measured(self, state: State) -> FloatArray:
+        """Return all values that the rig measured."""
 
     @abstractmethod
     def _target(self, command: Command) -> FloatArray:
@@ -53,6 +109,7 @@ class StepCheck(ABC, Generic[State, Command]):
         self._rig_s = float(state.time_s)
         if math.isnan(self._sent_rig_s):
             self._sent_rig_s, self._sent_own_s = self._rig_s, now_s
+        self._frozen.observed(self._measured(state), self._rig_s)
         if not self._sent:
             self._base = self._held(state)
 
@@ -60,6 +117,7 @@ class StepCheck(ABC, Generic[State, Command]):
         """Record a command that the driver has sent; ``now_s`` is our clock afterwards [s]."""
         self._base, self._sent = self._target(command), True
         self._sent_rig_s, self._sent_own_s = self._rig_s, now_s
+        self._frozen.sent(self._base)
 
     def _passed_s(self, now_s: float) -> float:
         """Return the time since the last command that counts [s]."""
@@ -76,7 +134,8 @@ class CommandCheck(StepCheck[HandState, HandCommand]):
     """Checker of the commands of a hand."""
 
     def __init__(self, driver: HandDriver) -> None:
-        super().__init__(driver)
+        # A recording answers to no command.
+        super().__init__(driver, FrozenCheck(MOVED_RAD if driver.follows_commands else math.inf, "rad"))
         description = driver.description
         self._joints, self._limits = description.joints, description.limits
         self._low = self._limits.lower_rad - ROUNDING_RAD
@@ -84,6 +143,9 @@ class CommandCheck(StepCheck[HandState, HandCommand]):
 
     def _held(self, state: HandState) -> FloatArray:
         return state.q_desired_rad.copy()
+
+    def _measured(self, state: HandState) -> FloatArray:
+        return np.concatenate((state.q_rad, state.dq_rad_per_s, state.tau_nm, state.q_desired_rad))
 
     def _target(self, command: HandCommand) -> FloatArray:
         return command.q_desired_rad.copy()
@@ -97,6 +159,8 @@ class CommandCheck(StepCheck[HandState, HandCommand]):
         if type(q) is not np.ndarray or q.shape != shape or q.dtype != np.float64:
             text = f"command, q_desired_rad: expected an array of float64 of shape {shape}; got {shown(q)}"
             return Violation("command", text)
+        if frozen := self._frozen():
+            return frozen
         largest = self._step_rad(now_s)
         small = np.abs(q - before_rad) <= largest + ROUNDING_RAD
         if ((q >= self._low) & (q <= self._high) & small).all():

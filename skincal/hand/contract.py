@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from skincal.errors import quoted
 from skincal.hand.checks import ContactForce
 from skincal.hand.contract_checks import CHECKS
 from skincal.hand.driver import HandDriver
@@ -140,7 +141,7 @@ def _run(
             raise
         except BaseException as error:
             raised = error.__cause__ if isinstance(error, CallExitError) else error
-            got = f"{type(raised).__name__}: {raised}"
+            got = quoted(raised or error)
         trouble = "" if trial is None else trial.end()
         if trouble:
             status, got = FAILED, f"{got}. {trouble}".removeprefix(". ")

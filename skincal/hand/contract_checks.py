@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from skincal.errors import SkincalError
+from skincal.errors import SkincalError, quoted, text_of
 from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
@@ -168,7 +168,7 @@ def a_stopped_hand_stays(trial: Trial) -> str:
     try:
         states = trial.states(20)
     except HandError as error:
-        raise SkippedCheckError(f"a stopped hand gives no states: {error}") from None
+        raise SkippedCheckError(f"a stopped hand gives no states: {text_of(error)}") from None
     q, tau = np.array([s.q_rad for s in states]), np.array([s.tau_nm for s in states])
     moved = float(np.abs(np.median(q[10:], axis=0) - np.median(q[:10], axis=0)).max())
     expect(moved <= trial.options.step_rad, f"a joint that moved by {moved:.3g} rad")
@@ -199,7 +199,7 @@ def stop_comes_from_another_thread(trial: Trial) -> str:
     took_s = trial.stop()
     thread.join(10 * trial.options.call_s)
     expect(not thread.is_alive(), "an observe() that hangs since")
-    expect(not errors, f"{errors[0]!r} in observe()" if errors else "")
+    expect(not errors, f"{quoted(errors[0])} in observe()" if errors else "")
     return f"{took_s * 1e3:.2g} ms"
 
 

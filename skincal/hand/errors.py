@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, cast, get_args
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skincal.errors import SkincalError, WorkError
+from skincal.errors import SkincalError, WorkError, quoted, text_of
 
 HandErrorKind = Literal[
     "state",
@@ -39,6 +38,9 @@ stopped before. ``end``: a recorded session has ended.
 """
 
 KINDS: tuple[str, ...] = get_args(HandErrorKind)
+
+MOST_LETTERS = 1000
+"""Longest text of an error of a driver's own [letters]."""
 
 NUMBERS: tuple[type, ...] = (float, int, np.float32, np.integer)
 """Kinds of single numbers that a driver may give; a long double or a complex number fits no table."""
@@ -86,6 +88,13 @@ class HandError(WorkError):
         stopped: whether the driver's ``stop`` returned; None if it was not called.
     """
 
+    # Of a driver's own subclass that sets none of them.
+    kind: HandErrorKind = "driver"
+    joint: str | None = None
+    value: float | None = None
+    limit: float | None = None
+    stopped: bool | None = None
+
     def __init__(
         self,
         text: str,
@@ -96,7 +105,7 @@ class HandError(WorkError):
         limit: float | None = None,
         stopped: bool | None = None,
     ) -> None:
-        self.kind: HandErrorKind = kind
+        self.kind = kind
         self.joint = joint
         self.value = value
         self.limit = limit
@@ -112,19 +121,18 @@ def again(failure: HandError) -> HandError:
     )
 
 
-def described(what: str, error: BaseException | None) -> tuple[HandErrorKind, str]:
-    """Return the kind and text of an exception of a driver's call."""
+def described(what: str, error: BaseException) -> HandError:
+    """Return the error of a driver's call as one of ours, of sound values: its own may hold anything."""
     if isinstance(error, HandError):
-        return error.kind, str(error).rstrip(".")
+        text = (text_of(error, MOST_LETTERS) or quoted(error)).rstrip(".")
+        try:
+            kind = error.kind if error.kind in KINDS else "driver"
+            joint = error.joint if isinstance(error.joint, str) else None
+            value, limit = (None if x is None else float(x) for x in (error.value, error.limit))
+            return HandError(text, kind, joint=joint, value=value, limit=limit)
+        except Exception:  # values that are no numbers
+            return HandError(text, "driver")
     if isinstance(error, SkincalError):
-        return "driver", str(error).rstrip(".")
-    text = f"{what}() raised {type(error).__name__}: {error}".rstrip(".")
-    return ("lost" if isinstance(error, ConnectionError | EOFError) else "driver"), text
-
-
-def shown(value: Any) -> str:
-    """Return a short text for a value of wrong type or shape."""
-    if isinstance(value, np.ndarray):
-        array = cast(NDArray[Any], value)
-        return f"an array of {array.dtype} of shape {array.shape}"
-    return f"{type(value).__name__} {value!r:.60}"
+        return HandError(text_of(error, MOST_LETTERS).rstrip("."), "driver")
+    kind = "lost" if isinstance(error, ConnectionError | EOFError) else "driver"
+    return HandError(f"{what}() raised {quoted(error)}".rstrip("."), kind)

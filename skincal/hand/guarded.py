@@ -22,8 +22,9 @@ from threading import Lock
 from types import TracebackType
 from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
 
+from skincal.errors import one_line, quoted, shown, text_of
 from skincal.hand.driver import HandDriver
-from skincal.hand.errors import ADVICE, HandError, HandErrorKind, Violation, again, described, shown
+from skincal.hand.errors import ADVICE, HandError, HandErrorKind, Violation, again, described
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.halt import HURRY_S, halt, stopped
 from skincal.hand.stage import StageDriver
@@ -60,7 +61,7 @@ class Guarded(ABC, Generic[State, Command]):
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._made: Any = driver
-        self._name = str(getattr(driver, "name", type(driver).__name__))
+        self._name = one_line(str(getattr(driver, "name", type(driver).__name__)), 60)
         self._options = options or GuardOptions()
         self._clock = clock
         self._worker: Worker | None = None
@@ -152,7 +153,7 @@ class Guarded(ABC, Generic[State, Command]):
         try:
             violation = self._check_state(state, now_s, now_s - start_s)
         except (Exception, SystemExit) as error:  # whole numbers beyond a float, classes of the driver's own
-            violation = Violation("state", f"a state that cannot be read: {type(error).__name__}: {error}")
+            violation = Violation("state", f"a state that cannot be read: {quoted(error)}")
         if violation is not None:
             self._violated(violation)
         self._check_command.observed(state, now_s)
@@ -254,7 +255,7 @@ class Guarded(ABC, Generic[State, Command]):
                 if isinstance(error, KeyboardInterrupt)
                 else ""
                 if error is None
-                else f"{error}; "
+                else f"{text_of(error)}; "
             )
             raise HandError(f"{self.name}: {reason}{trouble}", "driver", stopped=False) from error
         if error is not None:
@@ -286,9 +287,8 @@ class Guarded(ABC, Generic[State, Command]):
             if self._failure is not None:
                 raise again(self._failure) from None
             raised = error.__cause__ if isinstance(error, CallExitError) else error
-            kind, text = described(what, raised)
-            own = error if isinstance(error, HandError) else HandError(text, kind)
-            self._fail(kind, text, own.joint, own.value, own.limit, cause=raised)
+            own = described(what, raised or error)
+            self._fail(own.kind, str(own), own.joint, own.value, own.limit, cause=raised)
         except BaseException:
             self._halt()
             raise
@@ -360,7 +360,7 @@ class Guarded(ABC, Generic[State, Command]):
             return HandError(f"{self.name}: close() did not return within {timeout_s:g} s", "timeout")
         except Exception as error:
             raised = error.__cause__ if isinstance(error, CallExitError) else error
-            return HandError(f"{self.name}: {described('close', raised)[1]}", "driver")
+            return HandError(f"{self.name}: {described('close', raised or error)}", "driver")
         finally:
             worker.end()
         return None

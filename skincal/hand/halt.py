@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from skincal.errors import quoted
 from skincal.hand.worker import CallExitError, CallTimeoutError, call_and_leave
 from skincal.signals import held_back
 
@@ -35,5 +36,5 @@ def halt(stop: Callable[[], None], timeout_s: float, name: str, rig: str = "hand
                 return f"stop() did not return within {timeout_s:g} s! {power}"
             except Exception as error:
                 raised = error.__cause__ if isinstance(error, CallExitError) else error
-                trouble = f"stop() failed! {type(raised).__name__}: {raised}. {power}"
+                trouble = f"stop() failed! {quoted(raised or error)}. {power}"
     return trouble

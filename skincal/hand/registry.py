@@ -19,10 +19,9 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 
-from skincal.errors import InputError, Problem, SkincalError, WorkError, input_error
+from skincal.errors import InputError, Problem, SkincalError, WorkError, input_error, quoted, shown, text_of
 from skincal.hand.convert import converted, is_text, type_text
 from skincal.hand.driver import HandDriver
-from skincal.hand.errors import shown
 from skincal.hand.stage import StageDescription, StageDriver
 from skincal.robot.description import HandDescription
 
@@ -131,7 +130,7 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a driver may raise SystemExit, or CancelledError, which ends no process
-        raise WorkError(f'driver "{name}" cannot be created: {type(error).__name__}: {error}') from error
+        raise WorkError(f'driver "{name}" cannot be created: {quoted(error)}') from error
     if not isinstance(driver, HandDriver | StageDriver):  # pyright: ignore[reportUnnecessaryIsInstance]
         expected = "a subclass of skincal.hand.HandDriver or StageDriver"
         raise input_error(f'driver "{name}"', expected, type(driver).__name__)
@@ -173,11 +172,11 @@ def _loaded(name: str, point: EntryPoint) -> Callable[..., HandDriver | StageDri
             raise input_error(f'driver "{name}"', f"a module {module}", "none", fix) from error
         raise WorkError(f'driver "{name}" needs the package {error.name}, which is not installed') from error
     except AttributeError as error:
-        raise input_error(f'driver "{name}"', f"{attribute} in {module}", error) from error
+        raise input_error(f'driver "{name}"', f"{attribute} in {module}", text_of(error)) from error
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        raise WorkError(f'driver "{name}" cannot be imported: {type(error).__name__}: {error}') from error
+        raise WorkError(f'driver "{name}" cannot be imported: {quoted(error)}') from error
     if not callable(value):
         raise input_error(f'driver "{name}"', "a class", type(value).__name__)
     return cast(Callable[..., HandDriver | StageDriver], value)

@@ -13,7 +13,7 @@ from threading import Event
 from types import TracebackType
 from typing import Any, Self
 
-from skincal.errors import SkincalError
+from skincal.errors import SkincalError, text_of
 from skincal.hand.checks import ContactForce
 from skincal.hand.client_session import Outbox, Reply, Session
 from skincal.hand.driver import HandDriver
@@ -102,7 +102,7 @@ class HandServer:
             self._wake.bind("inproc://replies")
         except zmq.ZMQError as error:
             self._unbind()
-            raise HandError(f"cannot listen at {self._bind}: {error}", "refused") from error
+            raise HandError(f"cannot listen at {self._bind}: {text_of(error)}", "refused") from error
         self.address = str(self._socket.get_string(zmq.LAST_ENDPOINT)).rstrip("\0")
         return self
 
@@ -171,7 +171,7 @@ class HandServer:
         try:
             driver, self._driver = self._driver or self._made(), None
         except (SkincalError, CallTimeoutError, CallExitError) as error:
-            self._refuse(client, message, str(error) or f"the driver was not created within {MAKE_S:g} s")
+            self._refuse(client, message, text_of(error) or f"the driver was not created within {MAKE_S:g} s")
             return
         force = None if self._contact_force is None else self._contact_force(description)
         self.sessions += 1

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from skincal.errors import quoted
 from skincal.hand.contract import FAILED, PASSED, SKIPPED, CheckResult, ContractReport
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.stage import StageDriver, StageState
@@ -107,7 +108,7 @@ def run_stage_checks(
                 status, got = FAILED, f"a call that did not return within {guard.connect_timeout_s:g} s"
             except BaseException as error:
                 raised = error.__cause__ if isinstance(error, CallExitError) else error
-                status, got = FAILED, f"{type(raised).__name__}: {raised}"
+                status, got = FAILED, quoted(raised or error)
             finally:
                 worker.end()
             results.append(CheckResult(check.__name__, expected, status, got, time.monotonic() - begin))

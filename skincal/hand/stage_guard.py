@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from skincal.errors import InputError, Problem
+from skincal.dataset.columns import LARGEST
+from skincal.errors import InputError, Problem, shown
 from skincal.hand.clock import ClockCheck
-from skincal.hand.commands import StepCheck
-from skincal.hand.errors import NUMBERS, HandErrorKind, Violation, shown
+from skincal.hand.commands import FrozenCheck, StepCheck
+from skincal.hand.errors import NUMBERS, HandErrorKind, Violation
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
 from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState
@@ -142,8 +143,8 @@ class StageStateCheck:
 
     def _taxels(self, state: StageState) -> Violation | None:
         sensor, values = self._rig.meta.sensor, state.taxels[~np.isnan(state.taxels)]
-        low = -math.inf if sensor.value_min is None else sensor.value_min
-        high = math.inf if sensor.value_max is None else sensor.value_max
+        low = -LARGEST if sensor.value_min is None else sensor.value_min
+        high = LARGEST if sensor.value_max is None else sensor.value_max
         good = (values >= low) & (values <= high) & np.isfinite(values)
         if sensor.integer:
             good &= values == np.rint(values)
@@ -189,11 +190,14 @@ class StageCommandCheck(StepCheck[StageState, FloatArray]):
     """Checker of the commands of a stage."""
 
     def __init__(self, driver: StageDriver) -> None:
-        super().__init__(driver)
+        super().__init__(driver, FrozenCheck(BEYOND_M, "m"))
         self._rig = driver.description
 
     def _held(self, state: StageState) -> FloatArray:
         return np.array(state.position_m, dtype=np.float64)
+
+    def _measured(self, state: StageState) -> FloatArray:
+        return np.append(state.position_m, state.force_n)
 
     def _target(self, command: FloatArray) -> FloatArray:
         return np.array(command, dtype=np.float64)
@@ -211,6 +215,8 @@ class StageCommandCheck(StepCheck[StageState, FloatArray]):
         rig = self._rig
         if (command < rig.lower_m - ROUNDING_M).any() or (command > rig.upper_m + ROUNDING_M).any():
             return Violation("command", f"{_shown(command)} lies outside the travel")
+        if frozen := self._frozen():
+            return frozen
         step_m, longest_m = float(np.linalg.norm(command - base)), self._longest_m(now_s)
         if step_m <= longest_m + ROUNDING_M:
             return None

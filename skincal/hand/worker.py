@@ -8,6 +8,8 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any
 
+from skincal.errors import quoted
+
 SLICE_S = 0.02
 """Length of a single wait [s]: a Ctrl-C just before a wait does not end it, but the next one can."""
 
@@ -91,6 +93,7 @@ class Worker:
             try:
                 self._results.put((ticket, work(*arguments), None))
             except BaseException as error:
+                quoted(error)  # a text that hangs hangs here, where the caller does not wait for it
                 self._results.put((ticket, None, error))
 
 
@@ -109,6 +112,7 @@ def call_and_leave(work: Callable[[], Any], timeout_s: float, name: str) -> None
             work()
             done.put(None)
         except BaseException as error:
+            quoted(error)  # as above
             done.put(error)
 
     try:
@@ -127,4 +131,4 @@ def _raise(error: BaseException | None) -> None:
     if isinstance(error, Exception):
         raise error
     if error is not None:
-        raise CallExitError(f"{type(error).__name__}: {error}") from error
+        raise CallExitError(quoted(error)) from error

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from skincal.bounded import UnreadableError
+from skincal.errors import quoted
 
 Value = TypeVar("Value")
 
@@ -122,7 +123,7 @@ def _sendable(error: Exception) -> Exception:
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:
-        return ValueError(f"{type(error).__name__}: {error}")
+        return ValueError(quoted(error))
     return error
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.bounded import read_array, read_arrays
-from skincal.errors import WorkError
+from skincal.errors import WorkError, quoted, text_of
 from skincal.files import open_input
 from skincal.imports.columns_of import Columns
 
@@ -45,7 +45,7 @@ def read_matlab(path: Path) -> Columns:
     except MemoryError:
         raise
     except Exception as error:  # the library raises whatever its parsers raise
-        raise ValueError(str(error)) from error
+        raise ValueError(text_of(error)) from error
     return _columns({name: value for name, value in loaded.items() if not name.startswith("__")})
 
 
@@ -85,7 +85,7 @@ def read_hdf5(path: Path) -> Columns:
     except MemoryError:
         raise
     except Exception as error:  # the library raises whatever its parsers raise
-        raise ValueError(str(error)) from error
+        raise ValueError(text_of(error)) from error
     return _columns(arrays)
 
 
@@ -119,7 +119,7 @@ def read_json(path: Path) -> Columns:
     except MemoryError:
         raise
     except Exception as error:  # what numbers and nesting without bounds lead to
-        raise ValueError(str(error) or type(error).__name__) from error
+        raise ValueError(quoted(error)) from error
 
 
 def _of_json(text: str) -> Columns:

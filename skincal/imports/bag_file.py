@@ -10,7 +10,7 @@ from typing import Any
 
 from skincal.bounded import read_text
 from skincal.dataset.findings import Findings, did_you_mean
-from skincal.errors import InputError, Problem, WorkError
+from skincal.errors import InputError, Problem, WorkError, quoted, text_of
 from skincal.files import check_input, open_input, reason
 
 MISSING = "reading ROS bags needs the library rosbags, which is not installed: pip install skincal[ros]"
@@ -131,8 +131,7 @@ def _types(name: str, file: Path) -> Any:
     except OSError as error:
         raise InputError([Problem(str(file), f"the definition of {name}", reason(error))]) from error
     except Exception as error:  # the library passes on any exception of its parsers
-        got = " ".join(str(error).split())[:200]
-        raise InputError([Problem(str(file), f"the definition of {name}", got)]) from error
+        raise InputError([Problem(str(file), f"the definition of {name}", text_of(error))]) from error
 
 
 def _damaged(path: Path, error: Exception) -> Problem:
@@ -141,7 +140,7 @@ def _damaged(path: Path, error: Exception) -> Problem:
         got = f"an MCAP file of {' and '.join(encodings)} messages"
         fix = "Write its channels as .csv or .npz, and use `skincal import csv`."
         return Problem(str(path), "messages of ROS 2 (cdr)", got, fix)
-    got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+    got = quoted(error)
     expected = (
         "a whole ROS 1 bag" if path.suffix == ".bag" else "a whole ROS 2 bag (folder with metadata.yaml)"
     )

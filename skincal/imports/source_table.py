@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from skincal.dataset.findings import Findings
+from skincal.errors import text_of
 from skincal.files import open_input, reason
 from skincal.imports.apart import apart
 from skincal.imports.array_files import read_arrow, read_hdf5, read_json, read_matlab, read_numpy
@@ -85,8 +86,9 @@ def read_source_table(
             columns = apart(reader, path) if reader in FOREIGN else reader(path)
         except (OSError, ValueError) as error:
             if start != b"[":
-                got = " ".join(str(error).split())[:200]
-                findings.error(path.name, f"a whole file of arrays ({READ})", got, "Was it cut short?")
+                findings.error(
+                    path.name, f"a whole file of arrays ({READ})", text_of(error), "Was it cut short?"
+                )
                 return None
         else:
             return chosen(path.name, columns, numbers, texts, form.decimal, findings)

@@ -234,6 +234,9 @@ def _wraps(stamps: FloatArray, time: Quantity, kind: Kind) -> Wraps | None:
 
 def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings, *, slow: bool) -> None:
     """Check the unit of stamps by the steps between rows, and by their magnitude if they count from 1970."""
+    stamps = [part for part in stamps if np.isfinite(part).any()]
+    if not stamps:  # reported with the order of the rows
+        return
     together = np.concatenate(stamps) * abs(time.scale)
     known = {name: units.FACTORS[units.TIME][name] for name in ("s", "ms", "us", "ns")}
     factor = time.unit.factor

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.bounded import UnreadableError, parse_csv, read_bytes
 from skincal.dataset.findings import SHOWN, Findings, Sheet, did_you_mean
+from skincal.errors import text_of
 from skincal.files import reason
 from skincal.imports.mapping import CsvFormat
 
@@ -259,7 +260,7 @@ def _parse(
         except pa.ArrowInvalid:
             table = read(dict.fromkeys(types, pa.string()))
     except pa.ArrowException as error:
-        sheet.findings.error(sheet.file, "rows of cells", " ".join(str(error).split())[:200])
+        sheet.findings.error(sheet.file, "rows of cells", text_of(error))
         return None
     if bad:
         _report_ragged(sheet, bad, lines)

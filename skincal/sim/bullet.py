@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from skincal.errors import WorkError, input_error
+from skincal.errors import WorkError, input_error, text_of
 from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription, urdf_with_sphere
 from skincal.sim.sim_options import SimOptions
@@ -59,7 +59,7 @@ class Fingers:
         except engine.error as error:
             self.close()
             raise WorkError(
-                f"{description.urdf}: expected a URDF that PyBullet can load; got: {error}"
+                f"{description.urdf}: expected a URDF that PyBullet can load; got: {text_of(error)}"
             ) from error
 
     def _named(self, description: HandDescription) -> tuple[list[int], int, int]:

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from skincal.bounded import parse_json, read_arrays, read_text
-from skincal.errors import input_error
+from skincal.errors import input_error, text_of
 from skincal.files import check_input, whole_folder
 from skincal.train.learner import Learner
 
@@ -67,6 +67,6 @@ def load_checkpoint(learner: Learner, folder: Path) -> Progress:
         learner.restore_random(state["random"])
         return Progress.of(state["progress"])
     except Exception as error:  # torch, msgpack and the learners have no common class for what they raise
-        got = " ".join(f"one with a fault ({error}".split())[:100] + ")"
+        got = f"one with a fault ({text_of(error, 100)})"
         fix = f"Begin anew with another --out, or remove {folder.parent}."
         raise input_error(str(folder), "a whole checkpoint of this run", got, fix) from error

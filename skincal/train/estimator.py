@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.bounded import MOST_TAXELS, decode, parse_json, read_arrays
-from skincal.errors import input_error
+from skincal.errors import input_error, text_of
 from skincal.files import reason, whole_file
 from skincal.model.arrays import FloatArray
 from skincal.train.network import Network
@@ -202,6 +202,6 @@ def read_estimator(path: str | Path) -> Estimator:
             network, taxels, about["ranges_sha256"], int(about["seed"]), Quality(**about["quality"])
         )
     except (OSError, ArithmeticError, LookupError, TypeError, ValueError) as error:
-        got = reason(error) if isinstance(error, OSError) else f"{error}"
+        got = reason(error) if isinstance(error, OSError) else text_of(error)
         expected = f"an estimator ({FORMAT}), as `skincal train estimator` writes it"
         raise input_error(str(path), expected, got) from error

@@ -15,7 +15,7 @@ from onnx import TensorProto, helper, numpy_helper
 from skincal.bounded import UnreadableError, parse_json
 from skincal.dataset.findings import Findings
 from skincal.dataset.schema import read_table
-from skincal.errors import InputError
+from skincal.errors import InputError, text_of
 from skincal.files import whole_file
 from skincal.train.network import Network
 from skincal.train.policy_file import DESCRIPTION_KEY, FORMAT, INPUT, OUTPUT, Description
@@ -72,9 +72,7 @@ def parse_policy(content: bytes) -> tuple[Network, Description]:
         properties = {item.key: item.value for item in model.metadata_props}
         numbers = {item.name: _array(item) for item in model.graph.initializer}
     except Exception as error:  # protobuf has several classes for what it raises
-        raise UnreadableError(
-            "a policy", f"no ONNX model of a policy ({' '.join(str(error).split())[:150]})"
-        ) from error
+        raise UnreadableError("a policy", f"no ONNX model of a policy ({text_of(error)})") from error
     if not model.graph.node:
         raise UnreadableError("a policy", "no ONNX model of a policy")
     layers = sum(node.op_type == "Gemm" for node in model.graph.node)

@@ -354,8 +354,20 @@ def test_binary_rubbish_for_a_description(folder: Path) -> None:
 
 def test_binary_rubbish_for_presses(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (folder / "presses.csv").write_bytes(b"a,b,c\n\xd3\x00,1\n\xff\xfe\n" * 50)
-    assert errors(folder)[0].startswith("presses.csv: expected text in UTF-8")
+    assert errors(folder)[0].startswith("presses.csv, line 2: expected text in UTF-8")
     assert "Traceback" not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("odd", [b",\xe4", b",\xc3"], ids=["in the middle", "at the end"])
+def test_other_bytes_far_down(folder: Path, capfd: pytest.CaptureFixture[str], odd: bytes) -> None:
+    """In a row of other length, whose text the CSV reader asks for."""
+    header, row, *_ = (folder / "presses.csv").read_bytes().splitlines()
+    lines = [header, *[row] * (1 + (1 << 21) // len(row)), row + odd]
+    after = [row] if odd == b",\xe4" else []
+    (folder / "presses.csv").write_bytes(b"\n".join([*lines, *after]))
+    text = f"presses.csv, line {len(lines)}: expected text in UTF-8; got other bytes"
+    assert errors(folder)[0].startswith(text)
+    assert capfd.readouterr().err == ""
 
 
 def test_both_kinds_of_a_table(folder: Path) -> None:

@@ -7,11 +7,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from hand_fakes import PERIOD_S, FakeHand, changed
+from hand_fakes import PERIOD_S, FakeHand, changed, tiny_description
 
 from skincal.errors import InputError, WorkError
 from skincal.hand.driver import HandCommand, HandState
@@ -470,3 +471,118 @@ def test_a_cycle_costs_little() -> None:
     # Below 100 us a call on a quiet machine; the bound leaves room for a busy one.
     assert min(costs) < 400e-6
     print(f"guard: {min(costs) * 1e6:.0f} us a call")
+
+
+class TextlessError(Exception):
+    """Raises when it is asked for its text."""
+
+    def __str__(self) -> str:
+        raise RuntimeError
+
+    __repr__ = __str__
+
+
+class BareHandError(HandError):
+    """Of a driver that calls no ``__init__`` of ours, and keeps values of its own."""
+
+    def __init__(self) -> None:
+        self.value, self.limit, self.joint = "much", object(), TextlessError()  # type: ignore[assignment]
+
+
+class HangingTextError(Exception):
+    """Does not return when it is asked for its text."""
+
+    def __str__(self) -> str:
+        time.sleep(1.0)
+        return ""
+
+
+FOREIGN: dict[str, tuple[BaseException, str]] = {
+    "no text": (TextlessError(), "raised TextlessError: an error whose text cannot be read"),
+    "megabytes": (ValueError("x" * 10**7), "xxx…"),
+    "control characters": (ValueError("\x1b[2J"), "raised ValueError: \\x1b[2J"),
+    "group": (ExceptionGroup("tasks", [OSError("cable")]), "raised ExceptionGroup: tasks: OSError: cable"),
+    "bare error": (BareHandError(), "fake: BareHandError"),
+    "base": (GeneratorExit(), "raised GeneratorExit"),
+}
+
+
+@pytest.mark.parametrize("call", ["observe", "act", "connect", "close"])
+@pytest.mark.parametrize(("raised", "text"), FOREIGN.values(), ids=FOREIGN)
+def test_any_exception_of_a_driver_is_told(call: str, raised: BaseException, text: str) -> None:
+    driver = FakeHand(raises={call: raised}, after=0)
+    with pytest.raises(HandError) as caught, GuardedHand(driver, QUICK) as hand:
+        for _ in range(3):
+            hand.act(HandCommand(hand.observe().q_desired_rad))
+    assert text in str(caught.value)
+    assert len(str(caught.value)) < 400
+    assert driver.stopped_at is not None
+    if call != "close":
+        assert f"{text}. The hand was stopped" in str(caught.value)
+        assert caught.value.stopped is True
+
+
+@pytest.mark.parametrize("raised", [one for one, _ in FOREIGN.values()], ids=FOREIGN)
+def test_any_exception_of_stop_tells_to_cut_the_power(raised: BaseException) -> None:
+    driver = FakeHand(raises={"stop": raised, "act": OSError("bus")}, after=0)
+    with pytest.raises(HandError, match="Cut the hand's power") as caught, GuardedHand(driver, QUICK) as hand:
+        hand.act(HandCommand(hand.observe().q_desired_rad))
+    assert caught.value.stopped is False
+    assert driver.calls.count("stop") >= 2  # it is tried once more
+
+
+@pytest.mark.parametrize("call", ["observe", "stop"])
+def test_a_text_that_hangs_is_a_call_that_hangs(call: str) -> None:
+    driver = FakeHand(raises={call: HangingTextError(), "act": OSError("bus")}, after=0)
+    started = time.monotonic()
+    with (
+        pytest.raises(HandError, match=rf"{call}\(\) did not return") as caught,
+        GuardedHand(driver, QUICK) as hand,
+    ):
+        hand.act(HandCommand(hand.observe().q_desired_rad))
+    assert caught.value.stopped is (call != "stop")
+    assert time.monotonic() - started < 0.9
+
+
+@pytest.mark.parametrize("time_to_freeze", [3, 40])
+def test_frozen_states_with_new_stamps_stop_the_hand(time_to_freeze: int) -> None:
+    """Old values hide angles, torques and forces from every other check."""
+    kept: list[HandState] = []
+
+    def frozen(state: HandState) -> HandState:
+        kept.append(state)
+        return replace(kept[0], time_s=state.time_s, taxel_time_s=state.taxel_time_s)
+
+    driver = FakeHand(frozen, after=time_to_freeze)
+    with pytest.raises(HandError, match="the states are frozen") as caught, GuardedHand(driver) as hand:
+        for _ in range(200):
+            hand.observe()
+            hand.act(hand.nearest(np.ones(2)))
+    assert caught.value.kind == "state"
+    assert driver.stopped_at is not None
+    assert (driver.ticks - time_to_freeze) * PERIOD_S == pytest.approx(0.5, abs=3 * PERIOD_S)
+
+
+def test_a_hand_at_rest_may_give_the_same_values_for_long() -> None:
+    with GuardedHand(FakeHand()) as hand:
+        for _ in range(200):
+            hand.act(HandCommand(hand.observe().q_desired_rad))
+        hand.observe()
+        hand.act(hand.nearest(np.ones(2)))
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [{"temperature_c": value} for value in (10**400, 1e300, float("inf"), -300.0)]
+    + [{"taxels": array(1, 2, 3, 1e300)}],
+    ids=str,
+)
+def test_no_sensor_gives_that(monkeypatch: pytest.MonkeyPatch, odd: dict[str, Any]) -> None:
+    """Such a state would be written to a session that cannot be read."""
+    meta = tiny_description().meta
+    meta = replace(meta, sensor=replace(meta.sensor, value_min=None, value_max=None, integer=False))
+    monkeypatch.setattr(
+        FakeHand, "description", property(lambda self: replace(tiny_description(), meta=meta))
+    )
+    error, _ = run(FakeHand(changed(**odd)))
+    assert error.kind in ("state", "taxels")

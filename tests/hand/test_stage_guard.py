@@ -87,6 +87,18 @@ def test_an_odd_state_stops_the_stage(odd: Callable[[StageState], Any], kind: st
     assert caught.value.kind == kind and stage.stops
 
 
+def test_frozen_states_stop_the_stage() -> None:
+    """Old values with new stamps hide the force."""
+    stage = Stage(lambda state: replace(state, position_m=np.array([0.0, 0.0, 0.01])))
+    with pytest.raises(HandError, match="the states are frozen"), stage.guarded() as guarded:
+        for _ in range(200):
+            stage.go_on(0.01, 0.01)
+            guarded.observe()
+            guarded.act(guarded.nearest(np.array([0.0, 0.0, 0.005])))
+    assert stage.stops
+    assert stage.rig_s == pytest.approx(1.5, abs=0.05)
+
+
 def test_a_taxel_may_be_dead() -> None:
     stage = Stage(lambda state: replace(state, taxels=np.where(np.arange(16) == 3, np.nan, 7.0)))
     with stage.guarded() as guarded:

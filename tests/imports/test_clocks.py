@@ -162,6 +162,15 @@ def test_stamps_that_are_not_what_they_are_said_to_be(
         bring(tmp_path, stamps, {"unit": unit})
 
 
+@pytest.mark.parametrize("nothing", [np.nan, np.inf, -np.inf])
+def test_no_finite_stamp(tmp_path: Path, nothing: float):
+    """In a table of numbers, which may hold what no text is read as."""
+    TABLE.assign(t=nothing).to_parquet(tmp_path / "a.parquet")
+    content = mapping(PLANE, ONE_FILE, columns={"time_s": {"column": "t", "unit": "s"}})
+    with pytest.raises(InputError, match="expected stamps; got none in any row"):
+        import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.parquet"])
+
+
 def test_missing_stamps_are_filled(tmp_path: Path):
     stamps = pd.Series(TIME.copy())  # pandas before 3 writes into what it was made of
     stamps[[0, 100, 101, 102, 700]] = np.nan

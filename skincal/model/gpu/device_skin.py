@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from skincal.errors import InputError, Problem, WorkError
+from skincal.errors import InputError, Problem, WorkError, text_of
 from skincal.model.arrays import FloatArray, check_shape
 from skincal.model.gpu.target import Precision
 from skincal.model.indenters.indenter import ClosedForm, Indenter
@@ -155,7 +155,9 @@ class DeviceSkin:
                 raise
             size = np.prod(shape) * dtype.itemsize / 1e6
             fix = "Press fewer at once, or free memory of the device."
-            raise WorkError(f"GPU: expected {size:.3g} MB of free memory; got: {error}. {fix}") from None
+            raise WorkError(
+                f"GPU: expected {size:.3g} MB of free memory; got: {text_of(error)}. {fix}"
+            ) from None
 
     def _put(self, values: FloatArray) -> Any:
         return self._cuda.to_device(np.ascontiguousarray(values, dtype=self._real))
