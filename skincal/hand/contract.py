@@ -120,28 +120,42 @@ def run_contract(
     return ContractReport(name, tuple(results))
 
 
+def outcome(run: Callable[[], str | None], limit_s: float) -> tuple[str, str]:
+    """Run a check; return its status, and what was found.
+
+    Args:
+        run: the check; it returns what was measured, or raises.
+        limit_s: longest duration of a call, for the report [s].
+    """
+    try:
+        return PASSED, run() or ""
+    except SkippedCheckError as why:
+        return SKIPPED, str(why)
+    except FailedCheckError as why:
+        return FAILED, str(why)
+    except CallTimeoutError:
+        return FAILED, f"a call that did not return within {limit_s:g} s"
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        raised = error.__cause__ if isinstance(error, CallExitError) else error
+        return FAILED, quoted(raised or error)
+
+
 def _run(
     check: Callable[[Trial], str | None], make: Callable[[], HandDriver], options: ContractOptions
 ) -> CheckResult:
     name, expected = check.__name__.replace("_", " "), (check.__doc__ or "").strip().rstrip(".")
     start = time.monotonic()
     trial: Trial | None = None
-    status, got = FAILED, ""
+
+    def run() -> str | None:
+        nonlocal trial
+        trial = Trial.of(make, options)
+        return check(trial)
+
     try:
-        try:
-            trial = Trial.of(make, options)
-            status, got = PASSED, check(trial) or ""
-        except SkippedCheckError as why:
-            status, got = SKIPPED, str(why)
-        except FailedCheckError as why:
-            got = str(why)
-        except CallTimeoutError:
-            got = f"a call that did not return within {options.call_s:g} s"
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:
-            raised = error.__cause__ if isinstance(error, CallExitError) else error
-            got = quoted(raised or error)
+        status, got = outcome(run, options.call_s)
         trouble = "" if trial is None else trial.end()
         if trouble:
             status, got = FAILED, f"{got}. {trouble}".removeprefix(". ")

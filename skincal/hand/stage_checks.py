@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from skincal.errors import quoted
-from skincal.hand.contract import FAILED, PASSED, SKIPPED, CheckResult, ContractReport
+from skincal.hand.contract import CheckResult, ContractReport, outcome
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.stage import StageDriver, StageState
 from skincal.hand.stage_guard import GuardedStage, check_stage
-from skincal.hand.worker import CallExitError, CallTimeoutError, Worker, call_and_leave
+from skincal.hand.trial import SkippedCheckError, created, expect
+from skincal.hand.worker import call_and_leave
 
 STEP_M, PERIODS, STOP_S = 0.2e-3, 20, 0.5
 """Motion of the tip [m]; number of states that are checked; longest duration of ``stop`` [s]."""
@@ -41,8 +41,7 @@ def moves(stage: StageDriver, guard: GuardOptions) -> str:
                 guarded.act(np.clip(begin + share * (target - begin), rig.lower_m, rig.upper_m))
                 state = guarded.observe()
             off = float(np.linalg.norm(state.position_m - target))
-            if off > 0.5 * STEP_M:
-                raise AssertionError(f"the tip is {1e3 * off:.3g} mm from its target")
+            expect(off <= 0.5 * STEP_M, f"the tip is {1e3 * off:.3g} mm from its target")
     return f"{1e3 * STEP_M:g} mm and back"
 
 
@@ -56,11 +55,9 @@ def stops(stage: StageDriver, guard: GuardOptions) -> str:
         took = time.monotonic() - begin
         after: StageState = [guarded.observe() for _ in range(5)][-1]
     call_and_leave(stage.close, guard.connect_timeout_s, "close again")
-    if took > STOP_S:
-        raise AssertionError(f"stop() took {took:.3g} s")
+    expect(took <= STOP_S, f"stop() took {took:.3g} s")
     moved = float(np.linalg.norm(after.position_m - before.position_m))
-    if moved > STEP_M:
-        raise AssertionError(f"the tip moved on by {1e3 * moved:.3g} mm")
+    expect(moved <= STEP_M, f"the tip moved on by {1e3 * moved:.3g} mm")
     return f"within {1e3 * took:.3g} ms"
 
 
@@ -68,8 +65,8 @@ def describes(stage: StageDriver, guard: GuardOptions) -> str:
     """A description with travel, speed and force above zero and no larger than those of a bench, and a flat sensor."""
     rig = stage.description
     check_stage(rig, beyond=guard.beyond_limits)
-    if not rig.meta.surface.is_plane:
-        raise AssertionError(f"a surface of kind {rig.meta.surface.kind}; a stage presses along z")
+    kind = rig.meta.surface.kind
+    expect(rig.meta.surface.is_plane, f"a surface of kind {kind}; a stage presses along z")
     return f"{rig.name}: never above {rig.max_force_n:g} N and {1e3 * rig.max_speed_m_per_s:g} mm/s"
 
 
@@ -93,24 +90,15 @@ def run_stage_checks(
     guard = guard or GuardOptions()
     results: list[CheckResult] = []
     for check in (describes, states, moves, stops):
+        begin = time.monotonic()
+
+        def run(check: Callable[[StageDriver, GuardOptions], str] = check) -> str:
+            if check is moves and not move:
+                raise SkippedCheckError("--no-move")
+            return check(created(make, guard.connect_timeout_s), guard)
+
+        status, got = outcome(run, guard.connect_timeout_s)
         expected = (check.__doc__ or "").strip()
-        if check is moves and not move:
-            results.append(CheckResult("moves", expected, SKIPPED, "--no-move"))
-        else:
-            begin = time.monotonic()
-            worker = Worker("make a driver")
-            try:
-                stage = worker.call(make, timeout_s=guard.connect_timeout_s)
-                status, got = PASSED, check(stage, guard)
-            except KeyboardInterrupt:
-                raise
-            except CallTimeoutError:
-                status, got = FAILED, f"a call that did not return within {guard.connect_timeout_s:g} s"
-            except BaseException as error:
-                raised = error.__cause__ if isinstance(error, CallExitError) else error
-                status, got = FAILED, quoted(raised or error)
-            finally:
-                worker.end()
-            results.append(CheckResult(check.__name__, expected, status, got, time.monotonic() - begin))
+        results.append(CheckResult(check.__name__, expected, status, got, time.monotonic() - begin))
         progress(results[-1])
     return ContractReport(name, tuple(results))

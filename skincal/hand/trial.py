@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from skincal.hand.checks import StateCheck
 from skincal.hand.commands import CommandCheck
@@ -16,6 +16,8 @@ from skincal.hand.worker import CallTimeoutError, Worker, call_and_leave
 
 if TYPE_CHECKING:
     from skincal.hand.contract import ContractOptions
+
+Rig = TypeVar("Rig")
 
 CONNECT_S = 30.0
 """Longest time for connecting and closing [s]."""
@@ -41,17 +43,8 @@ class Trial:
 
     @classmethod
     def of(cls, make: Callable[[], HandDriver], options: ContractOptions) -> Self:
-        """Create a driver, which may hang, and return its trial.
-
-        Raises:
-            CallTimeoutError: it was not created in time.
-            CallExitError: it raised anything but an ``Exception``.
-        """
-        worker = Worker("make a driver")
-        try:
-            return cls(worker.call(make, timeout_s=CONNECT_S), options, make)
-        finally:
-            worker.end()
+        """Create a driver and return its trial; errors are those of :func:`created`."""
+        return cls(created(make), options, make)
 
     def call(self, work: Callable[..., Any], *arguments: Any, timeout_s: float | None = None) -> Any:
         """Make a call in the thread of the trial."""
@@ -115,6 +108,20 @@ class Trial:
             self.call(self.driver.close, timeout_s=min(close_s, self._close_s))
         self._worker.end()
         return trouble
+
+
+def created(make: Callable[[], Rig], timeout_s: float = CONNECT_S) -> Rig:
+    """Create a driver, which may hang.
+
+    Raises:
+        CallTimeoutError: it was not created in time.
+        CallExitError: it raised anything but an ``Exception``.
+    """
+    worker = Worker("make a driver")
+    try:
+        return worker.call(make, timeout_s=timeout_s)
+    finally:
+        worker.end()
 
 
 def expect(good: bool, got: str) -> None:
