@@ -34,8 +34,6 @@ WIDTH_MM = 12.0
 """Width of the published marble and bolt."""
 
 ESTIMATOR = "marble-estimator-1"
-SPEEDS_RAD_PER_S = {"marble": 0.3, "bolt": 0.6}
-"""Joint velocity that an action of 1 commands in the tasks [rad/s]."""
 
 _PINCH = "Folder with hand.toml and pinch.toml."
 _TRAJECTORY = "Trajectory of the marble: `circle`, `still`, or a CSV file with u_m, v_m."
@@ -135,6 +133,8 @@ def deploy(
 
 def _speed(policy: Policy, task: Task, most: float) -> float:
     """Return the joint velocity of an action of 1 [rad/s]: the policy's own, if the hand allows it."""
+    from skincal.deploy.deploy_options import SPEEDS_RAD_PER_S
+
     speed = policy.description.environment.get("speed_rad_per_s", SPEEDS_RAD_PER_S[task])
     if isinstance(speed, str) or not 0 < speed <= most:
         expected = f"a policy of joints from 0 to {most:g} rad/s, as the hand has"
@@ -147,8 +147,7 @@ def targets_of(
 ) -> np.ndarray:
     """Return the trajectory of the object (T, 2) [m], or of the bolt's angle (T, 1) [rad]."""
     from skincal.deploy import letters, marble_targets
-    from skincal.deploy.deploy_options import POLICY_HZ
-    from skincal.envs.trajectories import sine
+    from skincal.envs.trajectories import POLICY_HZ, sine
 
     if task is Task.bolt:
         if write is not None:

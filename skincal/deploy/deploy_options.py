@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-POLICY_HZ = 10
-"""Steps of policy and skin (Kasolowsky & Bäuml, IROS 2024) [Hz]."""
+SPEEDS_RAD_PER_S = {"marble": 0.3, "bolt": 0.6}
+"""Joint velocity that an action of 1 commands, unless the policy says otherwise [rad/s]."""
 
 
 @dataclass(frozen=True)

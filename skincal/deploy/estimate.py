@@ -29,7 +29,7 @@ _PRIOR_M = 2e-3
 
 
 def estimated_places(record: Record, estimator: Estimator, pinch: Pinch, width_m: float) -> FloatArray:
-    """Places (T, 2) at every state of a run, patch coordinates [m]; NaN where the skin feels nothing.
+    """Return places (T, 2) at every state of a run, patch coordinates [m]; NaN where the skin feels nothing.
 
     Args:
         record: of the run.
@@ -77,7 +77,7 @@ def _rolled(record: Record, pinch: Pinch, width_m: float) -> FloatArray:
 
 
 def _mean(values: FloatArray, time_s: FloatArray, width_s: float) -> FloatArray:
-    """Mean of values (T, n) over a window about each time (T,)."""
+    """Return the mean of values (T, n) over a window about each time (T,)."""
     low = np.searchsorted(time_s, time_s - width_s / 2)
     high = np.searchsorted(time_s, time_s + width_s / 2, side="right")
     total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])

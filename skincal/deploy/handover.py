@@ -45,12 +45,12 @@ class PinchForces:
         return float(skin @ out), float(-thumb @ out)
 
     def largest_n(self, state: HandState) -> float:
-        """The larger of both forces, tangential parts included [N]: for the guard."""
+        """Return the larger of both forces, tangential parts included [N]: for the guard."""
         skin, thumb, _ = self.vectors_n(state)
         return float(max(np.linalg.norm(skin), np.linalg.norm(thumb)))
 
     def torques_nm(self, state: HandState, force_n: float) -> FloatArray:
-        """Torques (n,) with which both fingers press on each other along the skin's normal [N m]."""
+        """Return torques (n,) with which both fingers press on each other along the skin's normal [N m]."""
         chains = self._kinematics
         skin, thumb = chains.frames(chains.link_angles(state.q_rad, state.tau_nm - self.tare_nm))
         force = -force_n * (skin.rotations[0] @ self._out)
@@ -58,7 +58,7 @@ class PinchForces:
 
 
 def _force(jacobian: FloatArray, torque_nm: FloatArray) -> FloatArray:
-    """The force (3,) that torques (3,) exert [N]; the smallest one where a finger is stretched out."""
+    """Return the force (3,) that torques (3,) exert [N]; the smallest one where a finger is stretched out."""
     square = jacobian @ jacobian.T
     return as_floats(np.linalg.solve(square + 1e-12 * np.eye(3), jacobian @ torque_nm))
 

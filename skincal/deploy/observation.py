@@ -50,7 +50,7 @@ class PolicyObservation:
         return any(name == "image" for name, _ in self._order)
 
     def next(self, values: Mapping[str, ArrayLike]) -> NDArray[np.float32]:
-        """The next observation; at first the first one stands for those before it.
+        """Return the next observation; at first the first one stands for those before it.
 
         Args:
             values: the present ones by name; NaN counts as 0.

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.deploy.deploy_options import POLICY_HZ, DeployOptions
+from skincal.deploy.deploy_options import DeployOptions
 from skincal.deploy.handover import PinchForces, let_go, take
 from skincal.deploy.motion import Motion, Watch
 from skincal.deploy.observation import PolicyObservation
 from skincal.deploy.record import Record
 from skincal.envs.pinch import Pinch
 from skincal.envs.postures import Postures
+from skincal.envs.trajectories import POLICY_HZ
 from skincal.errors import WorkError, input_error
 from skincal.hand.driver import HandDriver
 from skincal.hand.guard import GuardedHand
@@ -176,7 +177,7 @@ class _PolicyLoop:
                 break
 
     def _share(self, passed_s: float) -> float:
-        """Share of the way to the policy's angles that the low-pass lets through in a time."""
+        """Return the share of the way to the policy's angles that the low-pass lets through in a time."""
         return -math.expm1(-2 * math.pi * self._options.low_pass_hz * passed_s)
 
     def found(self) -> Deployed:
@@ -221,6 +222,6 @@ class _PolicyLoop:
         return max(self._forces.normal_n(self._motion.now)) > self._options.contact_n / 2
 
     def _error(self, k: int) -> float:
-        """Distance of a marble from its target [m], where the hand knows it."""
+        """Return the distance of a marble from its target [m], where the hand knows it."""
         target, place = self._targets[k], self._motion.places_m[-1]
         return float(np.linalg.norm(place - target)) if len(target) == 2 else float("nan")

@@ -46,7 +46,7 @@ class Record:
 
     @classmethod
     def of(cls, motion: Motion, acting: int, forces: PinchForces) -> Record:
-        """The record of a motion so far."""
+        """Return the record of a motion so far."""
         places = np.array(motion.places_m)
         normal = np.array([np.mean(forces.normal_n(state)) for state in motion.states])
         phases, rest = tuple(motion.phases), motion.rest_counts
@@ -126,7 +126,7 @@ def _tables(record: Record, description: HandDescription) -> tuple[Presses, Fram
 
 
 def _points(record: Record, description: HandDescription) -> FloatArray:
-    """Contact points (T, 3): centroids of the images, on the sensor's nominal pose."""
+    """Return contact points (T, 3): centroids of the images, on the sensor's nominal pose."""
     meta = description.meta
     layout, surface, mount = layout_of(meta.sensor, None), surface_of(meta.surface, {}), meta.mount
     images = record.centroids_m

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.deploy.deploy_options import POLICY_HZ
-from skincal.envs.trajectories import CIRCLE_RADIUS_M, FIXED
+from skincal.envs.trajectories import CIRCLE_RADIUS_M, FIXED, POLICY_HZ
 from skincal.errors import input_error
 from skincal.model.arrays import FloatArray, as_floats
 
@@ -26,7 +25,7 @@ _STROKES = {
 
 
 def marble_targets(trajectory: str | ArrayLike, duration_s: float) -> FloatArray:
-    """Targets of the marble (T + 1, 2) at 10 Hz [m].
+    """Return targets of the marble (T + 1, 2) at 10 Hz [m].
 
     Args:
         trajectory: ``circle``, ``still``, or targets (N, 2) whose last one stays.
@@ -48,7 +47,7 @@ def marble_targets(trajectory: str | ArrayLike, duration_s: float) -> FloatArray
 def letters(
     text: str, size_m: float = 2 * CIRCLE_RADIUS_M, speed_m_per_s: float = WRITING_M_PER_S
 ) -> FloatArray:
-    """A way (N, 2) at 10 Hz that writes a text, each letter over the middle of the sensor [m].
+    """Return a way (N, 2) at 10 Hz that writes a text, each letter over the middle of the sensor [m].
 
     A letter is one stroke; from its end the marble goes straight to the beginning of the next.
 
@@ -71,7 +70,7 @@ def letters(
 
 
 def polyline(corners_m: FloatArray, speed_m_per_s: float) -> FloatArray:
-    """Points (N, 2) at 10 Hz along straight lines between corners (K, 2), at constant speed [m]."""
+    """Return points (N, 2) at 10 Hz along straight lines between corners (K, 2), at constant speed [m]."""
     lengths = np.linalg.norm(np.diff(corners_m, axis=0), axis=1)
     way = as_floats(np.concatenate([[0.0], np.cumsum(lengths)]))
     count = int(np.ceil(way[-1] / speed_m_per_s * POLICY_HZ)) + 1

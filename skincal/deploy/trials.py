@@ -7,24 +7,23 @@ from collections.abc import Callable
 
 import numpy as np
 
+from skincal.deploy.deploy_options import SPEEDS_RAD_PER_S
 from skincal.deploy.policy_run import Deployed, deploy
 from skincal.deploy.targets import marble_targets
 from skincal.envs.pinch import read_pinch
 from skincal.envs.reference_hand import ReferenceHand
+from skincal.envs.trajectories import POLICY_HZ
 from skincal.errors import InputError, Problem, WorkError
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
-from skincal.train.evaluate import POLICY_HZ, RANDOMIZED, Trial
+from skincal.train.evaluate import RANDOMIZED, Trial
 from skincal.train.policy_file import Policy
 from skincal.train.scores import Runs
 from skincal.train.tasks import Task
 
-SPEED_RAD_PER_S = 0.3
-"""Joint velocity that an action of 1 commands for the marble, unless the policy says otherwise [rad/s]."""
-
 
 def check_trial(trial: Trial) -> None:
-    """Checks that a trial can be had on reference hands.
+    """Check that a trial can be had on reference hands.
 
     Raises:
         InputError: it is of the bolt, or asks for what a hand with a hidden truth cannot give.
@@ -53,7 +52,7 @@ def reference_runs(
     engine: str = "pybullet",
     progress: Callable[[int], None] = lambda _: None,
 ) -> Runs:
-    """Runs of a policy on reference hands, one on each; the marble.
+    """Run of a policy on reference hands, one on each; the marble.
 
     Everything is drawn but the object's radius. A run that stops on what is odd counts as a drop.
 
@@ -67,7 +66,7 @@ def reference_runs(
     check_trial(trial)
     pinch = read_pinch(None)
     targets = marble_targets(trial.trajectory, trial.steps / POLICY_HZ)
-    speed = float(policy.description.environment.get("speed_rad_per_s", SPEED_RAD_PER_S))
+    speed = float(policy.description.environment.get("speed_rad_per_s", SPEEDS_RAD_PER_S["marble"]))
     runs = Runs.empty(trial.episodes, trial.steps, POLICY_HZ)
     runs.target_m[:], runs.rewards[:] = targets[1:], np.nan
     for number in range(trial.episodes):

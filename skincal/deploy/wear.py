@@ -68,7 +68,7 @@ class Wear:
 
 
 def feel(images_counts: FloatArray, force_n: FloatArray) -> Feel:
-    """Sums up a run.
+    """Sum up a run.
 
     Args:
         images_counts: (T, J) above rest; what is negative or not a number is nothing.
@@ -93,7 +93,7 @@ def feel(images_counts: FloatArray, force_n: FloatArray) -> Feel:
 
 
 def wear(hand: Feel, simulated: Sequence[Feel]) -> Wear:
-    """Compares a hand with simulated ones.
+    """Compare a hand with simulated ones.
 
     Args:
         hand: what was rolled now.
@@ -125,7 +125,7 @@ def wear(hand: Feel, simulated: Sequence[Feel]) -> Wear:
 
 
 def _rank_p(rows: FloatArray) -> float:
-    """The share of rows (N, D) that lie at least as far from the mean of all others as the last one does."""
+    """Return the share of rows (N, D) that lie at least as far from the mean of all others as the last one does."""
     others = (rows.sum(axis=0) - rows) / (len(rows) - 1)
     far: list[float] = np.linalg.norm(rows - others, axis=1).tolist()
     return sum(one >= far[-1] for one in far) / len(far)

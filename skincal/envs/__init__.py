@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from skincal.envs.bolt import BoltRollEnv
-    from skincal.envs.episode_options import JOINT_OFFSETS, ORIENTATIONS_DEG, EpisodeOptions
+    from skincal.envs.episode_options import JOINT_OFFSETS, EpisodeOptions
     from skincal.envs.grasp import GraspOptions
     from skincal.envs.marble import MarbleRollEnv
     from skincal.envs.pellets import PelletSeparateEnv
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from skincal.envs.rewards import RewardScales
     from skincal.envs.roll import RollEnv
     from skincal.envs.task import TaskOptions
+    from skincal.envs.trajectories import ORIENTATIONS_DEG
 
 if find_spec("gymnasium") is not None:
     from skincal.envs.registration import register_environments
@@ -31,7 +32,7 @@ _HOMES = {
     "GraspOptions": "grasp",
     "JOINT_OFFSETS": "episode_options",
     "MarbleRollEnv": "marble",
-    "ORIENTATIONS_DEG": "episode_options",
+    "ORIENTATIONS_DEG": "trajectories",
     "PelletSeparateEnv": "pellets",
     "RewardScales": "rewards",
     "RollEnv": "roll",

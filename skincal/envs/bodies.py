@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.model import Contacts, Indenter, MeshIndenter, Sphere
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class Body(ABC):
 
     @abstractmethod
     def look(self, engine: Any, client: int) -> int:
-        """A visual shape in a PyBullet client."""
+        """Return a visual shape in a PyBullet client."""
 
     @property
     @abstractmethod
@@ -71,7 +70,7 @@ class Body(ABC):
         position_m: FloatArray,
         rotation: FloatArray,
     ) -> Contacts:
-        """A contact as the skin takes it, all in the fingertip frame.
+        """Return a contact as the skin takes it, all in the fingertip frame.
 
         Args:
             point_m: (3,) where it touches [m].
@@ -88,18 +87,15 @@ class Marble(Body):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """See :attr:`Body.parts`."""
         return (Part(self.radius_m),)
 
     def look(self, engine: Any, client: int) -> int:
-        """See :meth:`Body.look`."""
         return engine.createVisualShape(
             engine.GEOM_SPHERE, radius=self.radius_m, rgbaColor=_MARBLE_COLOUR, physicsClientId=client
         )
 
     @property
     def inertia_kg_m2(self) -> tuple[float, float, float]:
-        """See :attr:`Body.inertia_kg_m2`."""
         moment = 0.4 * self.mass_kg * self.radius_m**2
         return moment, moment, moment
 
@@ -109,7 +105,6 @@ class Marble(Body):
 
     @property
     def indenter(self) -> Indenter:
-        """See :attr:`Body.indenter`."""
         return self._sphere
 
     def contacts(
@@ -199,7 +194,6 @@ class Bolt(Body):
         )
 
     def look(self, engine: Any, client: int) -> int:
-        """See :meth:`Body.look`."""
         vertices, faces = self.mesh()
         return engine.createVisualShape(
             engine.GEOM_MESH,
@@ -210,7 +204,7 @@ class Bolt(Body):
         )
 
     def mesh(self) -> tuple[FloatArray, NDArray[np.int64]]:
-        """Vertices (V, 3) [m] and faces (F, 3): shank and head, each closed."""
+        """Return vertices (V, 3) [m] and faces (F, 3): shank and head, each closed."""
         shank = _prism(self.radius_m, 96, 0.0, self.shank_m + self.head_m / 2)
         head = _prism(self.head_corner_m, 6, self.shank_m, self.shank_m + self.head_m)
         vertices = np.concatenate([shank[0], head[0]]) - [self.behind_m, 0.0, 0.0]
@@ -229,7 +223,6 @@ class Bolt(Body):
         position_m: FloatArray,
         rotation: FloatArray,
     ) -> Contacts:
-        """See :meth:`Body.contacts`."""
         return Contacts.one(point_m, normal, force_n, rotation, position_m)
 
 
@@ -239,7 +232,7 @@ def _bolt_indenter(radius_m: float) -> MeshIndenter:
 
 
 def _prism(radius_m: float, sides: int, start_m: float, end_m: float) -> tuple[FloatArray, NDArray[np.int64]]:
-    """A closed prism along +x with its corners on a circle."""
+    """Return a closed prism along +x with its corners on a circle."""
     angle = 2 * np.pi * np.arange(sides) / sides
     ring = radius_m * np.stack([np.zeros(sides), np.cos(angle), np.sin(angle)], axis=1)
     ends = np.array([[start_m, 0.0, 0.0], [end_m, 0.0, 0.0]])

@@ -6,17 +6,15 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from skincal.envs.bodies import Body, Bolt
 from skincal.envs.drawing import Values, number
-from skincal.envs.episode_options import ORIENTATIONS_DEG, EpisodeOptions
+from skincal.envs.episode_options import EpisodeOptions
 from skincal.envs.roll import RollEnv
 from skincal.envs.task import TaskOptions
-from skincal.envs.trajectories import BOLT_HZ, sine
-
-FloatArray = NDArray[np.float64]
+from skincal.envs.trajectories import BOLT_HZ, ORIENTATIONS_DEG, sine
+from skincal.model.arrays import FloatArray
 
 
 class BoltRollEnv(RollEnv):
@@ -57,7 +55,7 @@ class BoltRollEnv(RollEnv):
             self._start_m = self._view.position_m
 
     def _axis_rad(self) -> float:
-        """The angle of the bolt's axis on the sensor, from +u towards +v [rad]."""
+        """Return the angle of the bolt's axis on the sensor, from +u towards +v [rad]."""
         seen = self._view
         if not seen.sound:
             return 0.0
@@ -65,7 +63,7 @@ class BoltRollEnv(RollEnv):
         return math.atan2(v, u)
 
     def _normal(self) -> FloatArray:
-        """The direction (2,) in which it shall roll."""
+        """Return the direction (2,) in which it shall roll."""
         return np.array([-math.sin(self._first_rad), math.cos(self._first_rad)])
 
     def _target_m(self) -> FloatArray:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from skincal.envs.bodies import Body
@@ -21,9 +20,8 @@ from skincal.envs.pinch_urdf import pinch_urdf
 from skincal.envs.scene import LARGEST_FORCE_N, PHYSICS_HZ, Scene
 from skincal.envs.touching import Point, Touching, merged
 from skincal.errors import WorkError
+from skincal.model.arrays import FloatArray
 from skincal.sim.bullet import load_engine, quiet
-
-FloatArray = NDArray[np.float64]
 
 
 class BulletScene(Scene):
@@ -54,7 +52,6 @@ class BulletScene(Scene):
         self._still = [0.0] * pinch.joints
 
     def begin(self, grip: Grip) -> None:
-        """See :meth:`Scene.begin`."""
         engine, client = self.engine, self.client
         engine.resetSimulation(physicsClientId=client)
         engine.setPhysicsEngineParameter(
@@ -159,7 +156,7 @@ class BulletScene(Scene):
         )
 
     def _shape(self, body: Body) -> int:
-        """A collision shape of round parts, each along +x of the body's frame."""
+        """Return a collision shape of round parts, each along +x of the body's frame."""
         engine, client, parts = self.engine, self.client, body.parts
         if len(parts) == 1 and parts[0].length_m is None:
             return engine.createCollisionShape(
@@ -176,7 +173,6 @@ class BulletScene(Scene):
         )
 
     def release(self) -> None:
-        """See :meth:`Scene.release`."""
         for constraint in self._constraints:
             self.engine.removeConstraint(constraint, physicsClientId=self.client)
         self.held = False
@@ -200,7 +196,6 @@ class BulletScene(Scene):
             move(client)
 
     def touches(self, which: int | None = None) -> tuple[Touching | None, Touching | None]:
-        """See :meth:`Scene.touches`."""
         rows = [
             row
             for body in (self.bodies if which is None else [self.bodies[which]])
@@ -210,30 +205,25 @@ class BulletScene(Scene):
         return merged(skin, LARGEST_FORCE_N), merged(thumb, LARGEST_FORCE_N)
 
     def joints(self) -> tuple[FloatArray, FloatArray]:
-        """See :meth:`Scene.joints`."""
         rows = self.engine.getJointStates(self.fingers, self._joints, self.client)
         q, dq, _forces, _torques = zip(*rows, strict=True)
         return np.array(q), np.array(dq)
 
     def tips(self) -> tuple[Frame, Frame]:
-        """See :meth:`Scene.tips`."""
         skin, thumb = self.engine.getLinkStates(
             self.fingers, self._tip_links, computeForwardKinematics=1, physicsClientId=self.client
         )
         return self._frame(skin[4], skin[5]), self._frame(thumb[4], thumb[5])
 
     def object_frame(self, which: int = 0) -> Frame:
-        """See :meth:`Scene.object_frame`."""
         place = self.engine.getBasePositionAndOrientation
         return self._frame(*place(self.bodies[which], self.client))
 
     def object_motion(self, which: int = 0) -> tuple[FloatArray, FloatArray]:
-        """See :meth:`Scene.object_motion`."""
         linear, angular = self.engine.getBaseVelocity(self.bodies[which], physicsClientId=self.client)
         return np.array(linear), np.array(angular)
 
     def gap_m(self) -> float:
-        """See :meth:`Scene.gap_m`."""
         near = self.engine.getClosestPoints
         rows = [
             row for body in self.bodies for row in near(self.fingers, body, 0.05, physicsClientId=self.client)
@@ -241,7 +231,6 @@ class BulletScene(Scene):
         return min((row[8] for row in rows if row[3] in self._tip_links), default=0.05)
 
     def close(self) -> None:
-        """See :meth:`Scene.close`."""
         client, self.client = self.client, -1
         if client >= 0:
             if self.engine.isConnected(client):
@@ -254,7 +243,7 @@ class BulletScene(Scene):
 
 
 def _point(row: Sequence[Any]) -> Point:
-    """A row of ``getContactPoints``, the fingers being the first body; its normal points at them."""
+    """Return a row of ``getContactPoints``, the fingers being the first body; its normal points at them."""
     x, y, z = row[7]
     one, two, along, across = row[10], row[12], row[11], row[13]
     friction = (
@@ -266,5 +255,5 @@ def _point(row: Sequence[Any]) -> Point:
 
 
 def quaternion(rotation: FloatArray) -> list[float]:
-    """The quaternion (x, y, z, w) of a rotation matrix (3, 3)."""
+    """Return the quaternion (x, y, z, w) of a rotation matrix (3, 3)."""
     return Rotation.from_matrix(rotation).as_quat().tolist()

@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skincal.envs.drawing import Values
 from skincal.envs.observations import Part
 from skincal.envs.sensing import View
-
-FloatArray = NDArray[np.float64]
 
 _LEFT_OUT: Final = ("noise", "random_force", "position_m", "psi_deg", "theta_deg", "phi_deg", "taxel")
 """Draws that are over, or that change in every step."""
@@ -28,7 +26,7 @@ def constant_parts(nominal: Values) -> list[Part]:
 
 
 def state_parts(joints: int, target: int, ahead: int, limit: float = 0.05, own: int = 0) -> list[Part]:
-    """The true state, part by part.
+    """Return the parts of the true state.
 
     Args:
         joints: number of joints n.
@@ -66,7 +64,7 @@ def state_parts(joints: int, target: int, ahead: int, limit: float = 0.05, own: 
 
 
 def state_values(seen: View, own: Mapping[str, ArrayLike]) -> dict[str, Any]:
-    """The parts of the true state by their names.
+    """Return the parts of the true state by their names.
 
     Args:
         seen: what is true; positions and vectors are given in the fingertip frame.

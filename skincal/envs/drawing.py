@@ -7,17 +7,17 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skincal.effects import EFFECTS
 from skincal.envs.needed import ObjectName
 from skincal.envs.pinch import Pinch
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, input_error
+from skincal.model.arrays import FloatArray
 from skincal.ranges import NAMES, PRESETS, Ranges
 from skincal.ranges.names import EFFECTS_PREFIX, find
 from skincal.ranges.sampling import Draw, Draws
 
-FloatArray = NDArray[np.float64]
 Value = Draw
 Values = dict[str, Value]
 """Draws by full name: a float, or an array of one value a joint, a taxel or a direction."""
@@ -54,7 +54,7 @@ class Drawer:
         try:
             self._step_draws(rng, self._episode_draws(rng))
         except ValueError as error:
-            raise InputError([Problem("ranges", "one number, or one for each", str(error))]) from error
+            raise input_error("ranges", "one number, or one for each", error) from error
 
     def _episode_draws(self, rng: np.random.Generator) -> Draws:
         return self.ranges.draw(rng, "episode", joints=self._joints, taxels=self._taxels)
@@ -77,7 +77,7 @@ class Drawer:
     def episode(
         self, rng: np.random.Generator, randomize: Sequence[str] | None, given: Mapping[str, ArrayLike]
     ) -> tuple[Values, Draws]:
-        """Values of an episode.
+        """Return values of an episode.
 
         Args:
             rng: advanced by the draws.
@@ -110,7 +110,7 @@ class Drawer:
         }
 
     def check_names(self, names: Sequence[str], place: str) -> None:
-        """Checks names of parameters or tables.
+        """Check names of parameters or tables.
 
         Raises:
             InputError: one that the task does not have.
@@ -119,7 +119,7 @@ class Drawer:
             if not any(_matches(path, name) for path in self.names):
                 tables = sorted({path.rpartition(".")[0] for path in self.names})
                 expected = f"tables ({', '.join(tables)}) or parameters ({', '.join(self.names)})"
-                raise InputError([Problem(place, expected, repr(name))])
+                raise input_error(place, expected, repr(name))
 
     def _shaped(self, path: str, value: ArrayLike) -> Value:
         nominal = self._nominal[path]
@@ -132,7 +132,7 @@ class Drawer:
             )
         except (TypeError, ValueError) as error:
             expected = "one number" if isinstance(nominal, float | int) else f"one number, or {nominal.size}"
-            raise InputError([Problem(f"options values {path}", expected, f"shape {array.shape}")]) from error
+            raise input_error(f"options values {path}", expected, f"shape {array.shape}") from error
 
     def _middles(self) -> Values:
         found: Values = {}
@@ -146,7 +146,7 @@ class Drawer:
         return found
 
     def _broadcast(self, path: str, middle: FloatArray) -> Value:
-        """The middle in the shape of a draw."""
+        """Return the middle in the shape of a draw."""
         default = self._defaults.get(path)
         if default is None:
             return float(middle) if middle.ndim == 0 else middle
@@ -163,7 +163,7 @@ class Drawer:
 
 
 def effects_of(values: Values) -> dict[str, dict[str, Value]]:
-    """Parameters of effects by effect."""
+    """Return parameters of effects by effect."""
     found: dict[str, dict[str, Value]] = {}
     for path, value in values.items():
         if path.startswith(EFFECTS_PREFIX):
@@ -216,7 +216,7 @@ def _copy(value: Value) -> Value:
 
 
 def check_given(given: Mapping[str, ArrayLike], drawer: Drawer) -> None:
-    """Checks values that take the place of draws.
+    """Check values that take the place of draws.
 
     Raises:
         InputError: unknown names, values that are not finite or beyond what makes sense.
@@ -236,19 +236,19 @@ def check_given(given: Mapping[str, ArrayLike], drawer: Drawer) -> None:
 
 
 def number(values: Values, path: str) -> float:
-    """A draw that is one number."""
+    """Return a draw that is one number."""
     value = values[path]
     assert isinstance(value, float)
     return value
 
 
 def array(values: Values, path: str) -> FloatArray:
-    """A draw of one number each joint, taxel or direction."""
+    """Return a draw of one number each joint, taxel or direction."""
     value = values[path]
     assert not isinstance(value, float | int)
     return value
 
 
 def turn_rad(values: Values, name: str) -> float:
-    """An angle of the draws [rad]."""
+    """Return an angle of the draws [rad]."""
     return math.radians(number(values, name))

@@ -8,16 +8,13 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Final, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skincal.dataset.findings import did_you_mean
 from skincal.envs.trajectories import BOLT_HZ, FIXED
 from skincal.errors import InputError, Problem
+from skincal.model.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
-
-ORIENTATIONS_DEG: Final = (-45.0, 0.0, 45.0, 90.0)
-"""Orientations of the bolt (the paper's) [°]."""
 JOINT_OFFSETS: Final = ("finger.joint_offset_rad",)
 """All that the paper randomizes in its evaluation."""
 
@@ -47,7 +44,7 @@ class EpisodeOptions:
 
 
 def read_options(options: Mapping[str, Any] | None) -> EpisodeOptions:
-    """Options from a mapping, as ``reset`` takes it.
+    """Return options from a mapping, as ``reset`` takes it.
 
     Raises:
         InputError: unknown keys, or values that make no sense; all of them.

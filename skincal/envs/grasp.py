@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, array, number
@@ -14,10 +13,9 @@ from skincal.envs.grip import Grip, Placed
 from skincal.envs.pinch import Pinch, require_cylinder
 from skincal.envs.postures import Postures
 from skincal.envs.scene import PHYSICS_HZ, Scene
+from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics
 from skincal.sim.drives import DriveParameters
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,7 @@ class Grasp:
         rotation: FloatArray,
         *places_m: FloatArray,
     ) -> FloatArray:
-        """Begins an episode: the object is held midway between the tips until both touch it, then let go.
+        """Begin an episode: the object is held midway between the tips until both touch it, then let go.
 
         Args:
             scene: is built anew.
@@ -126,11 +124,11 @@ class Grasp:
             width += options.wider_m
 
     def posture(self, width_m: float) -> FloatArray:
-        """Angles (n,) at a distance between the tips [rad]."""
+        """Return angles (n,) at a distance between the tips [rad]."""
         return self._postures.at(width_m)
 
     def _middle(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The point midway between the two tips as they would hold the object, and the fingertip's rotation."""
+        """Return the point midway between the two tips as they would hold the object, and the fingertip's rotation."""
         out, centre, thumb_end = self._pinch.facing
         skin, thumb = self._kinematics.frames(q_rad)
         foot, end = skin.to_root(centre)[0], thumb.to_root(thumb_end)[0]
@@ -138,7 +136,7 @@ class Grasp:
         return (foot + face) / 2, skin.rotations[0]
 
     def _close(self, scene: Scene, width_m: float, values: Values, *, single: bool) -> FloatArray:
-        """Closes the tips until both touch, then squeezes; gives up at the narrowest posture.
+        """Close the tips until both touch, then squeezes; gives up at the narrowest posture.
 
         Several objects are let go when they have been squeezed: the first that is touched would carry all alone.
         """
@@ -159,7 +157,7 @@ class Grasp:
         return command
 
     def _squeeze(self, scene: Scene, command_rad: FloatArray, offset_rad: FloatArray) -> FloatArray:
-        """Lets the normal force come up; returns the command that holds it.
+        """Let the normal force come up; returns the command that holds it.
 
         The torques J^T F of both fingers, by the hand's own figures of stiffness and friction. Moving the tips towards
         each other instead would push them sideways as well, as the joints do not yield alike in all directions.
@@ -175,7 +173,7 @@ class Grasp:
         return goal
 
     def _torque(self, q_rad: FloatArray) -> FloatArray:
-        """Torques (n,) with which the tips press on each other along the skin's normal [N m]."""
+        """Return torques (n,) with which the tips press on each other along the skin's normal [N m]."""
         out, centre, thumb_end = self._pinch.facing
         skin, thumb = self._kinematics.frames(q_rad)
         force = -self._options.squeeze_n * (skin.rotations[0] @ out)

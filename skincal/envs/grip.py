@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from skincal.envs.bodies import Body
+from skincal.model.arrays import FloatArray
 from skincal.sim.drives import DriveParameters
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +66,9 @@ class Frame:
     rotation: FloatArray
 
     def inside(self, points_m: FloatArray) -> FloatArray:
-        """Points (..., 3) of the root's frame in this one."""
+        """Return points (..., 3) of the root's frame in this one."""
         return (points_m - self.origin_m) @ self.rotation
 
     def turned(self, vectors: FloatArray) -> FloatArray:
-        """Vectors (..., 3) of the root's frame in this one."""
+        """Return vectors (..., 3) of the root's frame in this one."""
         return vectors @ self.rotation

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.envs.bodies import Body, Marble
 from skincal.envs.drawing import Values, number
 from skincal.envs.episode_options import EpisodeOptions
 from skincal.envs.roll import RollEnv
 from skincal.envs.trajectories import FIXED, ROUND_S, TO_SIDE_S, wander
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 
 class MarbleRollEnv(RollEnv):

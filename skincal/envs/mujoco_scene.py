@@ -17,7 +17,6 @@ from itertools import combinations, product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from skincal.envs.bodies import Part
@@ -26,9 +25,8 @@ from skincal.envs.pinch import Pinch
 from skincal.envs.pinch_urdf import pinch_urdf
 from skincal.envs.scene import LARGEST_FORCE_N, PHYSICS_HZ, Scene
 from skincal.envs.touching import Point, Touching, merged
-from skincal.errors import InputError, Problem
-
-FloatArray = NDArray[np.float64]
+from skincal.errors import input_error
+from skincal.model.arrays import FloatArray
 
 _STEP_S = 1.0 / PHYSICS_HZ
 _BODY, _HOLD = "object", "hold"
@@ -60,7 +58,6 @@ class MujocoScene(Scene):
         self._tip_links = (pinch.description.skin_finger.tip_link, pinch.thumb.tip_link)
 
     def begin(self, grip: Grip) -> None:
-        """See :meth:`Scene.begin`."""
         mj, spec = self._mj, self._world(grip)
         self._model: Any = spec.compile()
         self._data: Any = mj.MjData(self._model)
@@ -74,7 +71,7 @@ class MujocoScene(Scene):
         self.held = True
 
     def _world(self, grip: Grip) -> Any:
-        """The fingers with the objects, which welds hold where they are."""
+        """Return the fingers with the objects, which welds hold where they are."""
         mj = self._mj
         spec = mj.MjSpec.from_string(self._urdf.replace("</robot>", f"{_COMPILER}</robot>"))
         option = spec.option
@@ -101,18 +98,14 @@ class MujocoScene(Scene):
     def _tip_geom(self, spec: Any, link: str) -> str:
         geoms = spec.body(link).geoms
         if len(geoms) != 1:
-            raise InputError(
-                [
-                    Problem(
-                        f'URDF, link "{link}"', "one collision shape, for the engine mujoco", str(len(geoms))
-                    )
-                ]
+            raise input_error(
+                f'URDF, link "{link}"', "one collision shape, for the engine mujoco", len(geoms)
             )
         geoms[0].name, geoms[0].contype, geoms[0].conaffinity = link, 0, 0
         return link
 
     def _add_body(self, spec: Any, which: int, placed: Placed) -> list[str]:
-        """Adds an object; returns the names of its parts."""
+        """Add an object; returns the names of its parts."""
         body, name = placed.body, f"{_BODY}{which}"
         x, y, z, w = Rotation.from_matrix(placed.rotation).as_quat().tolist()
         added = spec.worldbody.add_body(name=name, pos=placed.position_m, quat=[w, x, y, z])
@@ -196,12 +189,10 @@ class MujocoScene(Scene):
             model.pair_dim[pair] = 6 if own[2] > 0 else 4 if own[1] > 0 else 3
 
     def release(self) -> None:
-        """See :meth:`Scene.release`."""
         self._data.eq_active[:] = 0
         self.held = False
 
     def run(self, steps: int) -> None:
-        """See :meth:`Scene.run`."""
         model, data, move = self._model, self._data, self._mj.mj_step
         columns, speeds, drive = self._columns, self._speeds, self.drives.step
         data.xfrc_applied[self._bodies, :3] = self.force_n
@@ -210,7 +201,6 @@ class MujocoScene(Scene):
             move(model, data)
 
     def touches(self, which: int | None = None) -> tuple[Touching | None, Touching | None]:
-        """See :meth:`Scene.touches`."""
         parts = self._all_parts if which is None else self._parts[which]
         found: tuple[list[Point], list[Point]] = ([], [])
         for index in range(self._data.ncon):
@@ -223,7 +213,7 @@ class MujocoScene(Scene):
         return merged(found[0], LARGEST_FORCE_N), merged(found[1], LARGEST_FORCE_N)
 
     def _point(self, index: int, contact: Any, sign: float) -> Point:
-        """A contact point; with a sign of 1 the tip is MuJoCo's first geom, from which its normal points."""
+        """Return a contact point; with a sign of 1 the tip is MuJoCo's first geom, from which its normal points."""
         wrench = np.zeros(6)
         self._mj.mj_contactForce(self._model, self._data, index, wrench)
         axes = contact.frame.reshape(3, 3)
@@ -234,16 +224,13 @@ class MujocoScene(Scene):
         return Point(_vector(place), _vector(normal), float(wrench[0]), _vector(friction))
 
     def joints(self) -> tuple[FloatArray, FloatArray]:
-        """See :meth:`Scene.joints`."""
         return self._data.qpos[self._columns].copy(), self._data.qvel[self._speeds].copy()
 
     def tips(self) -> tuple[Frame, Frame]:
-        """See :meth:`Scene.tips`."""
         self._place()
         return self._frame(self._tips[0]), self._frame(self._tips[1])
 
     def object_frame(self, which: int = 0) -> Frame:
-        """See :meth:`Scene.object_frame`."""
         self._place()
         return self._frame(self._bodies[which])
 
@@ -255,13 +242,11 @@ class MujocoScene(Scene):
         return Frame(self._data.xpos[body].copy(), self._data.xmat[body].reshape(3, 3).copy())
 
     def object_motion(self, which: int = 0) -> tuple[FloatArray, FloatArray]:
-        """See :meth:`Scene.object_motion`."""
         first = self._motions[which]
         speed = self._data.qvel[first : first + 6]
         return speed[:3].copy(), self.object_frame(which).rotation @ speed[3:]
 
     def gap_m(self) -> float:
-        """See :meth:`Scene.gap_m`."""
         self._place()
         distance = self._mj.mj_geomDistance
         return min(
@@ -295,11 +280,11 @@ def _mujoco() -> Any:
         module = importlib.import_module("mujoco")
     except ImportError as error:
         fix = "pip install 'skincal[mujoco]'"
-        raise InputError([Problem("engine mujoco", "MuJoCo to be installed", str(error), fix)]) from error
+        raise input_error("engine mujoco", "MuJoCo to be installed", error, fix) from error
     # Its warnings would go to standard output and to a file in the user's folder; what matters is seen in the state.
-    module.set_mju_user_warning(_unheard)
+    module.set_mju_user_warning(_drop_warning)
     return module
 
 
-def _unheard(text: object) -> None:
-    """Takes a warning of MuJoCo."""
+def _drop_warning(text: object) -> None:
+    """Drop a warning of MuJoCo."""

@@ -43,7 +43,7 @@ def expected_names(ranges: Ranges, kind: ObjectName) -> list[str]:
 
 
 def check_ranges(ranges: Ranges, kind: ObjectName, place: str = "ranges") -> None:
-    """Checks that ranges hold all parameters of a task, and that they are drawn when the task can use them.
+    """Check that ranges hold all parameters of a task, and that they are drawn when the task can use them.
 
     Raises:
         InputError: naming every one that is missing, and what it is, and all that is drawn at the wrong time.

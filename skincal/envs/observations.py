@@ -12,7 +12,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
+
 Observation = dict[str, NDArray[np.float32]]
 PolicyKind = Literal["tactile", "joint-angles", "desired", "ideal"]
 
@@ -66,7 +67,7 @@ class Layout:
         return {p.name: slice(a, b) for p, a, b in zip(self.parts, ends[:-1], ends[1:], strict=True)}
 
     def fill(self, values: Mapping[str, Any]) -> FloatArray:
-        """The array (size,): what lies beyond its bounds is cut off, what is NaN is 0."""
+        """Return the array (size,): what lies beyond its bounds is cut off, what is NaN is 0."""
         flat = np.empty(len(self.low))
         for name, where in self._slices:
             flat[where] = values[name]
@@ -129,13 +130,13 @@ class Seen:
         )
 
     def layout(self) -> tuple[dict[str, Any], ...]:
-        """The parts of the policy's observation in their order: ``name``, ``size``, and ``steps_ago``."""
+        """Return the parts of the policy's observation in their order: ``name``, ``size``, and ``steps_ago``."""
         stacked = [(part, ago) for ago in reversed(range(STACKED)) for part in self.now.parts]
         parts = [*stacked, *((part, 0) for part in self.task.parts)]
         return tuple({"name": part.name, "size": part.size, "steps_ago": ago} for part, ago in parts)
 
     def begin(self, constant: Mapping[str, Any]) -> None:
-        """Forgets what was seen.
+        """Forget what was seen.
 
         Args:
             constant: what the critic is told of the new episode.
@@ -144,7 +145,7 @@ class Seen:
         self._told = self._constant.fill(constant)
 
     def observe(self, values: Mapping[str, Any], critic: Mapping[str, Any]) -> Observation:
-        """The next observation; at the beginning of an episode the first one stands for those before it.
+        """Return the next observation; at the beginning of an episode the first one stands for those before it.
 
         Args:
             values: what the policy may see, by part.

@@ -32,7 +32,7 @@ class PatchMould:
         self._first = Patch.build(surface, layout, SensorPose(0.0, 0.0), resolution_m, margin_m)
 
     def at(self, pose: SensorPose) -> Patch:
-        """The patch at a pose."""
+        """Return the patch at a pose."""
         first = self._first
         assert first.uv_m is not None
         points, normals = self._surface.wrap(pose, first.uv_m)

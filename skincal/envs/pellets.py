@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.envs.bodies import Body, Marble
 from skincal.envs.drawing import EFFECTS_PREFIX, Values, array, number
@@ -18,10 +17,9 @@ from skincal.envs.episode_options import EpisodeOptions
 from skincal.envs.roll import RollEnv
 from skincal.envs.sensing import View, view
 from skincal.envs.tactile import Felt
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.model import Contacts
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 MASS_KG: Final = 0.9e-3
 """A ball of steel of 6 mm; assumed [kg]."""
@@ -52,10 +50,10 @@ class PelletSeparateEnv(RollEnv):
         super().__init__(*arguments, **named)
         if any(path.startswith(EFFECTS_PREFIX) for path in self.ranges):
             fix = "Effects follow one contact; export ranges of a calibration without them."
-            raise InputError([Problem("ranges", "no effects, for pellets", "skin.effects", fix)])
+            raise input_error("ranges", "no effects, for pellets", "skin.effects", fix)
 
     def _begin(self, asked: EpisodeOptions) -> None:
-        """Takes the pellets, anew where the fingers have not got two of them: the task is to let go of one."""
+        """Take the pellets, anew where the fingers have not got two of them: the task is to let go of one."""
         for _ in range(TRIES):
             super()._begin(asked)
             self._look()

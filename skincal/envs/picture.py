@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from skincal.envs.bullet_scene import BulletScene
 from skincal.envs.trajectories import POLICY_HZ
 from skincal.model import TaxelLayout
+from skincal.model.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 HEIGHT, WIDTH = 360, 480
@@ -40,7 +40,7 @@ def display_there() -> bool:
 
 
 def colours(share: FloatArray) -> FloatArray:
-    """Colours (..., 3) from 0 to 255 for shares (...) of full scale: dark blue, red, light yellow."""
+    """Colour (..., 3) from 0 to 255 for shares (...) of full scale: dark blue, red, light yellow."""
     part = np.clip(share, 0.0, 1.0)[..., None]
     below = _LOW + (_MIDDLE - _LOW) * np.minimum(2 * part, 1.0)
     return np.where(part <= 0.5, below, _MIDDLE + (_HIGH - _MIDDLE) * (2 * part - 1))
@@ -66,12 +66,12 @@ class Shown:
 
 
 def picture(scene: BulletScene, shown: Shown) -> Picture:
-    """The hand and beside it the sensor (HEIGHT, WIDTH + HEIGHT, 3)."""
+    """Return the hand and beside it the sensor (HEIGHT, WIDTH + HEIGHT, 3)."""
     return np.concatenate([hand_picture(scene, shown.centre_m), panel(shown)], axis=1)
 
 
 def hand_picture(scene: BulletScene, centre_m: FloatArray) -> Picture:
-    """The hand from the side (HEIGHT, WIDTH, 3)."""
+    """Return the hand from the side (HEIGHT, WIDTH, 3)."""
     engine: Any = scene.engine
     eye = centre_m + np.array(_EYE_M)
     looking = engine.computeViewMatrix(eye.tolist(), centre_m.tolist(), [0, 0, 1])
@@ -89,7 +89,7 @@ def hand_picture(scene: BulletScene, centre_m: FloatArray) -> Picture:
 
 
 def panel(shown: Shown) -> Picture:
-    """The sensor from outside (HEIGHT, HEIGHT, 3): u to the right, v upwards."""
+    """Return the sensor from outside (HEIGHT, HEIGHT, 3): u to the right, v upwards."""
     canvas = np.full((HEIGHT, HEIGHT, 3), _BACK, dtype=np.float64)
     layout = shown.layout
     share = np.zeros(layout.taxels) if shown.image is None else shown.image / FULL_COUNTS
@@ -133,7 +133,7 @@ class Board:
         self._next_s = time.monotonic()
 
     def show(self, shown: Shown) -> None:
-        """Colours the tiles, and waits until life has come so far."""
+        """Colour the tiles, and waits until life has come so far."""
         image = shown.image
         share = np.zeros(len(self._tiles)) if image is None else image / FULL_COUNTS
         for tile, colour in zip(self._tiles, colours(share) / 255.0, strict=True):

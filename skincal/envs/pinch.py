@@ -15,11 +15,10 @@ from skincal.dataset.findings import Findings
 from skincal.dataset.keys import Key, Length, Range
 from skincal.dataset.schema import Table, load_toml, read_table
 from skincal.dataset.schema_errors import Violation, report
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
+from skincal.model.arrays import FloatArray
 from skincal.robot import DEFAULT_HAND, HandDescription, read_hand
 from skincal.robot.urdf import MOVING, Urdf, read_urdf
-
-FloatArray = NDArray[np.float64]
 
 FILE, FORMAT = "pinch.toml", "skincal-pinch/1"
 
@@ -94,7 +93,7 @@ class Pinch:
         return out, centre[None], np.array([[0.0, self.thumb.length_m, 0.0]])
 
     def joints_of(self, which: slice) -> NDArray[np.int64]:
-        """Columns of some joints of each finger, finger by finger."""
+        """Return columns of some joints of each finger, finger by finger."""
         fingers = (self.description.indenter_finger, self.description.skin_finger)
         # In the order in which the hand names them, so that draws go the same way.
         ordered = sorted(fingers, key=lambda f: self.description.joints.index(f.joints[0]))
@@ -103,7 +102,7 @@ class Pinch:
 
 
 def read_pinch(hand: str | Path | None = None) -> Pinch:
-    """Reads a hand and how it pinches.
+    """Read a hand and how it pinches.
 
     Args:
         hand: folder with ``hand.toml`` and ``pinch.toml``, or one of the two files; None: the bundled hand.
@@ -137,7 +136,7 @@ def read_pinch(hand: str | Path | None = None) -> Pinch:
 
 
 def bundled_folder() -> Path:
-    """The folder of the bundled hand."""
+    """Return the folder of the bundled hand."""
     from skincal import robot
 
     return Path(robot.__file__).parent / "hands" / DEFAULT_HAND
@@ -175,12 +174,12 @@ def _check_fingers(description: HandDescription, findings: Findings) -> None:
 
 
 def require_cylinder(pinch: Pinch) -> float:
-    """Radius of the finger with the skin [m].
+    """Return the radius of the finger with the skin [m].
 
     Raises:
         InputError: the surface is no cylinder.
     """
     surface = pinch.description.meta.surface
     if surface.kind != "cylinder" or surface.radius_m is None:
-        raise InputError([Problem("hand.toml, [surface] kind", '"cylinder", for the tasks', surface.kind)])
+        raise input_error("hand.toml, [surface] kind", '"cylinder", for the tasks', surface.kind)
     return surface.radius_m

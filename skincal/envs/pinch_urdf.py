@@ -5,13 +5,10 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.bounded import parse_xml, read_text
 from skincal.envs.pinch import Pinch
 from skincal.robot.urdf import rotation_of
-
-FloatArray = NDArray[np.float64]
 
 _BONE_RADIUS_M = 0.008
 _SKIN_COLOUR = "0.3 0.45 0.75 1"
@@ -19,7 +16,7 @@ _BONE_COLOUR = "0.75 0.75 0.78 1"
 
 
 def pinch_urdf(pinch: Pinch, *, visible: bool) -> str:
-    """The URDF as text.
+    """Return the URDF as text.
 
     Args:
         pinch: the hand; its URDF is read.
@@ -48,13 +45,13 @@ def _link(robot: ElementTree.Element, name: str) -> ElementTree.Element:
 
 
 def _part(tag: str, inner: tuple[str, str], colour: str = "") -> ElementTree.Element:
-    """A collision or visual from an origin and a geometry."""
+    """Return a collision or visual from an origin and a geometry."""
     material = f'<material name="{colour}"><color rgba="{colour}"/></material>' if colour else ""
     return ElementTree.fromstring(f"<{tag}>{inner[0]}<geometry>{inner[1]}</geometry>{material}</{tag}>")
 
 
 def _capsule(radius_m: float, length_m: float) -> tuple[str, str]:
-    """Along +y from the origin."""
+    """Return a capsule along +y from the origin."""
     turn = f'<origin xyz="0 {length_m / 2} 0" rpy="{np.pi / 2} 0 0"/>'
     return turn, f'<capsule radius="{radius_m}" length="{length_m}"/>'
 

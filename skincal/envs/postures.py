@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.envs.pinch import Pinch
 from skincal.errors import WorkError
+from skincal.model.arrays import FloatArray
 from skincal.robot import Chain, Kinematics
 from skincal.robot.chain import TipFrames
-
-FloatArray = NDArray[np.float64]
 
 _WIDTHS_M = np.arange(-0.024, 0.0441, 0.002)
 _ROUNDS = 40
@@ -37,7 +35,7 @@ class Postures:
 
     @classmethod
     def of(cls, pinch: Pinch, kinematics: Kinematics) -> Postures:
-        """Works out the postures about that of the description.
+        """Work out the postures about that of the description.
 
         The finger with the skin faces the middle with the sensor's nominal centre; the centre of the thumb's round end
         lies beyond the middle, along the normal there.
@@ -66,7 +64,7 @@ class Postures:
         return cls(_WIDTHS_M, angles, middle)
 
     def at(self, width_m: float) -> FloatArray:
-        """Angles (n,) at a distance between the tips [m]; at most those of the ends of the table."""
+        """Return angles (n,) at a distance between the tips [m]; at most those of the ends of the table."""
         place = np.clip(np.interp(width_m, self.widths_m, np.arange(len(self.widths_m))), 0, None)
         low = min(int(place), len(self.widths_m) - 2)
         part = place - low
@@ -74,7 +72,7 @@ class Postures:
 
 
 def _reach(chain: Chain, q_rad: FloatArray, point_m: FloatArray, target_m: FloatArray) -> FloatArray:
-    """Angles at which a point of a tip's frame lies at a target of the root's frame: Newton's steps."""
+    """Return angles at which a point of a tip's frame lies at a target of the root's frame: Newton's steps."""
     q = q_rad.copy()
     for _ in range(_ROUNDS):
         frames: TipFrames = chain.frames(q[None])
@@ -93,6 +91,6 @@ def _reach(chain: Chain, q_rad: FloatArray, point_m: FloatArray, target_m: Float
 
 
 def _step(jacobian: FloatArray, error: FloatArray) -> FloatArray:
-    """The shortest step (J,) towards an error (3,)."""
+    """Return the shortest step (J,) towards an error (3,)."""
     square = jacobian @ jacobian.T
     return jacobian.T @ np.linalg.solve(square + 1e-12 * np.eye(3), error)

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from skincal.effects import EFFECTS
@@ -27,14 +26,13 @@ from skincal.envs.pinch import read_pinch
 from skincal.envs.scene import PHYSICS_HZ, Scene, check_engine, make_scene
 from skincal.envs.sensing import Sensor, View, view
 from skincal.envs.tactile import TactileSkin
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.files import whole_file
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
+from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
 from skincal.robot import HandDescription, Kinematics
-
-FloatArray = NDArray[np.float64]
 
 TRUTH_FORMAT = "skincal-reference-truth/1"
 _OBJECTS: tuple[ObjectName, ...] = ("marble", "bolt")
@@ -87,10 +85,10 @@ class ReferenceHand(HandDriver):
     ) -> None:
         kind: ObjectName | None = next((name for name in _OBJECTS if name == task), None)
         if kind is None:
-            raise InputError([Problem('driver "reference", option task', " or ".join(_OBJECTS), repr(task))])
+            raise input_error('driver "reference", option task', " or ".join(_OBJECTS), repr(task))
         if not 0 < rate_hz <= PHYSICS_HZ or PHYSICS_HZ % rate_hz:
             expected = f"a divisor of the physics' {PHYSICS_HZ} Hz"
-            raise InputError([Problem('driver "reference", option rate_hz', expected, str(rate_hz))])
+            raise input_error('driver "reference", option rate_hz', expected, rate_hz)
         check_engine(engine, 'driver "reference", option engine')
         self._engine, self.real_time = engine, real_time
         self.clock: Any = time if real_time else None
@@ -130,13 +128,13 @@ class ReferenceHand(HandDriver):
         return {name: np.asarray(value).tolist() for name, value in sorted(self._truth.items())}
 
     def _hidden(self, effects: Mapping[str, float], rng: np.random.Generator) -> Values:
-        """Parameters of the effects by full name."""
+        """Return parameters of the effects by full name."""
         found: Values = {}
         for name, strength in effects.items():
             known = [one for one in EFFECTS if one not in RIG_EFFECTS]
             if name not in known:
                 expected = f"effects of the skin: {', '.join(known)}"
-                raise InputError([Problem('driver "reference", option effects', expected, f'"{name}"')])
+                raise input_error('driver "reference", option effects', expected, f'"{name}"')
             drawn = EFFECTS[name].at_strength(strength, rng, self._skin.layout)
             for key, value in drawn.items():
                 found[f"skin.effects.{name}.{key}"] = float(value) if np.ndim(value) == 0 else value
@@ -220,7 +218,7 @@ class ReferenceHand(HandDriver):
         self._let_go(scene, periods * self.period_s)
 
     def _due(self) -> int:
-        """Whole periods that have passed of the clock, and have not been simulated."""
+        """Return whole periods that have passed of the clock, and have not been simulated."""
         return 0 if self.clock is None else int(self._passed_s() / self.period_s + 1e-6) - self._periods
 
     def _passed_s(self) -> float:
@@ -245,7 +243,6 @@ class ReferenceHand(HandDriver):
             scene.drives.target_rad = self._desired - offset
 
     def object_position_m(self) -> FloatArray | None:
-        """See :meth:`HandDriver.object_position_m`."""
         seen: View | None = getattr(self, "_view", None)
         return None if seen is None or seen.dropped else seen.position_m.copy()
 

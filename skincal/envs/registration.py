@@ -21,7 +21,7 @@ ENVIRONMENTS = {
 
 
 def register_environments() -> None:
-    """Registers all tasks with Gymnasium; may be called twice."""
+    """Register all tasks with Gymnasium; may be called twice."""
     for name, entry in ENVIRONMENTS.items():
         if name not in registry:
             register(id=name, entry_point=entry)

@@ -94,7 +94,7 @@ class Situation:
 
 
 def reward_terms(situation: Situation, scales: RewardScales) -> dict[str, float]:
-    """All terms of a step's reward, penalties negative; the reward is their sum."""
+    """Return all terms of a step's reward, penalties negative; the reward is their sum."""
     s = situation
     terms = {
         "position": scales.position * falling(s.distance_m, scales.position_width_m),
@@ -110,5 +110,5 @@ def reward_terms(situation: Situation, scales: RewardScales) -> dict[str, float]
 
 
 def _past(x: float, margin: float) -> float:
-    """The penalty; without a soft margin it begins at the hard limit."""
+    """Return the penalty; without a soft margin it begins at the hard limit."""
     return rising(x, margin) if margin > 0 else float(x > 0)

@@ -28,11 +28,10 @@ from skincal.envs.sensing import Sensor, View, view
 from skincal.envs.tactile import SESSION_S, Felt, TactileSkin
 from skincal.envs.task import TaskOptions, with_single
 from skincal.envs.trajectories import POLICY_HZ
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
+from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
 from skincal.robot import Kinematics
-
-FloatArray = NDArray[np.float64]
 
 AHEAD: tuple[int, ...] = (5, 10)
 """The critic sees the targets so many steps ahead."""
@@ -81,11 +80,11 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         # A pickle holds the arguments: the copy is as the environment was made, and is to be reset.
         EzPickle.__init__(self, policy, ranges, hand, render_mode, options, engine, **single)
         if policy not in KINDS:
-            raise InputError([Problem("policy", f"one of {', '.join(KINDS)}", repr(policy))])
+            raise input_error("policy", f"one of {', '.join(KINDS)}", repr(policy))
         check_engine(engine, "environment engine")
         if render_mode is not None and engine != "pybullet":
-            raise InputError(
-                [Problem("environment render_mode", f"None: {engine} makes no pictures", repr(render_mode))]
+            raise input_error(
+                "environment render_mode", f"None: {engine} makes no pictures", repr(render_mode)
             )
         self.policy: PolicyKind = policy
         self.engine = engine
@@ -122,12 +121,12 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     @classmethod
     def default_options(cls) -> TaskOptions:
-        """Options that are not given."""
+        """Return options that are not given."""
         return TaskOptions()
 
     @abstractmethod
     def _body(self, values: Values) -> Body:
-        """The object of an episode."""
+        """Return the object of an episode."""
 
     def _places(self, values: Values) -> list[FloatArray]:
         """Return the initial position of each object (3,), from the middle between the tips, fingertip frame [m]."""
@@ -139,12 +138,12 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     @abstractmethod
     def _plan(self, asked: EpisodeOptions, steps: int) -> FloatArray:
-        """Targets (steps, target_size) as the policy sees them [m]."""
+        """Return targets (steps, target_size) as the policy sees them [m]."""
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begins an episode; see :class:`skincal.envs.EpisodeOptions` for what may be asked of it.
+        """Begin an episode; see :class:`skincal.envs.EpisodeOptions` for what may be asked of it.
 
         Raises:
             InputError: options that make no sense.
@@ -162,7 +161,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return observation, self._info({})
 
     def _begin(self, asked: EpisodeOptions) -> None:
-        """Draws an episode, and takes the object."""
+        """Draw an episode, and takes the object."""
         values, self._sample = self._drawer.episode(self.np_random, asked.randomize, asked.values)
         age = float(self.np_random.uniform(0.0, SESSION_S))
         self._age_s = age if is_chosen("skin", asked.randomize) else 0.0
@@ -184,7 +183,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._seen.begin(values)
 
     def _aim(self, targets_m: FloatArray) -> None:
-        """Sets the targets (steps, target_size), their changes, and how those ahead differ from them."""
+        """Set the targets (steps, target_size), their changes, and how those ahead differ from them."""
         k = np.arange(len(targets_m))
         self._targets = targets_m
         self._movements = targets_m - targets_m[np.maximum(k - 1, 0)]
@@ -214,7 +213,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return np.minimum(np.maximum(q_rad, limits.lower_rad), limits.upper_rad)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Moves on by 0.1 s.
+        """Move on by 0.1 s.
 
         Args:
             action: (n,) in [-1, 1]; what lies beyond is cut off, what is NaN counts as 0.
@@ -255,7 +254,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         scene.run(max(steps, 0))
 
     def _drawn(self, path: str) -> Value:
-        """A value that is drawn in each step, or else for the episode."""
+        """Return a value that is drawn in each step, or else for the episode."""
         return self._noise.get(path, self._values[path])
 
     def _look(self) -> None:
@@ -267,7 +266,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return self._view.dropped
 
     def _touches(self) -> list[View]:
-        """A look at each object that is there."""
+        """Return a look at each object that is there."""
         return [self._view]
 
     def _contact_truth(self) -> FloatArray:
@@ -283,7 +282,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return np.zeros(0)
 
     def _target_m(self) -> FloatArray:
-        """The target (2,) at this moment, patch coordinates [m]."""
+        """Return the target (2,) at this moment, patch coordinates [m]."""
         return self._targets[self._step]
 
     def _angle_rad(self) -> float | None:
@@ -347,7 +346,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return self._seen.observe(values, state_values(seen, own))
 
     def felt(self) -> Felt | None:
-        """The present contact as the skin takes it; None where nothing touches."""
+        """Return the present contact as the skin takes it; None where nothing touches."""
         return self._view.felt(self._body_now)
 
     @property
@@ -383,7 +382,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         }
 
     def render(self) -> Picture | None:  # type: ignore[override]
-        """The hand and beside it the sensor (360, 840, 3), in the mode ``rgb_array``; else None."""
+        """Return the hand and beside it the sensor (360, 840, 3), in the mode ``rgb_array``; else None."""
         if self.render_mode != "rgb_array":
             return None
         if self._scene is None:
@@ -392,7 +391,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return picture(self._scene, self._shown())
 
     def _show(self) -> None:
-        """Keeps PyBullet's window, if there is one, up to date and at the pace of life."""
+        """Keep PyBullet's window, if there is one, up to date and at the pace of life."""
         if isinstance(self._scene, BulletScene) and self._scene.window:
             if self._step == 0:
                 self._board = Board(self._scene, self._shown())
@@ -408,14 +407,14 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         )
 
     def close(self) -> None:
-        """Ends the physics; may be called twice."""
+        """End the physics; may be called twice."""
         if self._scene is not None:
             self._scene.close()
             self._scene = None
 
 
 def _worst(values: FloatArray) -> float:
-    """The largest; what is not finite counts as far beyond the limit."""
+    """Return the largest; what is not finite counts as far beyond the limit."""
     worst = float(values.max())
     return worst if math.isfinite(worst) else float(np.where(np.isfinite(values), values, 1e3).max())
 

@@ -6,16 +6,12 @@ import math
 from abc import ABC, abstractmethod
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from skincal.envs.grip import Frame, Grip
 from skincal.envs.pinch import Pinch
 from skincal.envs.touching import Touching
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
+from skincal.model.arrays import FloatArray
 from skincal.sim.drives import Drives
-
-FloatArray = NDArray[np.float64]
 
 ENGINES: Final = ("pybullet", "mujoco")
 """Physics engines that a scene can be built in; policies are trained in the first."""
@@ -44,15 +40,15 @@ class Scene(ABC):
 
     @abstractmethod
     def begin(self, grip: Grip) -> None:
-        """Builds the world anew, so that nothing of an earlier episode is left; objects are held in place."""
+        """Build the world anew, so that nothing of an earlier episode is left; objects are held in place."""
 
     @abstractmethod
     def release(self) -> None:
-        """Lets go of all objects."""
+        """Let go of all objects."""
 
     @abstractmethod
     def run(self, steps: int) -> None:
-        """Moves on by some physics steps."""
+        """Move on by some physics steps."""
 
     @abstractmethod
     def touches(self, which: int | None = None) -> tuple[Touching | None, Touching | None]:
@@ -60,27 +56,27 @@ class Scene(ABC):
 
     @abstractmethod
     def joints(self) -> tuple[FloatArray, FloatArray]:
-        """Angles [rad] and velocities [rad/s] of the links (n,)."""
+        """Return angles [rad] and velocities [rad/s] of the links (n,)."""
 
     @abstractmethod
     def tips(self) -> tuple[Frame, Frame]:
-        """The frames of the tip with the skin and of the thumb's."""
+        """Return the frames of the tip with the skin and of the thumb's."""
 
     @abstractmethod
     def object_frame(self, which: int = 0) -> Frame:
-        """The frame of an object."""
+        """Return the frame of an object."""
 
     @abstractmethod
     def object_motion(self, which: int = 0) -> tuple[FloatArray, FloatArray]:
-        """An object's velocity [m/s] and angular velocity [rad/s], each (3,)."""
+        """Return an object's velocity [m/s] and angular velocity [rad/s], each (3,)."""
 
     @abstractmethod
     def gap_m(self) -> float:
-        """Smallest distance between a tip and an object [m], negative inside; at most 0.05 m."""
+        """Return the smallest distance between a tip and an object [m], negative inside; at most 0.05 m."""
 
     @abstractmethod
     def close(self) -> None:
-        """Ends it; may be called twice."""
+        """End it; may be called twice."""
 
     def _begin_drives(self, grip: Grip) -> None:
         self.drives = Drives(grip.drives, grip.angles_rad, 1.0 / PHYSICS_HZ)
@@ -91,7 +87,7 @@ class Scene(ABC):
 def make_scene(
     engine: str, pinch: Pinch, iterations: int, *, window: bool = False, visible: bool = False
 ) -> Scene:
-    """A scene in an engine.
+    """Return a scene in an engine.
 
     Args:
         engine: one of :data:`ENGINES`.
@@ -114,13 +110,13 @@ def make_scene(
 
 
 def check_engine(engine: str, place: str) -> None:
-    """Checks the name of an engine.
+    """Check the name of an engine.
 
     Raises:
         InputError: there is no such engine.
     """
     if engine not in ENGINES:
-        raise InputError([Problem(place, " or ".join(ENGINES), repr(engine))])
+        raise input_error(place, " or ".join(ENGINES), repr(engine))
 
 
 def sound(q_rad: FloatArray, dq_rad_per_s: FloatArray, place_m: FloatArray) -> bool:

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, number, turn_rad
@@ -16,8 +15,7 @@ from skincal.envs.scene import Scene, sound
 from skincal.envs.tactile import Felt
 from skincal.envs.touching import Touching
 from skincal.model import SensorPose
-
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -38,7 +36,7 @@ class Sensor:
 
     @classmethod
     def of(cls, pinch: Pinch, values: Values) -> Sensor:
-        """The sensor of an episode; offsets of the centre are those from where it would be."""
+        """Return the sensor of an episode; offsets of the centre are those from where it would be."""
         radius = require_cylinder(pinch)
         return cls(
             radius,
@@ -53,17 +51,17 @@ class Sensor:
         return SensorPose(self.y_m, self.alpha_rad, self.beta_rad)
 
     def patch_m(self, point_m: FloatArray) -> FloatArray:
-        """Patch coordinates (2,) of the surface's point nearest to a point (3,) of the fingertip frame [m]."""
+        """Return patch coordinates (2,) of the surface's point nearest to a point (3,) of the fingertip frame [m]."""
         turn = math.remainder(math.atan2(point_m[0], point_m[2]) - self.beta_rad, 2 * math.pi)
         return self.turned(self.radius_m * turn, point_m[1] - self.y_m)
 
     def direction(self, vector: FloatArray) -> FloatArray:
-        """The part (2,) of a vector (3,) along the patch's axes, on the tangent plane at its centre."""
+        """Return the part (2,) of a vector (3,) along the patch's axes, on the tangent plane at its centre."""
         across = vector[0] * math.cos(self.beta_rad) - vector[2] * math.sin(self.beta_rad)
         return self.turned(across, vector[1])
 
     def turned(self, across: float, along: float) -> FloatArray:
-        """A way round and along the finger, along the patch's axes (2,)."""
+        """Return a way round and along the finger, along the patch's axes (2,)."""
         cos, sin = math.cos(self.alpha_rad), math.sin(self.alpha_rad)
         return np.array([across * cos + along * sin, along * cos - across * sin])
 
@@ -117,7 +115,7 @@ class View:
         )
 
     def felt(self, body: Body) -> Felt | None:
-        """The contact as the skin feels it."""
+        """Return the contact as the skin feels it."""
         if self.skin is None or not self.sound:
             return None
         tip = self.tip.rotation
@@ -131,7 +129,7 @@ class View:
 
 
 def view(scene: Scene, sensor: Sensor, which: int = 0) -> View:
-    """Looks at a scene."""
+    """Look at a scene."""
     q, dq = scene.joints()
     skin, thumb = scene.touches(which)
     (tip, thumb_tip), body = scene.tips(), scene.object_frame(which)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.calibration.parts import LAW
 from skincal.dataset.model_objects import converter_of, layout_of
@@ -17,9 +16,7 @@ from skincal.envs.drawing import Values, array, effects_of, number
 from skincal.envs.patches import PatchMould
 from skincal.envs.pinch import Pinch, require_cylinder
 from skincal.model import ContactLaw, Contacts, Cylinder, SensorPose, Skin, SkinParameters
-
-FloatArray = NDArray[np.float64]
-
+from skincal.model.arrays import FloatArray
 
 SESSION_S = 600.0
 """A session may have gone on for so long when an episode begins; what drifts has drifted by then [s]."""
@@ -80,7 +77,7 @@ class TactileSkin:
         return -1e4 if low is None else low, 1e4 if high is None else high
 
     def begin(self, values: Values, pose: SensorPose, body: Body, age_s: float) -> None:
-        """Begins an episode.
+        """Begin an episode.
 
         Args:
             values: the episode's draws.
@@ -103,11 +100,11 @@ class TactileSkin:
         self._age_s, self._before = age_s, (0.0, 0.0)
 
     def prepare(self) -> None:
-        """Makes the first touch as fast as all others; see :meth:`skincal.model.Skin.prepare`."""
+        """Make the first touch as fast as all others; see :meth:`skincal.model.Skin.prepare`."""
         self._skin.prepare(self._body.indenter)
 
     def image(self, felt: Felt | None, time_s: float, noise_counts: FloatArray) -> FloatArray:
-        """The next tactile image (J,) [counts].
+        """Return the next tactile image (J,) [counts].
 
         Args:
             felt: what touches; None: nothing.
@@ -128,7 +125,7 @@ class TactileSkin:
         return values[0] if len(values) == 1 else values.sum(axis=0)
 
     def _samples(self, felt: Felt | None, time_s: float) -> Samples:
-        """The contact with what effects need to know besides.
+        """Return the contact with what effects need to know besides.
 
         A skin in use has been touched everywhere before: the cycle is not known, and what fades with it has faded.
         """

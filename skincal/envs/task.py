@@ -44,7 +44,7 @@ class TaskOptions:
 
 
 def with_single(options: TaskOptions, single: Mapping[str, Any]) -> TaskOptions:
-    """Options with single ones in the place of others.
+    """Return options with single ones in the place of others.
 
     Raises:
         InputError: unknown names, or values that make no sense; all of them.

@@ -46,7 +46,7 @@ class Point(NamedTuple):
 
 
 def merged(points: Sequence[Point], largest_n: float) -> Touching | None:
-    """All contact points of a tip with the object as one, weighted by their normal forces.
+    """Return all contact points of a tip with the object as one, weighted by their normal forces.
 
     So the result does not depend on how many points carry the same force. PyBullet now and then gives a force, a place
     or a normal that is NaN, infinite or absurd (bullet3 #4232): such a point is left out.

@@ -7,9 +7,8 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 POLICY_HZ: Final = 10
 """Steps of policy and skin (the paper's) [Hz]."""
@@ -22,10 +21,12 @@ TO_SIDE_S: Final = 2.0
 ROUND_S: Final = 6.0
 BOLT_AMPLITUDE_M: Final = 6e-3
 BOLT_HZ: Final = (0.25, 0.5)
+ORIENTATIONS_DEG: Final = (-45.0, 0.0, 45.0, 90.0)
+"""Orientations of the bolt (the paper's); the episodes of an evaluation take turns [°]."""
 
 
 def wander(rng: np.random.Generator, steps: int, half_width_m: float) -> FloatArray:
-    """Targets (steps, 2) [m] that wander in a box, from its centre.
+    """Return targets (steps, 2) [m] that wander in a box, from its centre.
 
     Straight ways at constant speeds between places drawn in the box, the corners rounded more or less.
 
@@ -49,7 +50,7 @@ def wander(rng: np.random.Generator, steps: int, half_width_m: float) -> FloatAr
 
 
 def circle(steps: int) -> FloatArray:
-    """The paper's evaluation (steps, 2) [m]: 2 s from the centre to the side, then rounds of 6 s."""
+    """Return the paper's evaluation (steps, 2) [m]: 2 s from the centre to the side, then rounds of 6 s."""
     time = np.arange(steps) / POLICY_HZ
     out = CIRCLE_RADIUS_M * np.minimum(time / TO_SIDE_S, 1.0)
     angle = 2 * np.pi * np.maximum(time - TO_SIDE_S, 0.0) / ROUND_S
@@ -57,12 +58,12 @@ def circle(steps: int) -> FloatArray:
 
 
 def still(steps: int) -> FloatArray:
-    """The centre of the sensor (steps, 2) [m]."""
+    """Return the centre of the sensor (steps, 2) [m]."""
     return np.zeros((steps, 2))
 
 
 def sine(steps: int, frequency_hz: float, amplitude_m: float = BOLT_AMPLITUDE_M) -> FloatArray:
-    """The bolt's way along its normal (steps, 1) [m]."""
+    """Return the bolt's way along its normal (steps, 1) [m]."""
     phase = 2 * np.pi * frequency_hz * np.arange(steps) / POLICY_HZ
     return amplitude_m * np.sin(phase)[:, None]
 

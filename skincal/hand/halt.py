@@ -21,7 +21,7 @@ HURRY_S = 2.0
 
 
 def halt(stop: Callable[[], None], timeout_s: float, name: str, rig: str = "hand") -> str:
-    """Calls a driver's ``stop``, a second time if it raises; it takes at most ``timeout_s`` and is not interrupted.
+    """Call a driver's ``stop``, a second time if it raises; it takes at most ``timeout_s`` and is not interrupted.
 
     Returns:
         What went wrong with it; empty: it returned, the rig is stopped.

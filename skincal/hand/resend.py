@@ -1,4 +1,4 @@
-"""When an unanswered request is repeated: the retransmission timer of TCP (RFC 6298)."""
+"""The timer by which an unanswered request is repeated: that of TCP (RFC 6298)."""
 
 from __future__ import annotations
 

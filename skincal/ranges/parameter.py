@@ -100,7 +100,7 @@ class Parameter:
         return {name: np.asarray(numbers, dtype=np.float64) for name, numbers in self.figures().items()}
 
     def __str__(self) -> str:
-        """The figures in a few characters, for tables."""
+        """Return the figures in a few characters, for tables."""
         if self.size is not None:
             return f"{self.size} {'values' if self.value is not None else 'ranges'}"
         sigma = {} if self.sigma_from is None else {"sigma": self.sigma_from.rpartition(".")[2]}

@@ -6,10 +6,11 @@ from pathlib import Path
 
 from PIL import Image
 
+from skincal.envs.trajectories import POLICY_HZ
 from skincal.files import whole_file
 from skincal.ranges import Ranges
 from skincal.train import Policy
-from skincal.train.evaluate import POLICY_HZ, Trial, environment_for, episode
+from skincal.train.evaluate import Trial, environment_for, episode
 
 COLOURS = 128
 

@@ -34,7 +34,7 @@ class Progress:
 
     @classmethod
     def of(cls, table: dict[str, Any]) -> Progress:
-        """Progress from plain values.
+        """Return progress from plain values.
 
         Raises:
             LookupError, TypeError, ValueError: a number is missing or out of bounds.
@@ -46,7 +46,7 @@ class Progress:
 
 
 def save_checkpoint(learner: Learner, progress: Progress, folder: Path) -> None:
-    """Writes everything that a run needs to go on as if it had never stopped; the one before is replaced."""
+    """Write everything that a run needs to go on as if it had never stopped; the one before is replaced."""
     with whole_folder(folder, force=True, marker=STATE) as temporary:
         learner.save_weights(temporary / learner.weights_file)
         np.savez(temporary / ARRAYS, **learner.arrays())  # type: ignore[arg-type]
@@ -55,7 +55,7 @@ def save_checkpoint(learner: Learner, progress: Progress, folder: Path) -> None:
 
 
 def load_checkpoint(learner: Learner, folder: Path) -> Progress:
-    """Takes a run up where its last checkpoint left it.
+    """Take a run up where its last checkpoint left it.
 
     Raises:
         InputError: the checkpoint is damaged, or of another task or backend.

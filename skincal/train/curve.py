@@ -36,22 +36,22 @@ class Curve:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Closes the file."""
+        """Close the file."""
         self._file.close()
 
     def add(self, row: Round) -> None:
-        """Appends a row."""
+        """Append a row."""
         values = astuple(row)
         self._file.write(_text([[str(values[0]), *(f"{value:.6g}" for value in values[1:])]]))
         self._file.flush()
 
     def sync(self) -> None:
-        """Brings the rows to the disk."""
+        """Bring the rows to the disk."""
         os.fsync(self._file.fileno())
 
 
 def read_curve(path: str | Path) -> dict[str, NDArray[np.float64]]:
-    """The columns of a learning curve by name (see :class:`~skincal.train.watch.Round`).
+    """Return the columns of a learning curve by name (see :class:`~skincal.train.watch.Round`).
 
     Raises:
         InputError: there is no such file, or it is something else.
@@ -65,7 +65,7 @@ def read_curve(path: str | Path) -> dict[str, NDArray[np.float64]]:
 
 
 def _rows(path: Path) -> list[list[str]]:
-    """Whole rows below the head; the last line of a killed run may be cut off."""
+    """Return whole rows below the head; the last line of a killed run may be cut off."""
     try:
         head, *rows = parse_csv(read_text(path, within=path.parent)) or [[]]
         if tuple(head) != COLUMNS:

@@ -18,7 +18,7 @@ PACKAGES = ("skincal", "gymnasium", "numpy", "pybullet", "stable-baselines3", "t
 
 
 def describe(work: Work, ranges: Ranges, learner: Learner, steps: int, wall_s: float) -> Description:
-    """The description of a run's policy."""
+    """Return the description of a run's policy."""
     return Description(
         task=work.task,
         policy=work.policy,
@@ -37,7 +37,7 @@ def describe(work: Work, ranges: Ranges, learner: Learner, steps: int, wall_s: f
 
 
 def _layout(learner: Learner) -> tuple[dict[str, Any], ...]:
-    """The parts of the policy's observation: as the environment tells them, or one for all."""
+    """Return the parts of the policy's observation: as the environment tells them, or one for all."""
     environments = learner.normalised
     if environments.has_attr("observation_layout"):
         return tuple(dict(part) for part in environments.get_attr("observation_layout", 0)[0])

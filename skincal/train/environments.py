@@ -22,7 +22,7 @@ Make = Callable[[], "gymnasium.Env[Any, Any]"]
 
 
 def make_environment(work: Work, ranges: Ranges | None) -> gymnasium.Env[Any, Any]:
-    """One environment of a task."""
+    """Return one environment of a task."""
     import skincal.envs  # noqa: F401  # registers the tasks
 
     name = ENVIRONMENT_IDS[work.task]
@@ -46,7 +46,7 @@ def in_full(work: Work, ranges: Ranges | None) -> Work:
 
 
 def parallel(make: Make, number: int, *, processes: bool = False) -> VecEnv:
-    """Several environments side by side.
+    """Return several environments side by side.
 
     Args:
         make: makes one.
@@ -58,7 +58,7 @@ def parallel(make: Make, number: int, *, processes: bool = False) -> VecEnv:
 
 
 def end(environments: VecEnv) -> None:
-    """Ends environments in the middle of their work.
+    """End environments in the middle of their work.
 
     An orderly close waits for every answer that was asked for, for ever for one that an interrupt has already taken.
     """
@@ -75,10 +75,10 @@ def end(environments: VecEnv) -> None:
 
 
 def segment_seed(seed: int, segment: int) -> int:
-    """Seed of the environments in the part of a run between two checkpoints."""
+    """Return the seed of the environments in the part of a run between two checkpoints."""
     return int(np.random.SeedSequence([seed, segment]).generate_state(1)[0] >> 1)
 
 
 def maker(work: Work, ranges: Ranges | None) -> Make:
-    """A function without arguments that makes one environment."""
+    """Return a function without arguments that makes one environment."""
     return partial(make_environment, work, ranges)

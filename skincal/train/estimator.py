@@ -64,7 +64,7 @@ class Estimator:
     quality: Quality
 
     def __call__(self, images_counts: ArrayLike) -> FloatArray:
-        """Places (..., 2) of the contact in patch coordinates [m].
+        """Return places (..., 2) of the contact in patch coordinates [m].
 
         Args:
             images_counts: (..., J) counts above the level at rest; NaN counts as 0.
@@ -93,7 +93,7 @@ def learn(
     rate: float = 2e-3,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Network:
-    """Fits a perceptron with two hidden layers by Adam; the loss is the Huber loss, so that odd images count less.
+    """Fit a perceptron with two hidden layers by Adam; the loss is the Huber loss, so that odd images count less.
 
     Args:
         images_counts: (N, J) above rest.
@@ -132,7 +132,7 @@ def learn(
 
 
 def _gradient(parameters: list[FloatArray], x: FloatArray, y: FloatArray) -> list[FloatArray]:
-    """The gradient of the mean Huber loss by each parameter."""
+    """Return the gradient of the mean Huber loss by each parameter."""
     weights, biases = parameters[:3], parameters[3:]
     hidden = [x]
     for weight, bias in zip(weights[:-1], biases[:-1], strict=True):
@@ -150,7 +150,7 @@ def _gradient(parameters: list[FloatArray], x: FloatArray, y: FloatArray) -> lis
 
 
 def write_estimator(estimator: Estimator, path: Path, *, force: bool = False) -> None:
-    """Writes a file of plain numbers (``.npz``), whole or not at all."""
+    """Write a file of plain numbers (``.npz``), whole or not at all."""
     network = estimator.network
     about = {
         "format": FORMAT,
@@ -173,7 +173,7 @@ def write_estimator(estimator: Estimator, path: Path, *, force: bool = False) ->
 
 
 def read_estimator(path: str | Path) -> Estimator:
-    """Reads what :func:`write_estimator` wrote; nothing in the file is code.
+    """Read what :func:`write_estimator` wrote; nothing in the file is code.
 
     Raises:
         InputError: the file cannot be read, or is something else.

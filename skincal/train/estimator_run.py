@@ -30,7 +30,7 @@ def train_estimator(
     epochs: int = 40,
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Estimator:
-    """Draws hands, learns from most of them, and judges on the rest.
+    """Draw hands, learns from most of them, and judges on the rest.
 
     Args:
         ranges: what is drawn.
@@ -58,7 +58,7 @@ def train_estimator(
 
 
 def judge(places_of: Callable[[FloatArray], FloatArray], touches: Touches, back: int) -> Quality:
-    """Errors on the last hands, where the contact lies on the taxels.
+    """Return the errors on the last hands, where the contact lies on the taxels.
 
     Args:
         places_of: places (N, 2) [m] of images (N, J).

@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.envs.trajectories import ORIENTATIONS_DEG, POLICY_HZ
 from skincal.errors import input_error
 from skincal.ranges import Ranges
 from skincal.train.policy_file import Policy
@@ -17,10 +18,6 @@ from skincal.train.scores import Runs
 from skincal.train.tasks import ENVIRONMENT_IDS, Task
 
 Environment = gymnasium.Env[Any, Any]
-
-POLICY_HZ: Final = 10
-ORIENTATIONS_DEG: Final = (-45.0, 0.0, 45.0, 90.0)
-"""Of the bolt; the episodes take turns [°]."""
 
 RANDOMIZED: Final = ("finger.joint_offset_rad",)
 """All that is randomised in the published evaluation; everything else is nominal."""
@@ -58,7 +55,7 @@ class Trial:
         return round((self.duration_s or DURATION_S[self.task]) * POLICY_HZ)
 
     def options(self, episode: int) -> dict[str, Any]:
-        """Initial conditions of an episode."""
+        """Return the initial conditions of an episode."""
         options: dict[str, Any] = {
             "duration_s": self.steps / POLICY_HZ,
             "randomize": "all" if self.randomize is None else list(self.randomize),
@@ -71,7 +68,7 @@ class Trial:
         return {**options, "orientation_deg": ORIENTATIONS_DEG[episode % len(ORIENTATIONS_DEG)]}
 
     def episode_seed(self, episode: int) -> int:
-        """Seed of an episode."""
+        """Return the seed of an episode."""
         return int(np.random.SeedSequence([self.seed, episode]).generate_state(1)[0] >> 1)
 
 
@@ -86,7 +83,7 @@ class Step:
 
 
 def check_task(policy: Policy, task: Task) -> None:
-    """Checks that a policy was made for a task.
+    """Check that a policy was made for a task.
 
     Raises:
         InputError: it was made for another.
@@ -99,7 +96,7 @@ def check_task(policy: Policy, task: Task) -> None:
 def environment_for(
     policy: Policy, trial: Trial, ranges: Ranges | None = None, **arguments: Any
 ) -> Environment:
-    """The environment in which a policy is tried.
+    """Return the environment in which a policy is tried.
 
     Raises:
         InputError: the policy is of another task, or sees something else than the environment shows.
@@ -116,7 +113,7 @@ def environment_for(
 
 
 def check_fits(policy: Policy, environment: Environment) -> None:
-    """Checks that a policy sees and moves as much as an environment has.
+    """Check that a policy sees and moves as much as an environment has.
 
     Raises:
         InputError: it does not.
@@ -130,7 +127,7 @@ def check_fits(policy: Policy, environment: Environment) -> None:
 
 
 def episode(policy: Policy, environment: Environment, trial: Trial, number: int) -> Iterator[Step]:
-    """One episode, step by step."""
+    """Return one episode, step by step."""
     observation, _ = environment.reset(seed=trial.episode_seed(number), options=trial.options(number))
     over = False
     while not over:
@@ -146,7 +143,7 @@ def evaluate(
     *,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Runs:
-    """Lets a policy act for all episodes of a trial.
+    """Let a policy act for all episodes of a trial.
 
     Args:
         policy: acts without noise.

@@ -34,7 +34,7 @@ class Fare:
 
 
 def fare(runs: Runs) -> Fare:
-    """Predicts from runs, each on another hand.
+    """Predict from runs, each on another hand.
 
     Args:
         runs: at least one of them held until 2 s or longer, or the error is NaN.

@@ -77,7 +77,7 @@ class Learner(ABC):
         return self.model.num_timesteps
 
     def learn(self, rounds: int, seed: int, progress: Callable[[Round], None]) -> None:
-        """Gathers and learns for so many rounds, from fresh episodes on.
+        """Gather and learns for so many rounds, from fresh episodes on.
 
         Args:
             rounds: how many.
@@ -93,7 +93,7 @@ class Learner(ABC):
         self.model.learn(steps, callback=self._watch, reset_num_timesteps=False, log_interval=None)  # type: ignore[arg-type]
 
     def network(self) -> Network:
-        """The policy as it is now."""
+        """Return the policy as it is now."""
         seen = self._statistics[ACTOR_KEY]
         return Network.build(seen.mean, seen.var, self.settings.observation_clip, self._actor_layers())
 
@@ -107,7 +107,7 @@ class Learner(ABC):
         return found | self._memory()
 
     def restore(self, arrays: Arrays) -> None:
-        """Takes over what :meth:`arrays` gave."""
+        """Take over what :meth:`arrays` gave."""
         model = self.model
         model.num_timesteps, model._n_updates, model._episode_num = (int(n) for n in arrays["counters"])
         for key, value in self._statistics.items():
@@ -120,7 +120,7 @@ class Learner(ABC):
         return {}
 
     def _restore_memory(self, arrays: Arrays) -> None:
-        """Takes over what :meth:`_memory` gave."""
+        """Take over what :meth:`_memory` gave."""
         del arrays
 
     def random_state(self) -> dict[str, Any]:
@@ -134,7 +134,7 @@ class Learner(ABC):
         return {"numpy": numpy, "actions": self.model.action_space.np_random.bit_generator.state}
 
     def restore_random(self, state: dict[str, Any]) -> None:
-        """Takes over what :meth:`random_state` gave."""
+        """Take over what :meth:`random_state` gave."""
         numpy = state["numpy"]
         key = np.array(numpy["state"]["key"], dtype=np.uint32)
         np.random.set_state({**numpy, "state": {**numpy["state"], "key": key}})  # noqa: NPY002
@@ -142,7 +142,7 @@ class Learner(ABC):
 
     @abstractmethod
     def save_weights(self, path: Path) -> None:
-        """Writes networks, optimisers, and the backend's own random state; nothing in it is code."""
+        """Write networks, optimisers, and the backend's own random state; nothing in it is code."""
 
     @abstractmethod
     def load_weights(self, path: Path) -> None:
@@ -150,11 +150,11 @@ class Learner(ABC):
 
     @abstractmethod
     def _make(self, environments: VecNormalize, settings: Any, seed: int) -> Any:
-        """The model."""
+        """Return the model."""
 
     @abstractmethod
     def _actor_layers(self) -> list[tuple[NDArray[Any], NDArray[Any]]]:
-        """Weights (inputs, outputs) and biases of the actor's mean."""
+        """Return weights (inputs, outputs) and biases of the actor's mean."""
 
     @property
     def _statistics(self) -> dict[str, RunningMeanStd]:
@@ -207,7 +207,7 @@ class OffPolicyLearner(Learner):
 
     @abstractmethod
     def _actor_state(self) -> Any:
-        """The actor's networks and optimiser, as they are now."""
+        """Return the actor's networks and optimiser, as they are now."""
 
     @abstractmethod
     def _restore_actor(self, state: Any) -> None:
@@ -221,7 +221,7 @@ class OffPolicyLearner(Learner):
 
 
 def published(settings: Settings) -> dict[str, Any]:
-    """The settings by the names that both backends know them by."""
+    """Return the settings by the names that both backends know them by."""
     return {
         "learning_rate": settings.learning_rate,
         "buffer_size": settings.buffer_size,
@@ -246,7 +246,7 @@ def _buffer_parts(buffer: DictReplayBuffer) -> Arrays:
 
 
 def _buffer_arrays(buffer: DictReplayBuffer) -> Arrays:
-    """The filled part of a replay buffer, shapes (steps, environments, …)."""
+    """Return the filled part of a replay buffer, shapes (steps, environments, …)."""
     filled = buffer.buffer_size if buffer.full else buffer.pos
     arrays = {f"buffer/{name}": part[:filled] for name, part in _buffer_parts(buffer).items()}
     return arrays | {"buffer_at": np.array([buffer.pos, int(buffer.full)])}

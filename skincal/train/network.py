@@ -42,7 +42,7 @@ class Network:
         clip: float,
         layers: Sequence[tuple[ArrayLike, ArrayLike]],
     ) -> Network:
-        """Makes one from running statistics and (weight, bias) of the layers."""
+        """Make one from running statistics and (weight, bias) of the layers."""
         variance = np.asarray(variance, dtype=np.float64)
         return cls(
             _frozen(mean),
@@ -63,7 +63,7 @@ class Network:
         return len(self.biases[-1])
 
     def __call__(self, observation: ArrayLike) -> Array:
-        """The actions (N, A) in [-1, 1] for observations (N, O)."""
+        """Return the actions (N, A) in [-1, 1] for observations (N, O)."""
         x = np.clip((np.asarray(observation, np.float32) - self.mean) * self.scale, -self.clip, self.clip)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = np.maximum(x @ weight + bias, np.float32(0.0))

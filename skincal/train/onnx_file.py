@@ -27,7 +27,7 @@ IR_VERSION: Final = 8
 def write_policy(
     network: Network, description: Description, path: str | Path, *, force: bool = False
 ) -> None:
-    """Writes a policy file; it appears whole or not at all.
+    """Write a policy file; it appears whole or not at all.
 
     Args:
         network: what it computes.
@@ -41,7 +41,7 @@ def write_policy(
 
 
 def as_onnx(network: Network, description: Description) -> onnx.ModelProto:
-    """The graph: subtract, scale, clip, then a matrix product, a sum and a bend for every layer."""
+    """Return the graph: subtract, scale, clip, then a matrix product, a sum and a bend for every layer."""
     numbers = _numbers(network)
     graph = helper.make_graph(
         _nodes(len(network.weights)),
@@ -58,7 +58,7 @@ def as_onnx(network: Network, description: Description) -> onnx.ModelProto:
 
 
 def parse_policy(content: bytes) -> tuple[Network, Description]:
-    """The network and the description in an ONNX file: the inverse of :func:`as_onnx`.
+    """Return the network and the description in an ONNX file: the inverse of :func:`as_onnx`.
 
     No operator of the file is run: its graph has to be the one that :func:`as_onnx` writes, and its numbers then are
     all that the network needs.
@@ -91,14 +91,14 @@ def parse_policy(content: bytes) -> tuple[Network, Description]:
 
 
 def _array(tensor: onnx.TensorProto) -> NDArray[np.float32]:
-    """The numbers of an initializer that stand in the file itself."""
+    """Return the numbers of an initializer that stand in the file itself."""
     if tensor.data_type != TensorProto.FLOAT or tensor.data_location != TensorProto.DEFAULT:
         raise ValueError(f"{tensor.name}: other numbers than float32 of this file")
     return np.frombuffer(tensor.raw_data, dtype="<f4").reshape(tuple(tensor.dims))
 
 
 def _network(numbers: dict[str, NDArray[np.float32]], layers: int) -> Network:
-    """A network of initializers, whose shapes fit and whose numbers are finite."""
+    """Return a network of initializers, whose shapes fit and whose numbers are finite."""
     names = [f"{kind}_{i}" for i in range(layers) for kind in ("weight", "bias")]
     if set(numbers) != {"mean", "scale", "low", "high", *names} or not layers:
         raise UnreadableError(

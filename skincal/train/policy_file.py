@@ -77,7 +77,7 @@ class Description(Table, unknown="keep"):
         return sum(part["size"] for part in self.observation)
 
     def as_table(self) -> dict[str, Any]:
-        """Plain values, with the format's name."""
+        """Return plain values, with the format's name."""
         table = {**asdict(self), "task": str(self.task), "policy": str(self.policy)}
         return {"format": FORMAT, **table, "observation": [dict(part) for part in self.observation]}
 
@@ -132,7 +132,7 @@ class Policy:
 
 
 def read_policy(path: str | Path) -> Policy:
-    """Reads a policy file.
+    """Read a policy file.
 
     Raises:
         InputError: it cannot be read, is no policy of skincal's, or does not hang together.

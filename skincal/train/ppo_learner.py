@@ -27,7 +27,7 @@ class Halves(torch.nn.Module):
         self.latent_dim_pi = self.latent_dim_vf = hidden[-1]
 
     def forward(self, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Both."""
+        """Return the features of actor and critic (N, hidden)."""
         return self.forward_actor(seen), self.forward_critic(seen)
 
     def forward_actor(self, seen: torch.Tensor) -> torch.Tensor:

@@ -28,7 +28,7 @@ class Part(BaseFeaturesExtractor):
         self.keys = keys
 
     def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
-        """Shape (N, features)."""
+        """Return the parts side by side, shape (N, features)."""
         return torch.cat([observations[key] for key in self.keys], dim=1)
 
 
@@ -36,11 +36,11 @@ class AsymmetricPolicy(SACPolicy):
     """The actor sees what a robot sees, the critics all that the simulation knows."""
 
     def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Actor:
-        """An actor on its part of the observation."""
+        """Return an actor on its part of the observation."""
         return super().make_actor(Part(self._space, (ACTOR_KEY,)))
 
     def make_critic(self, features_extractor: BaseFeaturesExtractor | None = None) -> ContinuousCritic:
-        """A pair of critics on the whole observation."""
+        """Return a pair of critics on the whole observation."""
         return super().make_critic(Part(self._space, (CRITIC_KEY, ACTOR_KEY)))
 
     @property

@@ -33,7 +33,7 @@ class PartActor(SquashedGaussianActor):
 
     @nn.compact
     def __call__(self, x: Any) -> Any:
-        """The distribution of actions for observations (N, O)."""
+        """Return the distribution of actions for observations (N, O)."""
         x = x.reshape((x.shape[0], -1))[:, self.first : self.first + self.columns]
         return SquashedGaussianActor(
             net_arch=self.net_arch, action_dim=self.action_dim, activation_fn=self.activation_fn
@@ -57,11 +57,11 @@ class SbxLearner(OffPolicyLearner):
         )
 
     def save_weights(self, path: Path) -> None:
-        """Writes networks, optimisers, entropy coefficient and jax's random keys."""
+        """Write networks, optimisers, entropy coefficient and jax's random keys."""
         path.write_bytes(serialization.to_bytes(self._state()))
 
     def load_weights(self, path: Path) -> None:
-        """Reads them; the file holds numbers only."""
+        """Read them; the file holds numbers only."""
         kept = serialization.from_bytes(self._state(), read_bytes(path, MOST_ARRAY_BYTES))
         policy = self.model.policy
         policy.actor_state, policy.qf_state = kept["actor"], kept["critic"]

@@ -62,7 +62,7 @@ class Runs:
         return len(self.error_m)
 
     def of(self, rows: BoolArray) -> Runs:
-        """Some of the episodes."""
+        """Return some of the episodes."""
         parts = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "time_s"}
         return Runs(self.time_s, **{name: values[rows] for name, values in parts.items()})
 
@@ -125,7 +125,7 @@ class Rolling:
 
 
 def score(runs: Runs, rng: np.random.Generator) -> Score:
-    """Sums up the tracking errors of a policy.
+    """Sum up the tracking errors of a policy.
 
     Args:
         runs: its episodes.
@@ -152,7 +152,7 @@ def score(runs: Runs, rng: np.random.Generator) -> Score:
 
 
 def mean_error_m(error_m: FloatArray, weights: NDArray[np.integer] | FloatArray) -> FloatArray:
-    """Mean over the episodes still going.
+    """Return the mean over the episodes still going.
 
     Args:
         error_m: shape (N, T), NaN after an episode's end.
@@ -168,7 +168,7 @@ def mean_error_m(error_m: FloatArray, weights: NDArray[np.integer] | FloatArray)
 
 
 def rolling(runs: Runs) -> Rolling:
-    """Sums up how a bolt was rolled, over all orientations and for each."""
+    """Sum up how a bolt was rolled, over all orientations and for each."""
     orientations = sorted(set(runs.orientation_deg.tolist()))
     parts = {f"{degrees:g}": _rolling(runs.of(runs.orientation_deg == degrees)) for degrees in orientations}
     return replace(_rolling(runs), by_orientation_deg=parts)
@@ -213,14 +213,14 @@ def direction_right(object_m: FloatArray, target_m: FloatArray) -> bool:
 
 
 def _interval(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper end of the interval of values (B, T) over draws; NaN where any draw has nothing."""
+    """Return the lower and upper end of the interval of values (B, T) over draws; NaN where any draw has nothing."""
     tail = (1.0 - LEVEL) / 2.0
     low, high = np.quantile(values, (tail, 1.0 - tail), axis=0)
     return low, high
 
 
 def mean_of_finite(values: FloatArray) -> FloatArray:
-    """Mean of each row over what is finite; NaN of nothing."""
+    """Return the mean of each row over what is finite; NaN of nothing."""
     finite = np.isfinite(values)
     number = finite.sum(axis=1)
     total = np.where(finite, values, 0.0).sum(axis=1)

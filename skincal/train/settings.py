@@ -124,7 +124,7 @@ class Work(Table, unknown="keep"):
     start: str = ""
 
     def as_table(self) -> dict[str, Any]:
-        """All of it as plain values, for a file."""
+        """Return all of it as plain values, for a file."""
         table = asdict(self)
         table["settings"]["hidden"] = list(self.settings.hidden)
         return {**table, "task": str(self.task), "policy": str(self.policy), "backend": str(self.backend)}

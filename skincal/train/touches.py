@@ -61,7 +61,7 @@ def draw_touches(
     rng: np.random.Generator,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Touches:
-    """Lets a marble wander over the skins of drawn hands, at forces that change.
+    """Let a marble wander over the skins of drawn hands, at forces that change.
 
     Args:
         ranges: what is drawn, effects included.

@@ -69,7 +69,7 @@ def begin(
     start: Policy | None = None,
     force: bool = False,
 ) -> None:
-    """Makes the folder of a run: what it is, the environment's numbers included, and the ranges it randomises over.
+    """Make the folder of a run: what it is, the environment's numbers included, and the ranges it randomises over.
 
     Args:
         work: what is learned, and how.
@@ -110,7 +110,7 @@ def _check_start(start: Policy, work: Work) -> None:
 
 
 def read_run(folder: Path) -> tuple[Work, Ranges]:
-    """Options of a run.
+    """Return options of a run.
 
     Raises:
         InputError: the folder is no run's.
@@ -140,7 +140,7 @@ def train(
     processes: bool = False,
     progress: Callable[[Round], None] = lambda _: None,
 ) -> Trained:
-    """Trains until a run has so many steps; goes on from its last checkpoint where there is one.
+    """Train until a run has so many steps; goes on from its last checkpoint where there is one.
 
     Args:
         folder: of the run, made by :func:`begin`.
@@ -177,14 +177,14 @@ class _Course:
             learner.go_on_from(None if there else start.network, start.description.steps)
 
     def go_on(self, rounds: int) -> None:
-        """Works until so many rounds are done."""
+        """Work until so many rounds are done."""
         with Curve(self.folder / CURVE, self.progress.steps) as curve:
             while self.progress.rounds < rounds:
                 self._segment(min(rounds, self._next_checkpoint()), curve)
                 self.write_policy()
 
     def write_policy(self) -> Description:
-        """Writes the policy as it is now."""
+        """Write the policy as it is now."""
         network = self.learner.network()
         if not all(np.isfinite(layer).all() for layer in (*network.weights, *network.biases)):
             raise WorkError(
@@ -224,7 +224,7 @@ def _learner(work: Work, make: Make, *, processes: bool) -> Generator[Learner]:
 
 
 def _backend(work: Work) -> type[Learner]:
-    """The learner of a run, whose libraries are loaded only now."""
+    """Return the learner of a run, whose libraries are loaded only now."""
     name = work.backend
     try:
         if isinstance(work.settings, PpoSettings):

@@ -102,12 +102,12 @@ class RoundWatch(BaseCallback):
 
 
 def _figure(figures: dict[str, Any], *names: str) -> float:
-    """The first of some figures that there is: algorithms name them unlike."""
+    """Return the first of some figures that there is: algorithms name them unlike."""
     return next((float(figures[name]) for name in names if name in figures), float("nan"))
 
 
 def _mean(values: list[Any]) -> float:
-    """Mean of what is finite (an object that is lost has no distance); NaN of nothing."""
+    """Return the mean of what is finite (an object that is lost has no distance); NaN of nothing."""
     array = np.array(values, dtype=np.float64)
     array = array[np.isfinite(array)]
     return float(array.mean()) if array.size else float("nan")
