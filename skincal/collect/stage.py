@@ -132,9 +132,9 @@ class StageSession:
         self._stage.act(self._tip)
         return self._see(phase)
 
-    def _wait(self, seconds: float, phase: int = IDLE) -> None:
+    def _wait(self, seconds: float) -> None:
         for _ in range(max(1, round(seconds / self._stage.period_s))):
-            self._step(self._tip, phase)
+            self._step(self._tip, IDLE)
 
     def _go(self, target: FloatArray | list[float]) -> None:
         """Move straight to a point, no faster than allowed."""

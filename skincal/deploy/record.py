@@ -64,13 +64,7 @@ class Record:
 
 
 def write_record(
-    record: Record,
-    description: HandDescription,
-    path: Path,
-    *,
-    radius_m: float,
-    source: str,
-    force: bool = False,
+    record: Record, description: HandDescription, path: Path, *, radius_m: float, source: str
 ) -> None:
     """Write a run as a dataset of one press: the time in which the policy acted.
 
@@ -83,7 +77,6 @@ def write_record(
         path: folder to make.
         radius_m: of the object [m].
         source: for ``dataset.toml``.
-        force: whether an earlier dataset there is replaced.
     """
     meta = replace(
         description.meta,
@@ -93,7 +86,7 @@ def write_record(
         assumed=("position",),
         sensor=replace(description.meta.sensor, baseline="raw"),
     )
-    write_dataset(Dataset(meta, *_tables(record, description)), path, force=force)
+    write_dataset(Dataset(meta, *_tables(record, description)), path)
 
 
 def _tables(record: Record, description: HandDescription) -> tuple[Presses, Frames]:

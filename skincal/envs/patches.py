@@ -5,6 +5,7 @@ from __future__ import annotations
 from skincal.model import Cylinder, Patch, SensorPose, TaxelLayout
 
 _MARGIN_M = 8e-3
+"""How far the skin goes on around the taxels [m]."""
 
 
 class PatchMould:
@@ -17,7 +18,6 @@ class PatchMould:
         surface: the fingertip.
         layout: the taxels.
         resolution_m: longest edge of a cell [m].
-        margin_m: how far the skin goes on around the taxels [m].
     """
 
     def __init__(
@@ -25,11 +25,10 @@ class PatchMould:
         surface: Cylinder,
         layout: TaxelLayout,
         resolution_m: float = 0.25e-3,
-        margin_m: float = _MARGIN_M,
     ) -> None:
         self._surface = surface
         # Always at the same pose: the order of sums must not depend on what was asked for before.
-        self._first = Patch.build(surface, layout, SensorPose(0.0, 0.0), resolution_m, margin_m)
+        self._first = Patch.build(surface, layout, SensorPose(0.0, 0.0), resolution_m, _MARGIN_M)
 
     def at(self, pose: SensorPose) -> Patch:
         """Return the patch at a pose."""

@@ -62,10 +62,10 @@ def still(steps: int) -> FloatArray:
     return np.zeros((steps, 2))
 
 
-def sine(steps: int, frequency_hz: float, amplitude_m: float = BOLT_AMPLITUDE_M) -> FloatArray:
+def sine(steps: int, frequency_hz: float) -> FloatArray:
     """Return the bolt's way along its normal (steps, 1) [m]."""
     phase = 2 * np.pi * frequency_hz * np.arange(steps) / POLICY_HZ
-    return amplitude_m * np.sin(phase)[:, None]
+    return BOLT_AMPLITUDE_M * np.sin(phase)[:, None]
 
 
 FIXED: Final[dict[str, Callable[[int], FloatArray]]] = {"circle": circle, "still": still}

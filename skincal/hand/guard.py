@@ -14,14 +14,11 @@ from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription, check_limits
 
 
-class GuardedHand(Guarded[HandState, HandCommand]):
-    """A hand that is safe to move: used as a driver is, within a ``with`` block, for one connection.
+class GuardedHand(Guarded[HandDescription, HandState, HandCommand]):
+    """A hand that is safe to move; arguments are those of :class:`~skincal.hand.guarded.Guarded`.
 
     Args:
-        driver: the hand.
-        options: limits and times.
         contact_force: the contact force of a state [N], from its joint angles and torques; None: not checked.
-        clock: our clock [s].
     """
 
     rig = "hand"
@@ -34,21 +31,15 @@ class GuardedHand(Guarded[HandState, HandCommand]):
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__(driver, options, clock)
-        self._driver, self._contact_force = driver, contact_force
-
-    @property
-    def description(self) -> HandDescription:
-        """The hand."""
-        return self._driver.description
+        self._contact_force = contact_force
 
     def nearest(self, q_desired_rad: FloatArray) -> HandCommand:
         """Return the allowed command nearest to some angles (n,) [rad], within joint limits and speed."""
         self._ready("nearest")
-        return HandCommand(self._commands.nearest(q_desired_rad, self._clock()))
+        return HandCommand(self._check_command.nearest(q_desired_rad, self._clock()))
 
     def _check_limits(self) -> None:
         check_limits(self.description, beyond=self._options.beyond_limits)
 
     def _checks(self) -> tuple[StateCheck, CommandCheck]:
-        self._commands = CommandCheck(self._driver)
-        return StateCheck(self._driver, self._options, self._contact_force), self._commands
+        return StateCheck(self._made, self._options, self._contact_force), CommandCheck(self._made)

@@ -23,11 +23,10 @@ from types import TracebackType
 from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
 
 from skincal.errors import one_line, quoted, shown, text_of
-from skincal.hand.driver import HandDriver
+from skincal.hand.driver import Driver
 from skincal.hand.errors import ADVICE, HandError, HandErrorKind, Violation, again, described
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.halt import HURRY_S, halt, stopped
-from skincal.hand.stage import StageDriver
 from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
 from skincal.signals import held_back
 
@@ -38,16 +37,19 @@ LONGEST_PERIOD_S = 1.0
 PATIENCE = 10.0
 """Factor by which a simulated rig may take longer to connect; compilation takes about 15 s on an idle core."""
 
+Description = TypeVar("Description")
 State = TypeVar("State")
 Command = TypeVar("Command")
 
 
-class Guarded(ABC, Generic[State, Command]):
+class Guarded(ABC, Generic[Description, State, Command]):
     """A rig that is safe to move: used like a driver, within a ``with`` block, for one connection.
 
     A separate thread of the guard makes all calls to the driver, except for ``stop``.
 
     Args:
+        driver: the rig, not connected.
+        options: limits and times; ``max_force_n`` replaces that of the description.
         clock: our clock [s].
     """
 
@@ -56,7 +58,7 @@ class Guarded(ABC, Generic[State, Command]):
 
     def __init__(
         self,
-        driver: HandDriver | StageDriver,
+        driver: Driver[Description, State, Command],
         options: GuardOptions | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -81,6 +83,11 @@ class Guarded(ABC, Generic[State, Command]):
     @abstractmethod
     def _checks(self) -> tuple[Any, Any]:
         """Return the checks of states and of commands of the connected rig (:mod:`skincal.hand.checks`)."""
+
+    @property
+    def description(self) -> Description:
+        """The description of the rig."""
+        return self._made.description
 
     @property
     def name(self) -> str:

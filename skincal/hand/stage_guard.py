@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -29,42 +27,21 @@ MOST_TRAVEL_M, MOST_SPEED_M_PER_S, MOST_FORCE_N = 1.0, 0.5, 200.0
 moves next to a person (0.25 m/s, ISO 10218-1), and ten times the force that a skin is pressed with."""
 
 
-class GuardedStage(Guarded[StageState, FloatArray]):
-    """A stage that is safe to move: limits of travel, speed and force, and calls that return in time.
-
-    Args:
-        driver: the stage.
-        options: times; ``max_force_n`` replaces that of the description.
-        clock: our clock [s].
-    """
+class GuardedStage(Guarded[StageDescription, StageState, FloatArray]):
+    """A stage that is safe to move; arguments are those of :class:`~skincal.hand.guarded.Guarded`."""
 
     rig = "stage"
-
-    def __init__(
-        self,
-        driver: StageDriver,
-        options: GuardOptions | None = None,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        super().__init__(driver, options, clock)
-        self._driver = driver
-
-    @property
-    def description(self) -> StageDescription:
-        """The rig."""
-        return self._driver.description
 
     def nearest(self, position_m: FloatArray) -> FloatArray:
         """Return the allowed position nearest to a position (3,) [m], within travel and speed."""
         self._ready("nearest")
-        return self._commands.nearest(position_m, self._clock())
+        return self._check_command.nearest(position_m, self._clock())
 
     def _check_limits(self) -> None:
         check_stage(self.description, beyond=self._options.beyond_limits)
 
     def _checks(self) -> tuple[StageStateCheck, StageCommandCheck]:
-        self._commands = StageCommandCheck(self._driver)
-        return StageStateCheck(self._driver, self._options), self._commands
+        return StageStateCheck(self._made, self._options), StageCommandCheck(self._made)
 
     def _advice(self, kind: HandErrorKind) -> str:
         return ""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from skincal.cli.main import main
-from skincal.collect import collect
+from skincal.collect import Progress, collect
 from skincal.collect.plan import Plan, PlannedPress
 from skincal.collect.stage import stage_plan
 from skincal.dataset import HOLD, read_dataset
@@ -43,6 +43,19 @@ def test_presses_are_made_at_their_place_and_force(tmp_path: Path) -> None:
     for number in range(3):
         held = (data.frames.phase == HOLD) & (data.frames.press == number)
         assert data.frames.force_n[held][5:] == pytest.approx(data.presses.force_n[number], abs=0.1)
+
+
+def test_progress_is_reported_in_every_period(tmp_path: Path) -> None:
+    seen: list[Progress] = []
+    rig = StageSim().description
+    collect(stage_plan(PLAN, rig), rig, lambda _: StageSim(seed=2), tmp_path / "run", watch=seen.append)
+    assert sorted({one.done for one in seen}) == [0, 1, 2, 3]
+    assert {one.doing for one in seen} == {"idle", "load", "hold", "unload"}
+    assert (np.diff([one.sample.time_s for one in seen]) > 0).all()
+    held = [one for one in seen if one.doing == "hold"]
+    assert [one.sample.force_n for one in held] == pytest.approx(
+        [one.planned.force_n for one in held], rel=0.1
+    )
 
 
 def test_an_interrupted_session_goes_on(tmp_path: Path) -> None:
