@@ -172,7 +172,7 @@ def _report(error: BaseException) -> int:
                 ]
             say("skincal: error: " + "\n".join(lines))
             return error.exit_status
-        case BrokenPipeError():
+        case BrokenPipeError() | SystemExit(__context__=BrokenPipeError()):  # typer turns one into the other
             # The reader (head, less) is gone; nothing more can be written, not even at interpreter exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         case OSError():

@@ -242,3 +242,16 @@ def test_any_exception_ends_without_a_traceback(
         main(["hand", "list"])
     assert ended.value.code == 1
     assert type(raised).__name__ in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["hand", "show", "dlr_hand_2"], ["hand", "list", "--json"]]
+)
+def test_a_reader_that_is_gone(arguments: list[str]):
+    """As ``head`` or ``less`` after its end: nothing is said, as nobody asks any more."""
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "skincal", *arguments]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (1, "")
