@@ -255,3 +255,33 @@ def test_a_reader_that_is_gone(arguments: list[str]):
     done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
     os.close(write)
     assert (done.returncode, done.stderr) == (1, "")
+
+
+def test_a_umask_that_takes_the_owners_rights(tmp_path: Path):
+    """Nothing is left over that its owner cannot remove."""
+    code = "import os; os.umask(0o777); from skincal.cli.main import main; main(['hand', 'keys', '--out', 'keys'])"
+    subprocess.run([sys.executable, "-P", "-c", code], cwd=tmp_path, capture_output=True, check=True)
+    assert (tmp_path / "keys").stat().st_mode & 0o777 == 0o700
+    assert [path.name for path in tmp_path.iterdir()] == ["keys"]
+
+
+def test_a_library_that_cannot_be_loaded(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """As where memory is limited."""
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise ImportError("x.so: failed to map segment", name="x")
+
+    monkeypatch.setattr("skincal.cli.main.app", fail)
+    with pytest.raises(SystemExit, match="1"):
+        main(["hand", "list"])
+    assert "a library cannot be loaded: x.so: failed to map segment" in capsys.readouterr().err
+
+
+def test_a_working_folder_that_is_gone(tmp_path: Path):
+    code = "import os; os.rmdir('.'); from skincal.cli.main import main; main(['hand', 'list'])"
+    here = tmp_path / "here"
+    here.mkdir()
+    command = [sys.executable, "-P", "-c", code]
+    done = subprocess.run(command, cwd=here, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "the working folder: expected one that exists; got a removed one" in done.stderr
