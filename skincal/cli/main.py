@@ -20,7 +20,7 @@ from skincal.cli import verbs
 from skincal.cli.interrupt import Ended, interruptible
 from skincal.cli.options import example
 from skincal.cli.terminal import json_alone, say
-from skincal.errors import SkincalError, input_error, quoted
+from skincal.errors import SkincalError, input_error, quoted, text_of
 from skincal.version import __version__
 
 app = typer.Typer(
@@ -58,10 +58,18 @@ def _root(
 def _refuse_settings_here() -> None:
     """Refuse to run where numba's settings lie: they say where it loads compiled code from, and may come with data."""
     file = Path(".numba_config.yaml")
-    if file.exists():
+    try:
+        here = Path.cwd()
+        found = file.exists()
+    except FileNotFoundError:
+        fix = "Change to another."
+        raise input_error("the working folder", "one that exists", "a removed one", fix) from None
+    except PermissionError:  # nobody can load anything from it
+        return
+    if found:
         fix = "Remove it, or run from another folder."
         got = f"{file}, from which numba takes where compiled code is loaded from"
-        raise input_error(str(Path.cwd()), "a working folder without settings of numba", got, fix)
+        raise input_error(str(here), "a working folder without settings of numba", got, fix)
 
 
 verbs.register(app)
@@ -70,6 +78,8 @@ verbs.register(app)
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit: 0 done, 1 the work failed, 2 the input is wrong, 130 interrupted."""
     _open_closed_streams()
+    # What is written can be read and removed again: a umask may not take the owner's own rights.
+    os.umask(os.umask(0o077) & 0o077)
     # Verbs only write figures: no other backend of Matplotlib, which may be missing or any module, is loaded.
     os.environ["MPLBACKEND"] = "agg"
     to_its_end = arguments is None
@@ -172,7 +182,7 @@ def _report(error: BaseException) -> int:
                 ]
             say("skincal: error: " + "\n".join(lines))
             return error.exit_status
-        case BrokenPipeError():
+        case BrokenPipeError() | SystemExit(__context__=BrokenPipeError()):  # typer turns one into the other
             # The reader (head, less) is gone; nothing more can be written, not even at interpreter exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         case OSError():
@@ -185,6 +195,11 @@ def _report(error: BaseException) -> int:
         case KeyboardInterrupt():
             say("skincal: interrupted")
             return 130
+        case ImportError() if not (error.name or "").startswith("skincal"):
+            say(
+                f"skincal: error: a library cannot be loaded: {text_of(error)}. Install skincal again; if it names "
+                "memory or a segment, raise the limit on it (ulimit -v)."
+            )
         case MemoryError():
             say("skincal: error: out of memory; use a coarser grid or fewer presses")
         case _:

@@ -53,8 +53,8 @@ class StateCheck:
         # A recording need not hold raw counts.
         sensor, raw = description.meta.sensor, driver.follows_commands
         self._counts = (
-            sensor.value_min if raw and sensor.value_min is not None else -LARGEST,
-            sensor.value_max if raw and sensor.value_max is not None else LARGEST,
+            max(-LARGEST, sensor.value_min) if raw and sensor.value_min is not None else -LARGEST,
+            min(LARGEST, sensor.value_max) if raw and sensor.value_max is not None else LARGEST,
         )
         self._whole = raw and sensor.integer
         self._answered_s = math.nan

@@ -120,8 +120,8 @@ class StageStateCheck:
 
     def _taxels(self, state: StageState) -> Violation | None:
         sensor, values = self._rig.meta.sensor, state.taxels[~np.isnan(state.taxels)]
-        low = -LARGEST if sensor.value_min is None else sensor.value_min
-        high = LARGEST if sensor.value_max is None else sensor.value_max
+        low = -LARGEST if sensor.value_min is None else max(-LARGEST, sensor.value_min)
+        high = LARGEST if sensor.value_max is None else min(LARGEST, sensor.value_max)
         good = (values >= low) & (values <= high) & np.isfinite(values)
         if sensor.integer:
             good &= values == np.rint(values)

@@ -17,25 +17,35 @@ MOST_FORCE_N = 50.0
 """Largest limits that are accepted by default. Twice the speed of the DLR-Hand II (360 deg/s; its torque is
 1.8 N m, the force of its fingertips 30 N), and more than any finger of this size gives or any skin bears."""
 
+MOST_STIFFNESS_NM_PER_RAD = 1000.0
+MOST_DAMPING_NMS_PER_RAD = 100.0
+MOST_COMPLIANCE_RAD_PER_NM = 1.0
+"""Largest gains, each more than twenty times that of the DLR-Hand II (5 N m/rad, 0.3 N m s/rad, 0.04 rad/(N m)); they
+decide where the simulation, the contact force and a hand-over take the fingers to be."""
+
 FIX = "Correct it; if the hand really bears that, allow it with --beyond-limits."
 
 
 def check_limits(description: HandDescription, *, beyond: bool = False) -> None:
-    """Refuse limits that no finger has.
+    """Refuse limits and gains that no finger has.
 
     Args:
         description: the hand.
         beyond: whether the user allows any limit.
 
     Raises:
-        InputError: some limits are above their bounds; all are reported.
+        InputError: some limits or gains are above their bounds; all are reported.
     """
-    limits = description.limits
+    limits, gains, give = description.limits, description.gains, description.compliance_rad_per_nm
+    give = np.zeros(1) if give is None else give
     turn = np.maximum(np.abs(limits.lower_rad), np.abs(limits.upper_rad))
     rows = (
         ("lower_deg, upper_deg", np.degrees(turn), MOST_TURN_DEG, "deg"),
         ("velocity_deg_per_s", np.degrees(limits.velocity_rad_per_s), MOST_VELOCITY_DEG_PER_S, "deg/s"),
         ("torque_nm", limits.torque_nm, MOST_TORQUE_NM, "N m"),
+        ("stiffness_nm_per_rad", gains.stiffness_nm_per_rad, MOST_STIFFNESS_NM_PER_RAD, "N m/rad"),
+        ("damping_nms_per_rad", gains.damping_nms_per_rad, MOST_DAMPING_NMS_PER_RAD, "N m s/rad"),
+        ("compliance_rad_per_nm", give, MOST_COMPLIANCE_RAD_PER_NM, "rad/(N m)"),
         ("max_force_n", np.array([description.max_force_n]), MOST_FORCE_N, "N"),
     )
     problems = [_problem(description, *row) for row in rows if not beyond and _exceeds(row[1], row[2])]

@@ -242,3 +242,46 @@ def test_any_exception_ends_without_a_traceback(
         main(["hand", "list"])
     assert ended.value.code == 1
     assert type(raised).__name__ in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["hand", "show", "dlr_hand_2"], ["hand", "list", "--json"]]
+)
+def test_a_reader_that_is_gone(arguments: list[str]):
+    """As ``head`` or ``less`` after its end: nothing is said, as nobody asks any more."""
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "skincal", *arguments]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
+def test_a_umask_that_takes_the_owners_rights(tmp_path: Path):
+    """Nothing is left over that its owner cannot remove."""
+    code = "import os; os.umask(0o777); from skincal.cli.main import main; main(['hand', 'keys', '--out', 'keys'])"
+    subprocess.run([sys.executable, "-P", "-c", code], cwd=tmp_path, capture_output=True, check=True)
+    assert (tmp_path / "keys").stat().st_mode & 0o777 == 0o700
+    assert [path.name for path in tmp_path.iterdir()] == ["keys"]
+
+
+def test_a_library_that_cannot_be_loaded(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """As where memory is limited."""
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise ImportError("x.so: failed to map segment", name="x")
+
+    monkeypatch.setattr("skincal.cli.main.app", fail)
+    with pytest.raises(SystemExit, match="1"):
+        main(["hand", "list"])
+    assert "a library cannot be loaded: x.so: failed to map segment" in capsys.readouterr().err
+
+
+def test_a_working_folder_that_is_gone(tmp_path: Path):
+    code = "import os; os.rmdir('.'); from skincal.cli.main import main; main(['hand', 'list'])"
+    here = tmp_path / "here"
+    here.mkdir()
+    command = [sys.executable, "-P", "-c", code]
+    done = subprocess.run(command, cwd=here, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "the working folder: expected one that exists; got a removed one" in done.stderr

@@ -9,12 +9,17 @@ import pytest
 
 from skincal.errors import InputError
 from skincal.robot import HandDescription, bundled_hand, check_limits
+from skincal.robot.description import ImpedanceGains
 
 
 def with_limits(**changes: object) -> HandDescription:
     hand = bundled_hand()
-    force = changes.pop("max_force_n", hand.max_force_n)
-    return replace(hand, limits=replace(hand.limits, **changes), max_force_n=force)  # type: ignore[arg-type]
+    own = {
+        name: changes.pop(name)
+        for name in ("max_force_n", "gains", "compliance_rad_per_nm")
+        if name in changes
+    }
+    return replace(hand, limits=replace(hand.limits, **changes), **own)  # type: ignore[arg-type]
 
 
 def test_the_bundled_hand_is_within_them() -> None:
@@ -31,6 +36,18 @@ def test_the_bundled_hand_is_within_them() -> None:
         ({"torque_nm": np.full(6, 1e300)}, "torque_nm of thumb_1: expected at most 10 N m; got 1e+300 N m"),
         ({"torque_nm": np.full(6, np.nan)}, "expected at most 10 N m; got nan N m"),
         ({"upper_rad": np.full(6, 7.0)}, "expected at most 360 deg; got 401.07 deg"),
+        (
+            {"gains": ImpedanceGains(np.full(6, 1e308), np.full(6, 0.3), 20.0)},
+            "stiffness_nm_per_rad of thumb_1: expected at most 1000 N m/rad; got 1e+308 N m/rad",
+        ),
+        (
+            {"gains": ImpedanceGains(np.full(6, 5.0), np.full(6, 300.0), 20.0)},
+            "damping_nms_per_rad of thumb_1: expected at most 100 N m s/rad",
+        ),
+        (
+            {"compliance_rad_per_nm": np.full(6, 40.0)},
+            "compliance_rad_per_nm of thumb_1: expected at most 1 rad/(N m); got 40 rad/(N m)",
+        ),
         ({"max_force_n": 1000.0}, "max_force_n: expected at most 50 N; got 1000 N"),
     ],
 )
