@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -168,11 +169,6 @@ def test(
         if as_json or sys.stderr.isatty():
             say(f"{result.status:8s}{result.name}")
 
-    def another() -> StageDriver:
-        made = create_rig(driver, **settings)
-        assert isinstance(made, StageDriver)
-        return made
-
     settings = parse_options(driver_option or [])
     first = create_rig(driver, **settings)  # A wrong name or option is not a failed check.
     if not isinstance(first, StageDriver):
@@ -180,6 +176,7 @@ def test(
     with moving():
         if isinstance(first, StageDriver):
             guard = GuardOptions(beyond_limits=beyond_limits)
+            another = cast("Callable[[], StageDriver]", lambda: create_rig(driver, **settings))
             report = run_stage_checks(driver, another, move=move, guard=guard, progress=show_check)
         else:
             limits = ContractOptions(step_rad=math.radians(step_deg), move=move, beyond_limits=beyond_limits)

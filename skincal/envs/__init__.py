@@ -26,25 +26,24 @@ if find_spec("gymnasium") is not None:
     register_environments()
 
 _HOMES = {
-    "BoltRollEnv": "bolt",
-    "ENVIRONMENTS": "registration",
-    "EpisodeOptions": "episode_options",
-    "GraspOptions": "grasp",
-    "JOINT_OFFSETS": "episode_options",
-    "MarbleRollEnv": "marble",
-    "ORIENTATIONS_DEG": "trajectories",
-    "PelletSeparateEnv": "pellets",
-    "RewardScales": "rewards",
-    "RollEnv": "roll",
-    "TaskOptions": "task",
-    "register_environments": "registration",
+    "bolt": "BoltRollEnv",
+    "episode_options": "EpisodeOptions JOINT_OFFSETS",
+    "grasp": "GraspOptions",
+    "marble": "MarbleRollEnv",
+    "pellets": "PelletSeparateEnv",
+    "registration": "ENVIRONMENTS register_environments",
+    "rewards": "RewardScales",
+    "roll": "RollEnv",
+    "task": "TaskOptions",
+    "trajectories": "ORIENTATIONS_DEG",
 }
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__} has no attribute {name}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    for module, names in _HOMES.items():
+        if name in names.split():
+            return getattr(import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__} has no attribute {name}")
 
 
 __all__ = [

@@ -22,25 +22,15 @@ if TYPE_CHECKING:
     from skincal.train.watch import Round
 
 _MODULES = {
-    "Description": "policy_file",
-    "Network": "network",
-    "Policy": "policy_file",
-    "PpoSettings": "settings",
-    "Round": "watch",
-    "Settings": "settings",
-    "Trained": "training_run",
-    "Work": "settings",
-    "begin": "training_run",
-    "bundled_policies": "bundled",
-    "make_environment": "environments",
-    "maker": "environments",
-    "parallel": "environments",
-    "policy_path": "bundled",
-    "read_curve": "curve",
-    "read_policy": "policy_file",
-    "read_run": "training_run",
-    "train": "training_run",
-    "write_policy": "onnx_file",
+    "bundled": "bundled_policies policy_path",
+    "curve": "read_curve",
+    "environments": "make_environment maker parallel",
+    "network": "Network",
+    "onnx_file": "write_policy",
+    "policy_file": "Description Policy read_policy",
+    "settings": "PpoSettings Settings Work",
+    "training_run": "Trained begin read_run train",
+    "watch": "Round",
 }
 
 __all__ = [
@@ -76,12 +66,13 @@ def __dir__() -> list[str]:
 
 def __getattr__(name: str) -> Any:
     """Load a name when it is asked for: help needs no numpy, and policies need no torch."""
-    if name not in _MODULES:
+    module = next((module for module, names in _MODULES.items() if name in names.split()), None)
+    if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     import importlib
 
     try:
-        return getattr(importlib.import_module(f"skincal.train.{_MODULES[name]}"), name)
+        return getattr(importlib.import_module(f"skincal.train.{module}"), name)
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("skincal"):
             raise
