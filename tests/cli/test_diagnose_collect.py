@@ -91,7 +91,7 @@ def test_interrupted_run_of_another_command(run: Dataset, tmp_path: Path):
 
 def test_a_session_of_no_simulated_hand_is_not_compared(run: Dataset, tmp_path: Path):
     other = replace(run, meta=replace(run.meta, source="a bench"))
-    assert rounds(tmp_path / "new", other, seed=3).seed == 3
+    assert rounds(tmp_path / "new", other, seed=3).rig.seed == 3
 
 
 def test_unjoinable_dataset_is_refused_first(run: Dataset, tmp_path: Path):
