@@ -22,7 +22,7 @@ def constant_parts(nominal: Values) -> list[Part]:
     Args:
         nominal: values of an episode, for their names and sizes.
     """
-    return [Part(path, int(np.size(nominal[path])), -1e12, 1e12) for path in _told(nominal)]
+    return [Part(path, int(np.size(nominal[path])), -1e12, 1e12) for path in _constant_names(nominal)]
 
 
 def state_parts(joints: int, target: int, ahead: int, limit: float = 0.05, own: int = 0) -> list[Part]:
@@ -98,7 +98,7 @@ def state_values(seen: View, own: Mapping[str, ArrayLike]) -> dict[str, Any]:
     }
 
 
-def _told(values: Values) -> list[str]:
+def _constant_names(values: Values) -> list[str]:
     return [
         path
         for path in values
