@@ -11,6 +11,7 @@ ROBOT = {
     "Chain",
     "FingerDescription",
     "HandDescription",
+    "HandState",
     "ImpedanceGains",
     "JointContact",
     "JointLimits",
