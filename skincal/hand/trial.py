@@ -110,7 +110,7 @@ class Trial:
         return trouble
 
 
-def created(make: Callable[[], Rig], timeout_s: float = CONNECT_S) -> Rig:
+def created(make: Callable[[], Rig], timeout_s: float | None = None) -> Rig:
     """Create a driver, which may hang.
 
     Raises:
@@ -119,7 +119,7 @@ def created(make: Callable[[], Rig], timeout_s: float = CONNECT_S) -> Rig:
     """
     worker = Worker("make a driver")
     try:
-        return worker.call(make, timeout_s=timeout_s)
+        return worker.call(make, timeout_s=timeout_s or CONNECT_S)
     finally:
         worker.end()
 
