@@ -103,13 +103,13 @@ def read_text(
 
 
 def decode(content: bytes, encoding: str = "utf-8") -> str:
-    """Bytes as text.
+    """Bytes as text, without the mark that some editors put at its beginning (a byte order mark).
 
     Raises:
         UnreadableError: they are none in this encoding.
     """
     try:
-        return content.decode(encoding)
+        return content.decode(encoding).removeprefix("\ufeff")
     except UnicodeDecodeError as error:
         raise UnreadableError(
             f"a readable text file in {encoding.upper()}", f"byte {error.start}: {error.reason}"

@@ -190,7 +190,7 @@ def _given(press: PlannedPress) -> dict[str, Any]:
 
 
 def _read_csv(path: Path, findings: Findings) -> list[dict[str, Any]]:
-    lines = parse_csv(read_text(path, encoding="utf-8-sig"))
+    lines = parse_csv(read_text(path))
     header = [name.strip() for name in lines[0]][:MOST_COLUMNS] if lines else []
     while (
         header and not header[-1] and all(len(cells) == len(header) and not cells[-1] for cells in lines[1:])

@@ -260,7 +260,7 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
 
 
 def _other_bytes(path: Path) -> str:
-    """Return the line of the first bytes that are not UTF-8, or ''; the CSV reader prints tracebacks for such rows."""
+    """Return the line of the first bytes that are not UTF-8, or ''; the CSV reader would print a traceback."""
     decoder, line = codecs.getincrementaldecoder("utf-8")(), 1
     with path.open("rb") as file:
         while True:

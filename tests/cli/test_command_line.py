@@ -278,7 +278,7 @@ def test_a_library_that_cannot_be_loaded(monkeypatch: pytest.MonkeyPatch, capsys
 
 
 def test_a_working_folder_that_is_gone(tmp_path: Path):
-    code = "import os; os.rmdir('.'); from skincal.cli.main import main; main(['hand', 'list'])"
+    code = "import os; os.rmdir(os.getcwd()); from skincal.cli.main import main; main(['hand', 'list'])"
     here = tmp_path / "here"
     here.mkdir()
     command = [sys.executable, "-P", "-c", code]

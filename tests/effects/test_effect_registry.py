@@ -38,7 +38,26 @@ class Inversion(SignalEffect):
 
 
 class NoEffect:
-    pass
+    def __repr__(self):
+        raise OSError
+
+
+class Nameless(Inversion):
+    name = None
+
+
+class Exits(Inversion):
+    def __init__(self):
+        raise SystemExit(0)
+
+
+class Textless(Inversion):
+    def __init__(self):
+        class TextlessError(Exception):
+            def __str__(self):
+                raise OSError
+
+        raise TextlessError
 '''
 
 
@@ -83,6 +102,9 @@ def test_an_added_effect_is_in_the_chain(lab, monkeypatch: pytest.MonkeyPatch):
     ("target", "name", "words"),
     [
         ("lab_effects:NoEffect", "inversion", "a subclass of skincal.effects.Effect"),
+        ("lab_effects:Nameless", "inversion", "with its name and stage"),
+        ("lab_effects:Exits", "inversion", "got SystemExit: 0"),
+        ("lab_effects:Textless", "inversion", "TextlessError: an error whose text cannot be read"),
         ("lab_effects:Missing", "inversion", "AttributeError"),
         ("lab_effects:Inversion", "creep", 'a second effect named "creep"'),
     ],

@@ -275,3 +275,12 @@ def test_a_full_disk_leaves_what_was_there(tmp_path, monkeypatch):
         write_ranges(preset("icra26"), path, force=True)
     assert read_ranges(path) == preset("iros24")
     assert [p.name for p in tmp_path.iterdir()] == ["ranges.toml"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_byte_order_mark_is_no_fault(tmp_path, suffix):
+    """Some editors put it at the beginning of every text."""
+    path = tmp_path / f"ranges{suffix}"
+    write_ranges(preset("iros24"), path)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert read_ranges(path) == preset("iros24")
