@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +61,9 @@ WORTH = 100
 ROUGH_ROUNDS = 2
 """Times the fewest rounds after which draws that are worth too little tell that a density is rough."""
 
-CHECKED = 120
-"""Draws at which the evidence of presses is found by narrow slacks, :mod:`skincal.fitting.press_evidence`."""
+CHECKED, SMOOTH = 120, 60
+"""Draws at which it is found what the log posterior misses, :func:`skincal.fitting.tasks.run_evidence`: with presses of
+one taxel, where it is rough, and without."""
 
 POLISH = 2
 """Times that a peak is climbed anew with the noise of readings as simulated images have it, and with shared errors."""
@@ -370,20 +371,19 @@ def _drawn(
     draws, density = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
     worth = min(WORTH, options.enough_draws)
     lone = problem.lone
-    if draws.effective >= worth and lone.any():
-        some = draws.resampled(rng, CHECKED)
-        tasks = [EvidenceTask(problem, around, peak.places, draws.mean, p) for p in np.array_split(some, 2)]
-        moved = tilted(draws, some, np.concatenate(list(mapper(run_evidence, tasks))))
-        return problem, peak, max(moved, draws, key=lambda d: min(d.effective, worth))
     if draws.effective < worth and lone.any() and (~lone).sum() >= FEW_PRESSES:
         problem = problem.subset(~lone, "1 active taxel, beside presses of more that tell far more")
+        problem = replace(problem, min_active=2)
         task = ClimbTask(problem, bounds, peak.macro, table=around.table, sigmas=peak.sigmas)
         peak = run_climb(task)
         problem = problem.with_shared(peak.theta)
         draws, density = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
     if draws.effective < worth:
         draws = max(draws, walk(density, draws, rng), key=lambda d: d.effective)
-    return problem, peak, draws
+    some = draws.resampled(rng, CHECKED if problem.lone.any() else SMOOTH)
+    tasks = [EvidenceTask(problem, around, peak.places, draws.mean, p) for p in np.array_split(some, 2)]
+    moved = tilted(draws, some, np.concatenate(list(mapper(run_evidence, tasks))))
+    return problem, peak, moved if moved.effective >= min(worth, 0.5 * draws.effective) else draws
 
 
 def _sample(
