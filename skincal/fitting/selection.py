@@ -8,7 +8,7 @@ readings *among those of presses that are taken*,
 
 with the slacks s on a lattice that stands for their normal distribution. Without the denominator E comes out too low,
 by half of its standard deviation. It is a smooth function of the parameters, so it is found for some of the draws only
-(:func:`skincal.fitting.sampling.tilted`).
+(:func:`skincal.fitting.sampling.smooth_term`).
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def _chances(problem: FitProblem, images: Images, point: Floats, press: Ints) ->
     slope = state.nuisance_slope * own[..., None]
     cell = (SPACING * sigmas[0]) ** 2 / 12 * (slope[..., :2] ** 2).sum(axis=2)
     spread = np.sqrt(sigmas[2] ** 2 + (sigmas[3] ** 2 + sigmas[1] ** 2) * signal**2 + cell)
-    active = ndtr((signal + problem.shared.level - problem.active_above) / spread)
+    active: Floats = ndtr((signal + problem.shared.level - problem.active_above) / spread)
     short = _fewer(np.where(problem.used[each], active, 0.0), problem.min_active)
     taken = 1.0 - short.reshape(len(press), len(weight)) @ weight
     return np.maximum(taken, np.finfo(float).tiny)

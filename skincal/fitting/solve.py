@@ -28,7 +28,7 @@ from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import FEW_PRESSES, FitProblem
 from skincal.fitting.result import FitResult
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
-from skincal.fitting.sampling import Density, Draws, sample, tilted, walk
+from skincal.fitting.sampling import Density, Draws, sample, walk
 from skincal.fitting.tasks import (
     ClimbTask,
     DensityTask,
@@ -380,10 +380,7 @@ def _drawn(
         draws, density = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
     if draws.effective < worth:
         draws = max(draws, walk(density, draws, rng), key=lambda d: d.effective)
-    some = draws.resampled(rng, CHECKED if problem.lone.any() else SMOOTH)
-    tasks = [EvidenceTask(problem, around, peak.places, draws.mean, p) for p in np.array_split(some, 2)]
-    moved = tilted(draws, some, np.concatenate(list(mapper(run_evidence, tasks))))
-    return problem, peak, moved if moved.effective >= min(worth, 0.5 * draws.effective) else draws
+    return problem, peak, draws
 
 
 def _sample(
@@ -397,20 +394,30 @@ def _sample(
     progress: Progress,
 ) -> tuple[Draws, Density]:
     fewest, most = options.rounds
-    if problem.lone.any():
-        most = min(most, ROUGH_ROUNDS * fewest)
+    lone = bool(problem.lone.any())
 
+    # A fixed division, so that results do not depend on the number of workers.
     def density(points: Floats) -> Floats:
-        # A fixed division, so that results do not depend on the number of workers.
         parts = [DensityTask(problem, around, peak.places, bounds, p) for p in np.array_split(points, 2)]
         return np.concatenate(list(mapper(run_density, parts)))
 
-    def enough(done: int, draws: Draws) -> bool:
-        progress("draws", min(done, fewest), fewest)
-        return done >= most or (done >= fewest and draws.effective >= options.enough_draws)
+    def lacking(points: Floats) -> Floats:
+        middle = points.mean(axis=0)
+        parts = [EvidenceTask(problem, around, peak.places, middle, p) for p in np.array_split(points, 2)]
+        return np.concatenate(list(mapper(run_evidence, parts)))
 
     progress("draws", 0, fewest)
-    return sample(peak, problem, density, rng, size=options.round_size, enough=enough), density
+    return sample(
+        peak,
+        problem,
+        density,
+        rng,
+        size=options.round_size,
+        rounds=(fewest, min(most, ROUGH_ROUNDS * fewest) if lone else most),
+        worth=options.enough_draws,
+        lacking=(lacking, CHECKED if lone else SMOOTH),
+        on_round=lambda done: progress("draws", min(done, fewest), fewest),
+    )
 
 
 def _weigh_laws(
