@@ -57,6 +57,20 @@ class Draws:
 Density = Callable[[Floats], Floats]
 """Takes points (W, 11) to log densities (W,); may spread them over workers."""
 
+
+@dataclass(frozen=True, eq=False)
+class Lacking:
+    """A smooth term that a log density lacks, and that takes long to find.
+
+    Attributes:
+        term: its values at points (n, 11).
+        count: points at which it is found.
+    """
+
+    term: Density
+    count: int
+
+
 SOUND = 50
 """Draws that are worth so many independent ones say where a smooth term of the log density matters."""
 
@@ -70,7 +84,7 @@ def sample(
     size: int,
     rounds: tuple[int, int],
     worth: float,
-    lacking: tuple[Density, int] | None = None,
+    lacking: Lacking | None = None,
     on_round: Callable[[int], None] = lambda _done: None,
 ) -> tuple[Draws, Density]:
     """Adaptive importance sampling round a peak.
@@ -83,8 +97,7 @@ def sample(
         size: draws in each round; after each the proposal is fitted to all draws so far.
         rounds: fewest and most.
         worth: enough are draws that are worth so many independent ones.
-        lacking: a smooth term that the density lacks and that takes long to find, and at how many points it is found:
-            before the last of the fewest rounds it is fitted there, and added (:func:`smooth_term`).
+        lacking: a term that the density lacks; it is fitted and added before the last of the fewest rounds.
         on_round: told the rounds done.
 
     Returns:
@@ -112,18 +125,18 @@ def sample(
         if not np.isfinite(values).any():
             raise FitError(NOWHERE)
         draws, done = Draws(points, _mixture_weights(points, values, proposals)), len(proposals)
-        if lacking and (done >= most or (done >= fewest - 1 and draws.effective >= SOUND)):
-            term = smooth_term(draws, *lacking, rng)
+        if lacking is not None and (done >= most or (done >= fewest - 1 and draws.effective >= SOUND)):
+            term = smooth_term(draws, lacking, rng)
             lacking, whole = None, _sum(density, term)
             values = values + term(points)
             draws = Draws(points, _mixture_weights(points, values, proposals))
         on_round(done)
-        if done >= most or (done >= fewest and draws.effective >= worth and not lacking):
+        if done >= most or (done >= fewest and draws.effective >= worth and lacking is None):
             return draws, whole
         proposals.append(_adapted(draws, proposals[-1]))
 
 
-def smooth_term(draws: Draws, term: Density, count: int, rng: np.random.Generator) -> Density:
+def smooth_term(draws: Draws, lacking: Lacking, rng: np.random.Generator) -> Density:
     """A fit to a smooth term of a log density, where the draws are.
 
     It is linear in all variables and quadratic in log E and log S, by least squares with a prior of one unit for each
@@ -131,11 +144,10 @@ def smooth_term(draws: Draws, term: Density, count: int, rng: np.random.Generato
 
     Args:
         draws: of the density without the term.
-        term: the values of the term (n,) at points (n, 11).
-        count: points at which it is found.
-        rng: picks them.
+        lacking: the term.
+        rng: picks the points at which it is found.
     """
-    some = Draws(draws.points, _tempered(draws.weight, float(count)))
+    some = Draws(draws.points, _tempered(draws.weight, float(lacking.count)))
     middle = some.mean
     spread = np.maximum(np.sqrt(some.weight @ (some.points - middle) ** 2), 1e-300)
 
@@ -143,8 +155,8 @@ def smooth_term(draws: Draws, term: Density, count: int, rng: np.random.Generato
         z = np.clip((at - middle) / spread, -4.0, 4.0)
         return np.column_stack([np.ones(len(z)), z, z[:, 3] ** 2, z[:, 4] ** 2, z[:, 3] * z[:, 4]])
 
-    points = some.resampled(rng, count)
-    rise = term(points)
+    points = some.resampled(rng, lacking.count)
+    rise = lacking.term(points)
     known = np.isfinite(rise)
     x, y = parts(points[known]), rise[known]
     keep, found = np.ones(len(y), dtype=bool), np.zeros(x.shape[1])

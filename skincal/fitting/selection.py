@@ -62,7 +62,8 @@ def _chances(problem: FitProblem, images: Images, point: Floats, press: Ints) ->
     slope = state.nuisance_slope * own[..., None]
     cell = (SPACING * sigmas[0]) ** 2 / 12 * (slope[..., :2] ** 2).sum(axis=2)
     spread = np.sqrt(sigmas[2] ** 2 + (sigmas[3] ** 2 + sigmas[1] ** 2) * signal**2 + cell)
-    active: Floats = ndtr((signal + problem.shared.level - problem.active_above) / spread)
+    above = (signal + problem.shared.level - problem.active_above) / spread
+    active: Floats = np.asarray(ndtr(above), dtype=np.float64)
     short = _fewer(np.where(problem.used[each], active, 0.0), problem.min_active)
     taken = 1.0 - short.reshape(len(press), len(weight)) @ weight
     return np.maximum(taken, np.finfo(float).tiny)

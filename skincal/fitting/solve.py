@@ -28,7 +28,7 @@ from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import FEW_PRESSES, FitProblem
 from skincal.fitting.result import FitResult
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
-from skincal.fitting.sampling import Density, Draws, sample, walk
+from skincal.fitting.sampling import Density, Draws, Lacking, sample, walk
 from skincal.fitting.tasks import (
     ClimbTask,
     DensityTask,
@@ -415,7 +415,7 @@ def _sample(
         size=options.round_size,
         rounds=(fewest, min(most, ROUGH_ROUNDS * fewest) if lone else most),
         worth=options.enough_draws,
-        lacking=(lacking, CHECKED if lone else SMOOTH),
+        lacking=Lacking(lacking, CHECKED if lone else SMOOTH),
         on_round=lambda done: progress("draws", min(done, fewest), fewest),
     )
 
