@@ -30,9 +30,9 @@ from skincal.fitting.volume import fold_of
 SPACING = 1.5
 """Distance of the narrow slacks, in their standard deviation: the mixture is then even to 3e-4."""
 
-BEND = 0.6
+BEND = 0.3
 """A narrow slack bends the whitened residual by so much: the slope of a session's log evidence by log E is then within
-4 of what ever narrower ones tend to, where Laplace's approximation over whole slacks is off by 30."""
+3 of what those of half of it give, a tenth of a standard deviation; those of twice of it are off by 7."""
 
 WIDEST, NARROWEST = 0.6, 0.06
 """Standard deviation of the narrow slacks in parts of the wide one, at most and at least."""

@@ -132,6 +132,8 @@ class FitProblem:
         observed: what the counts became, for every press of the session.
         observation: expected counts and their noise.
         shared: errors that all presses share.
+        active_above: value above rest from which a taxel is active [counts].
+        min_active: presses were taken that have so many active taxels.
         contacts: where presses lie in space, for the general way; None where only their place relative to the
             sensor's centre matters.
     """
@@ -151,6 +153,8 @@ class FitProblem:
     observed: Observed = field(repr=False)
     observation: Readings = field(repr=False)
     shared: Shared = field(repr=False)
+    active_above: float
+    min_active: int
     contacts: ContactMap | None = None
 
     def __len__(self) -> int:
@@ -310,6 +314,8 @@ def pose_problem(
                 np.column_stack([presses.across_m, presses.along_m]), presses.force_n, posture, rows
             ),
         ),
+        threshold,
+        min_active,
     )
 
 

@@ -58,6 +58,23 @@ Density = Callable[[Floats], Floats]
 """Takes points (W, 11) to log densities (W,); may spread them over workers."""
 
 
+@dataclass(frozen=True, eq=False)
+class Lacking:
+    """A smooth term that a log density lacks, and that takes long to find.
+
+    Attributes:
+        term: its values at points (n, 11).
+        count: points at which it is found.
+    """
+
+    term: Density
+    count: int
+
+
+SOUND = 50
+"""Draws that are worth so many independent ones say where a smooth term of the log density matters."""
+
+
 def sample(
     peak: Peak,
     problem: FitProblem,
@@ -65,8 +82,11 @@ def sample(
     rng: np.random.Generator,
     *,
     size: int,
-    enough: Callable[[int, Draws], bool],
-) -> Draws:
+    rounds: tuple[int, int],
+    worth: float,
+    lacking: Lacking | None = None,
+    on_round: Callable[[int], None] = lambda _done: None,
+) -> tuple[Draws, Density]:
     """Adaptive importance sampling round a peak.
 
     Args:
@@ -75,10 +95,13 @@ def sample(
         density: the log posterior.
         rng: the only source of chance.
         size: draws in each round; after each the proposal is fitted to all draws so far.
-        enough: told the rounds done and the draws so far; says when to stop.
+        rounds: fewest and most.
+        worth: enough are draws that are worth so many independent ones.
+        lacking: a term that the density lacks; it is fitted and added before the last of the fewest rounds.
+        on_round: told the rounds done.
 
     Returns:
-        All draws, weighted against the mixture of all proposals.
+        All draws, weighted against the mixture of all proposals, and the density that they are of.
 
     Raises:
         FitError: the presses have no density anywhere near the peak.
@@ -92,52 +115,63 @@ def sample(
     covariance[5:, 5:] = np.diag(hyper)
     proposals = [_Student(np.concatenate([peak.macro, np.log(peak.sigmas)]), covariance * 1.5)]
     points, values = np.empty((0, len(covariance))), np.empty(0)
+    fewest, most = rounds
+    whole = density
     while True:
         fresh = proposals[-1].draw(rng, size)
-        found = density(fresh)
+        found = whole(fresh)
         found = np.where(np.isfinite(found), found, -np.inf)
         points, values = np.concatenate([points, fresh]), np.concatenate([values, found])
         if not np.isfinite(values).any():
             raise FitError(NOWHERE)
-        weight = _mixture_weights(points, values, proposals)
-        draws = Draws(points, weight)
-        if enough(len(proposals), draws):
-            return draws
-        proposals.append(_adapted(points, weight, proposals[-1]))
+        draws, done = Draws(points, _mixture_weights(points, values, proposals)), len(proposals)
+        if lacking is not None and (done >= most or (done >= fewest - 1 and draws.effective >= SOUND)):
+            term = smooth_term(draws, lacking, rng)
+            lacking, whole = None, _sum(density, term)
+            values = values + term(points)
+            draws = Draws(points, _mixture_weights(points, values, proposals))
+        on_round(done)
+        if done >= most or (done >= fewest and draws.effective >= worth and lacking is None):
+            return draws, whole
+        proposals.append(_adapted(draws, proposals[-1]))
 
 
-def tilted(draws: Draws, points: Floats, rise: Floats) -> Draws:
-    """Draws with a smooth term added to their log density, of which the values at some of them are known.
+def smooth_term(draws: Draws, lacking: Lacking, rng: np.random.Generator) -> Density:
+    """A fit to a smooth term of a log density, where the draws are.
 
-    The term is fitted as linear in all variables and quadratic in log E and log S, by least squares with a prior of one
-    unit for each coefficient in standard deviations of the draws; it is noisier than that, as the density is.
+    It is linear in all variables and quadratic in log E and log S, by least squares with a prior of one unit for each
+    coefficient in standard deviations of the draws; the term may be noisier than that.
 
     Args:
         draws: of the density without the term.
-        points: (n, 11) where the term is known.
-        rise: (n,) its values there.
+        lacking: the term.
+        rng: picks the points at which it is found.
     """
-    middle = draws.mean
-    spread = np.maximum(np.sqrt(draws.weight @ (draws.points - middle) ** 2), 1e-300)
+    some = Draws(draws.points, _tempered(draws.weight, float(lacking.count)))
+    middle = some.mean
+    spread = np.maximum(np.sqrt(some.weight @ (some.points - middle) ** 2), 1e-300)
 
-    def terms(at: Floats) -> Floats:
+    def parts(at: Floats) -> Floats:
         z = np.clip((at - middle) / spread, -4.0, 4.0)
         return np.column_stack([np.ones(len(z)), z, z[:, 3] ** 2, z[:, 4] ** 2, z[:, 3] * z[:, 4]])
 
+    points = some.resampled(rng, lacking.count)
+    rise = lacking.term(points)
     known = np.isfinite(rise)
-    if known.sum() < 2 * terms(points[:1]).shape[1]:
-        return draws
-    x, y = terms(points[known]), rise[known]
+    x, y = parts(points[known]), rise[known]
     keep, found = np.ones(len(y), dtype=bool), np.zeros(x.shape[1])
-    for _ in range(3):
-        noise = 1.0 if not found.any() else float(np.var((y - x @ found)[keep]))
-        prior = np.diag([0.0] + [max(noise, 1e-6)] * (x.shape[1] - 1))
-        found = np.linalg.solve(x[keep].T @ x[keep] + prior, x[keep].T @ y[keep])
-        off = np.abs(y - x @ found)
-        keep = off <= 4 * TO_SIGMA * max(float(np.median(off)), 1e-9)
-    log_weight = np.log(np.maximum(draws.weight, 1e-300)) + terms(draws.points) @ found
-    weight = np.exp(log_weight - log_weight.max()) * (draws.weight > 0)
-    return Draws(draws.points, weight / weight.sum(), draws.correlation)
+    if len(y) >= 2 * x.shape[1]:
+        for _ in range(3):
+            noise = 1.0 if not found.any() else float(np.var((y - x @ found)[keep]))
+            prior = np.diag([0.0] + [max(noise, 1e-6)] * (x.shape[1] - 1))
+            found = np.linalg.solve(x[keep].T @ x[keep] + prior, x[keep].T @ y[keep])
+            off = np.abs(y - x @ found)
+            keep = off <= 4 * TO_SIGMA * max(float(np.median(off)), 1e-9)
+    return lambda at: parts(at) @ found
+
+
+def _sum(density: Density, term: Density) -> Density:
+    return lambda points: density(points) + term(points)
 
 
 WALKERS, BURN_IN, STEPS = 44, 60, 220
@@ -206,11 +240,11 @@ def _mixture_weights(points: Floats, values: Floats, proposals: Sequence[_Studen
     return weight / weight.sum()
 
 
-def _adapted(points: Floats, weight: Floats, last: _Student) -> _Student:
+def _adapted(draws: Draws, last: _Student) -> _Student:
     """A proposal with the moments of the draws so far, tempered where a few heavy ones would tell the shape."""
-    tempered = _tempered(weight, _SHAPE * points.shape[1])
-    mean = tempered @ points
-    covariance = (tempered[:, None] * (points - mean)).T @ (points - mean)
+    tempered = _tempered(draws.weight, _SHAPE * draws.points.shape[1])
+    mean = tempered @ draws.points
+    covariance = (tempered[:, None] * (draws.points - mean)).T @ (draws.points - mean)
     return _Student(mean, 1.15 * covariance + 1e-3 * np.diag(np.diag(last.covariance)))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import FEW_PRESSES, FitProblem
 from skincal.fitting.result import FitResult
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
-from skincal.fitting.sampling import Density, Draws, sample, tilted, walk
+from skincal.fitting.sampling import Density, Draws, Lacking, sample, walk
 from skincal.fitting.tasks import (
     ClimbTask,
     DensityTask,
@@ -61,8 +61,9 @@ WORTH = 100
 ROUGH_ROUNDS = 2
 """Times the fewest rounds after which draws that are worth too little tell that a density is rough."""
 
-CHECKED = 120
-"""Draws at which the evidence of presses is found by narrow slacks, :mod:`skincal.fitting.press_evidence`."""
+CHECKED, SMOOTH = 120, 60
+"""Draws at which it is found what the log posterior misses, :func:`skincal.fitting.tasks.run_evidence`: with presses of
+one taxel, where it is rough, and without."""
 
 POLISH = 2
 """Times that a peak is climbed anew with the noise of readings as simulated images have it, and with shared errors."""
@@ -370,13 +371,9 @@ def _drawn(
     draws, density = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
     worth = min(WORTH, options.enough_draws)
     lone = problem.lone
-    if draws.effective >= worth and lone.any():
-        some = draws.resampled(rng, CHECKED)
-        tasks = [EvidenceTask(problem, around, peak.places, draws.mean, p) for p in np.array_split(some, 2)]
-        moved = tilted(draws, some, np.concatenate(list(mapper(run_evidence, tasks))))
-        return problem, peak, max(moved, draws, key=lambda d: min(d.effective, worth))
     if draws.effective < worth and lone.any() and (~lone).sum() >= FEW_PRESSES:
         problem = problem.subset(~lone, "1 active taxel, beside presses of more that tell far more")
+        problem = replace(problem, min_active=2)
         task = ClimbTask(problem, bounds, peak.macro, table=around.table, sigmas=peak.sigmas)
         peak = run_climb(task)
         problem = problem.with_shared(peak.theta)
@@ -397,20 +394,30 @@ def _sample(
     progress: Progress,
 ) -> tuple[Draws, Density]:
     fewest, most = options.rounds
-    if problem.lone.any():
-        most = min(most, ROUGH_ROUNDS * fewest)
+    lone = bool(problem.lone.any())
 
+    # A fixed division, so that results do not depend on the number of workers.
     def density(points: Floats) -> Floats:
-        # A fixed division, so that results do not depend on the number of workers.
         parts = [DensityTask(problem, around, peak.places, bounds, p) for p in np.array_split(points, 2)]
         return np.concatenate(list(mapper(run_density, parts)))
 
-    def enough(done: int, draws: Draws) -> bool:
-        progress("draws", min(done, fewest), fewest)
-        return done >= most or (done >= fewest and draws.effective >= options.enough_draws)
+    def lacking(points: Floats) -> Floats:
+        middle = points.mean(axis=0)
+        parts = [EvidenceTask(problem, around, peak.places, middle, p) for p in np.array_split(points, 2)]
+        return np.concatenate(list(mapper(run_evidence, parts)))
 
     progress("draws", 0, fewest)
-    return sample(peak, problem, density, rng, size=options.round_size, enough=enough), density
+    return sample(
+        peak,
+        problem,
+        density,
+        rng,
+        size=options.round_size,
+        rounds=(fewest, min(most, ROUGH_ROUNDS * fewest) if lone else most),
+        worth=options.enough_draws,
+        lacking=Lacking(lacking, CHECKED if lone else SMOOTH),
+        on_round=lambda done: progress("draws", min(done, fewest), fewest),
+    )
 
 
 def _weigh_laws(

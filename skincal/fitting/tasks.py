@@ -25,6 +25,7 @@ from skincal.fitting.posterior import Bounds, Peak, climb, log_posterior, press_
 from skincal.fitting.press_evidence import find_narrow_slacks, log_evidence
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.seen import Images
+from skincal.fitting.selection import log_chance
 from skincal.fitting.types import Floats
 
 
@@ -155,7 +156,7 @@ def run_density(task: DensityTask) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class EvidenceTask:
-    """What Laplace's approximation misses of the evidence of presses, at some points."""
+    """What the log posterior misses at some points: how presses were chosen, and where Laplace is off."""
 
     problem: FitProblem
     around: Neighbourhood
@@ -165,8 +166,14 @@ class EvidenceTask:
 
 
 def run_evidence(task: EvidenceTask) -> Floats:
-    """Log evidence by narrow slacks less the approximate one (W,), at the task's points (W, 11)."""
+    """What is to be added to the log posterior (W,) at the task's points (W, 11), up to a constant.
+
+    Presses of one taxel need their evidence by narrow slacks; of the others Laplace's approximation is as good.
+    """
     images, problem, at = task.around.images(task.problem), task.problem, task.places
-    slacks = find_narrow_slacks(problem, images, at, task.centre[:5], np.exp(task.centre[5:]))
-    exact = log_evidence(problem, images, slacks, task.points)
-    return exact - press_evidence(problem, images, at, task.points)[0]
+    missing = -log_chance(problem, images, task.points)
+    if problem.lone.any():
+        slacks = find_narrow_slacks(problem, images, at, task.centre[:5], np.exp(task.centre[5:]))
+        missing += log_evidence(problem, images, slacks, task.points)
+        missing -= press_evidence(problem, images, at, task.points)[0]
+    return missing

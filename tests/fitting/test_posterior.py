@@ -14,7 +14,7 @@ from skincal.fitting.posterior import Bounds, Peak, climb
 from skincal.fitting.presses import evaluate, settle
 from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
-from skincal.fitting.sampling import Draws, sample
+from skincal.fitting.sampling import Draws, Lacking, sample
 from skincal.fitting.seen import from_patch, to_patch
 from skincal.fitting.tasks import Neighbourhood
 from skincal.model import Plane, Sphere, TaxelLayout
@@ -224,7 +224,7 @@ def test_importance_sampling_finds_a_known_density(problem: FitProblem, peak: Pe
     def density(points: np.ndarray) -> np.ndarray:
         return -0.5 * (np.linalg.solve(root, (points - mean).T) ** 2).sum(axis=0)
 
-    draws = sample(peak, problem, density, rng, size=400, enough=lambda done, d: done >= 8)
+    draws, _ = sample(peak, problem, density, rng, size=400, rounds=(8, 8), worth=400)
     assert draws.effective > 500
     found = draws.weight @ draws.points
     assert np.abs((found - mean) / sd).max() < 0.15
@@ -232,6 +232,16 @@ def test_importance_sampling_finds_a_known_density(problem: FitProblem, peak: Pe
     assert spread / np.sqrt(np.diag(root @ root.T)) == pytest.approx(np.ones(11), abs=0.12)
     again = draws.resampled(rng, 4000)
     assert np.abs((again.mean(axis=0) - mean) / sd).max() < 0.2
+
+    # A term by which the density rises moves all draws by its slope, and by no more.
+    def rising(at: np.ndarray) -> np.ndarray:
+        return 0.5 * (at[:, 3] - mean[3]) / np.linalg.norm(root[3])
+
+    moved, _ = sample(
+        peak, problem, density, rng, size=400, rounds=(8, 8), worth=400, lacking=Lacking(rising, 60)
+    )
+    assert moved.effective > 500
+    assert (moved.mean - mean)[3] / np.linalg.norm(root[3]) == pytest.approx(0.5, abs=0.12)
 
 
 def test_equal_weights_are_worth_their_number() -> None:
@@ -271,4 +281,4 @@ def test_a_density_that_is_nowhere_finite_fails_the_fit(problem: FitProblem, pea
         return np.full(len(points), np.nan)
 
     with pytest.raises(FitError, match="do not belong together"):
-        sample(peak, problem, nowhere, np.random.default_rng(0), size=20, enough=lambda _n, _draws: True)
+        sample(peak, problem, nowhere, np.random.default_rng(0), size=20, rounds=(1, 1), worth=1)

@@ -11,7 +11,7 @@ from skincal.fitting.places import find_places
 from skincal.fitting.posterior import press_evidence
 from skincal.fitting.press_evidence import find_narrow_slacks, log_evidence
 from skincal.fitting.problem import pose_problem
-from skincal.fitting.sampling import Draws, tilted
+from skincal.fitting.sampling import Draws, Lacking, smooth_term
 from skincal.fitting.tasks import Neighbourhood
 from tests.fitting.conftest import Truth, make_session, rig
 from tests.fitting.test_press_places import SIGMAS, by_brute_force
@@ -55,10 +55,14 @@ def test_a_term_that_is_known_at_some_draws_moves_all() -> None:
     rng = np.random.default_rng(0)
     points = rng.standard_normal((4000, 11)) * np.array([1e-4, 1e-4, 0.02, 0.05, 0.01, *[0.3] * 6])
     draws = Draws(points, np.full(4000, 1 / 4000))
-    some = draws.resampled(rng, 200)
-    rise = 0.5 * some[:, 3] / 0.05 + 0.4 * rng.standard_normal(200)
-    rise[:3] = [-60.0, np.inf, 40.0]
-    moved = tilted(draws, some, rise)
+
+    def rising(at: np.ndarray) -> np.ndarray:
+        rise = 0.5 * at[:, 3] / 0.05 + 0.4 * rng.standard_normal(200)
+        rise[:3] = [-60.0, np.inf, 40.0]
+        return rise
+
+    weight = np.exp(smooth_term(draws, Lacking(rising, 200), rng)(points))
+    moved = Draws(points, weight / weight.sum())
     assert abs(moved.mean[3] / 0.05 - 0.5) < 0.15
     assert abs(moved.mean[4] / 0.01) < 0.15
     assert moved.effective > 2500
