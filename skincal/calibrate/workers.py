@@ -28,17 +28,21 @@ def available_cores() -> int:
 
 
 @contextmanager
-def mapper(workers: int | None = None, scheduler: str | None = None) -> Generator[Mapper]:
+def mapper(workers: int | Mapper | None = None, scheduler: str | None = None) -> Generator[Mapper]:
     """Yield a mapper that spreads work over processes of this machine, or over a cluster.
 
     Args:
-        workers: how many processes, this one included; None for one a core; 1 for none but this one.
+        workers: how many processes, this one included; None for one a core; 1 for none but this one; or a mapper that
+            is open, and stays so.
         scheduler: address of a Dask scheduler, whose workers are used instead; None: none.
 
     Yields:
         The mapper. Results come in the order of the arguments and do not depend on the number of workers. With several
         processes work begins at once, and what nobody has waited for at the end is dropped, errors in it included.
     """
+    if callable(workers):
+        yield workers
+        return
     if scheduler is not None:
         from skincal.calibrate.cluster import cluster_mapper
 
@@ -87,7 +91,8 @@ class _Shared:
                     own = self._left.popleft() if self._left else None
                 if own is None:
                     break
-                self._futures[own] = done = Future()
+                done: Future[Any] = Future()
+                self._futures[own] = done
                 try:
                     done.set_result(self._function(self._arguments[own]))
                 except Exception as error:  # raised when it is its turn
