@@ -75,7 +75,11 @@ class _Shared:
     """
 
     def __init__(
-        self, pool: ProcessPoolExecutor, workers: int, function: Callable[[Any], Any], arguments: Iterable[Any]
+        self,
+        pool: ProcessPoolExecutor,
+        workers: int,
+        function: Callable[[Any], Any],
+        arguments: Iterable[Any],
     ) -> None:
         self._pool, self._function, self._arguments = pool, function, list(arguments)
         self._left, self._lock = deque(range(len(self._arguments))), threading.Lock()
