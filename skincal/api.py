@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from skincal.calibrate import Method, Outcome, UniformOutcome
     from skincal.diagnosis.diagnosis import Diagnosis
     from skincal.fitting.fit_options import FitOptions, SearchBox
+    from skincal.fitting.tasks import Mapper
     from skincal.prediction import Prediction
     from skincal.ranges import Ranges
 
@@ -49,7 +50,7 @@ def fit(
     method: Method = "auto",
     effects: Calibration | None = None,
     seed: int = 0,
-    workers: int | None = None,
+    workers: int | Mapper | None = None,
     scheduler: str | None = None,
     checkpoint: Path | None = None,
     command: str = "",
@@ -64,7 +65,7 @@ def fit(
         method: ``auto``, ``fast``, ``general`` or ``nlopt``.
         effects: a calibration whose effects are refitted along with pose, elasticity and scale.
         seed: of the draws.
-        workers: processes; None for one a core. The result does not depend on it.
+        workers: processes; None for one a core; or an open mapper of them. The result does not depend on it.
         scheduler: address of a Dask scheduler whose workers are used instead.
         checkpoint: folder for the evaluated grid until the fit is done; None for none.
         command: command line, for the provenance.

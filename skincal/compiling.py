@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 
 on_compile: Callable[[], None] | None = None
 """Called once in a process before something is compiled, which takes seconds; not where the cache has it."""
 
 NOTE = "skincal: compiling the skin model or the fit, once on this machine (about 15 s)"
-
-
-def tell() -> None:
-    """Write the note to standard error: for worker processes, which have no command line's progress to write beside."""
-    print(NOTE, file=sys.stderr, flush=True)

@@ -25,6 +25,7 @@ from skincal.fitting.general_tabling import NO_STORE
 from skincal.fitting.problem import FEW_PRESSES, NO_POSITION, USED, FitProblem
 from skincal.fitting.result import FitResult
 from skincal.fitting.solve import FEWEST_PRESSES, Progress, default_steps, plan_fit, solve
+from skincal.fitting.tasks import Mapper
 from skincal.fitting.wiring import order_of_problem
 from skincal.shown import Shown
 from skincal.version import __version__
@@ -69,7 +70,7 @@ def calibrate(
     options: FitOptions | None = None,
     box: SearchBox | None = None,
     seed: int = 0,
-    workers: int | None = None,
+    workers: int | Mapper | None = None,
     scheduler: str | None = None,
     checkpoint: Path | None = None,
     command: str = "",
@@ -83,7 +84,8 @@ def calibrate(
         options: settings; None for the defaults.
         box: ranges to search; None for those of the dataset's ``[mount]``.
         seed: of the draws.
-        workers: processes; None for one a core. The result does not depend on it.
+        workers: processes; None for one a core; or an open :func:`skincal.calibrate.workers.mapper`. The result does
+            not depend on it.
         scheduler: address of a Dask scheduler whose workers are used instead; None: none.
         checkpoint: folder that keeps what has been evaluated until the fit is done; None for none.
         command: command line, for the provenance.

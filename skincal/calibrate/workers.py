@@ -7,18 +7,15 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Generator
-from concurrent.futures import ProcessPoolExecutor
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
-from typing import TYPE_CHECKING
+from typing import Any
 
-from skincal import compiling
 from skincal.fitting.tasks import Mapper
-
-if TYPE_CHECKING:
-    from multiprocessing.synchronize import Semaphore
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -31,17 +28,21 @@ def available_cores() -> int:
 
 
 @contextmanager
-def mapper(workers: int | None = None, scheduler: str | None = None) -> Generator[Mapper]:
+def mapper(workers: int | Mapper | None = None, scheduler: str | None = None) -> Generator[Mapper]:
     """Yield a mapper that spreads work over processes of this machine, or over a cluster.
 
     Args:
-        workers: how many processes; None for one a core; 1 for none but this one.
+        workers: how many processes, this one included; None for one a core; 1 for none but this one; or a mapper that
+            is open, and stays so.
         scheduler: address of a Dask scheduler, whose workers are used instead; None: none.
 
     Yields:
         The mapper. Results come in the order of the arguments and do not depend on the number of workers. With several
         processes work begins at once, and what nobody has waited for at the end is dropped, errors in it included.
     """
+    if callable(workers):
+        yield workers
+        return
     if scheduler is not None:
         from skincal.calibrate.cluster import cluster_mapper
 
@@ -55,23 +56,75 @@ def mapper(workers: int | None = None, scheduler: str | None = None) -> Generato
     # Workers are started afresh: a fork would copy the locks of threads that draw the progress.
     context = multiprocessing.get_context("spawn")
     with _one_thread_each():
-        voice = context.Semaphore(0 if compiling.on_compile is None else 1)
-        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(voice,))
+        pool = ProcessPoolExecutor(count - 1, mp_context=context, initializer=_begin)
         try:
-            _start(pool, count)
-            yield pool.map
+            _start(pool, count - 1)
+            yield lambda function, arguments: _Shared(pool, count - 1, function, arguments).results()
         finally:
             _end(pool)
 
 
-def _begin(voice: Semaphore) -> None:
-    """Ctrl-C goes to every process of the terminal; only the first one shall act on it. A worker ends with that one.
+class _Shared:
+    """Work that this process shares with its workers: each takes the first piece that nobody has begun.
 
     Args:
-        voice: the worker that gets it says when it compiles. All do so at once; one line is enough.
+        pool: the workers.
+        workers: how many they are.
+        function: what is done.
+        arguments: with what, piece by piece.
     """
-    if voice.acquire(block=False):
-        compiling.on_compile = compiling.tell
+
+    def __init__(
+        self,
+        pool: ProcessPoolExecutor,
+        workers: int,
+        function: Callable[[Any], Any],
+        arguments: Iterable[Any],
+    ) -> None:
+        self._pool, self._function, self._arguments = pool, function, list(arguments)
+        self._left, self._lock = deque(range(len(self._arguments))), threading.Lock()
+        self._futures: dict[int, Future[Any]] = {}
+        for _ in range(workers):
+            self._give()
+
+    def results(self) -> Generator[Any]:
+        """Yield the results in order, and work while there is something left to begin."""
+        for number in range(len(self._arguments)):
+            while number not in self._futures or not self._futures[number].done():
+                with self._lock:
+                    own = self._left.popleft() if self._left else None
+                if own is None:
+                    break
+                done: Future[Any] = Future()
+                self._futures[own] = done
+                try:
+                    done.set_result(self._function(self._arguments[own]))
+                except Exception as error:  # raised when it is its turn
+                    done.set_exception(error)
+            yield self._futures.pop(number).result()
+
+    def _give(self) -> None:
+        """Give the next piece to a worker that has none."""
+        with self._lock:
+            if not self._left:
+                return
+            number = self._left[0]
+            try:
+                future = self._pool.submit(self._function, self._arguments[number])
+            except RuntimeError:  # the workers are gone
+                return
+            self._left.popleft()
+            self._futures[number] = future
+        future.add_done_callback(self._next)
+
+    def _next(self, done: Future[Any]) -> None:
+        # After a failure the pool may be ending, and holds its lock.
+        if not done.cancelled() and done.exception() is None:
+            self._give()
+
+
+def _begin() -> None:
+    """Ctrl-C goes to every process of the terminal; only the first one shall act on it. A worker ends with that one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_first, daemon=True).start()
 

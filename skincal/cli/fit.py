@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from importlib import import_module
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -63,6 +64,8 @@ EFFECTS = (
     "where a fit finds only scales."
 )
 SCHEDULER = "Use the workers of a Dask cluster, tcp://HOST:8786, instead of processes on this machine."
+UNIFORM = "skincal: uniform pressure: fitting the scale of each taxel; the data do not determine pose and elasticity"
+PRESS_BY_PRESS = "skincal: fitting with the skin model itself, press by press; this takes a minute or more"
 _E_RANGE = "Low and high of E [MPa/m]."
 
 
@@ -109,6 +112,7 @@ def fit(
     from skincal import api
     from skincal.calibrate import Outcome, choose_way
     from skincal.calibrate.dataset_fit import why_dropped
+    from skincal.calibrate.workers import mapper
     from skincal.calibration import write_calibration
     from skincal.dataset import read_dataset
     from skincal.dataset.uniform_pressure import uniform_pressure
@@ -117,49 +121,49 @@ def fit(
 
     bound_counts2 = _bound(bound)
     refuse_existing(out, dataset, *([effects] if effects else []), force=force, marker="calibration.toml")
-    data = read_dataset(dataset)
-    warn(data.warnings)
-    box, steps, known = None, None, None
-    if uniform_pressure(data):
-        if effects is not None:
-            raise _no_effects_here(effects, dataset)
-        say(
-            "skincal: uniform pressure: fitting the scale of each taxel; the data do not determine pose and elasticity"
-        )
-    else:
-        known = None if effects is None else _with_effects(effects, data)
-        way = choose_way(data, cast("Method", method))
-        if way.method != "fast":
-            say(
-                f"skincal: fitting with the skin model itself, press by press; this takes a minute or more: {way.why}"
-            )
-        steps = _steps(STEPS[way.method], y_step_mm, arc_step_mm, alpha_step_deg, e_count)
-        box = search_box(data, y_range_mm, x_range_mm, beta_range_deg, alpha_range_deg, e_range_mpa_per_m)
-    settings = FitOptions(
-        active_counts=active_counts, min_active=min_active, bound_counts2=bound_counts2, level=level, draws=draws,
-        per_taxel=per_taxel, steps=steps,
-    )  # fmt: skip
-    checkpoint = out.parent / f".{out.name}.fit"
-    with _resumable(checkpoint), stage_bars() as progress:
-        found = api.fit(
-            data, options=settings, box=box, method=cast("Method", method), effects=known, seed=seed, workers=workers,
-            scheduler=scheduler, checkpoint=checkpoint, command=command_line(), progress=progress,
+    with mapper(workers, scheduler) as spread:  # workers start while the dataset is read
+        here = map if scheduler is not None else spread  # a cluster need not have what draws
+        if report:
+            here(import_module, ["skincal.report.fit"])
+        data = read_dataset(dataset)
+        warn(data.warnings)
+        box, steps, known = None, None, None
+        if uniform_pressure(data):
+            if effects is not None:
+                raise _no_effects_here(effects, dataset)
+            say(UNIFORM)
+        else:
+            known = None if effects is None else _with_effects(effects, data)
+            way = choose_way(data, cast("Method", method))
+            if way.method != "fast":
+                say(f"{PRESS_BY_PRESS}: {way.why}")
+            steps = _steps(STEPS[way.method], y_step_mm, arc_step_mm, alpha_step_deg, e_count)
+            box = search_box(data, y_range_mm, x_range_mm, beta_range_deg, alpha_range_deg, e_range_mpa_per_m)
+        settings = FitOptions(
+            active_counts=active_counts, min_active=min_active, bound_counts2=bound_counts2, level=level, draws=draws,
+            per_taxel=per_taxel, steps=steps,
         )  # fmt: skip
-        progress("report", 0, 1)
+        checkpoint = out.parent / f".{out.name}.fit"
+        with _resumable(checkpoint), stage_bars() as progress:
+            found = api.fit(
+                data, options=settings, box=box, method=cast("Method", method), effects=known, seed=seed,
+                workers=spread, checkpoint=checkpoint, command=command_line(), progress=progress,
+            )  # fmt: skip
+            progress("report", 0, 1)
 
-        def write_extras(folder: Path) -> None:
-            if not report:
-                return
-            from skincal.report.fit import write_fit_report
-            from skincal.report.fit_uniform import write_uniform_report
+            def write_extras(folder: Path) -> None:
+                if not report:
+                    return
+                from skincal.report.fit import write_fit_report
+                from skincal.report.fit_uniform import write_uniform_report
 
-            if isinstance(found, Outcome):
-                write_fit_report(found.result, found.calibration, data, folder)
-            else:
-                write_uniform_report(found, data, folder)
+                if isinstance(found, Outcome):
+                    write_fit_report(found.result, found.calibration, data, folder, here)
+                else:
+                    write_uniform_report(found, data, folder)
 
-        write_calibration(found.calibration, out, force=force, beside=write_extras)
-        progress("report", 1, 1)
+            write_calibration(found.calibration, out, force=force, beside=write_extras)
+            progress("report", 1, 1)
     presses, about = f"{found.calibration.loss.presses_used} presses of uniform pressure", ""
     if isinstance(found, Outcome):
         presses = f"{len(found.result.problem)} presses"

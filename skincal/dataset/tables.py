@@ -49,6 +49,11 @@ class _Table:
                 changes[item.name] = {name: column[index] for name, column in value.items()}
         return replace(self, **changes)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by the constructor: a read-only view of a mapping is none that pickle knows."""
+        values = (getattr(self, item.name) for item in fields(self))
+        return type(self), tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+
     def _freeze(self, types: Mapping[str, tuple[Any, tuple[int | None, ...]]]) -> None:
         """Make the arrays read-only, with their type and the shape of a row; None: any length."""
         rows = len(np.asarray(self.press))  # type: ignore[attr-defined]

@@ -50,9 +50,12 @@ class BoltRollEnv(RollEnv):
 
     def _look(self) -> None:
         super()._look()
+        axis = self._axis_rad()
         if self._step == 0:
-            self._first_rad = self._axis_rad()
-            self._start_m = self._view.position_m
+            self._first_rad, self._start_m = axis, self._view.position_m
+            # The direction (2,) in which it shall roll.
+            self._normal = np.array([-math.sin(axis), math.cos(axis)])
+        self._turned_rad = math.remainder(axis - self._first_rad, 2 * math.pi)
 
     def _axis_rad(self) -> float:
         """Return the angle of the bolt's axis on the sensor, from +u towards +v [rad]."""
@@ -62,27 +65,23 @@ class BoltRollEnv(RollEnv):
         u, v = self._sensor.direction(seen.tip.turned(seen.body.rotation[:, 0]))
         return math.atan2(v, u)
 
-    def _normal(self) -> FloatArray:
-        """Return the direction (2,) in which it shall roll."""
-        return np.array([-math.sin(self._first_rad), math.cos(self._first_rad)])
-
     def _target_m(self) -> FloatArray:
-        return self._targets[self._step, 0] * self._normal()
+        return self._targets[self._step, 0] * self._normal
 
     def _angle_rad(self) -> float | None:
-        return math.remainder(self._axis_rad() - self._first_rad, 2 * math.pi)
+        return self._turned_rad
 
     def _orientation(self) -> FloatArray:
         first = self._first_rad
-        return np.array([math.cos(first), math.sin(first), self._angle_rad() or 0.0, self._frequency_hz])
+        return np.array([math.cos(first), math.sin(first), self._turned_rad, self._frequency_hz])
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
         own = {
             "orientation_deg": self._orientation_deg,
             "orientation_rad": self._first_rad,
-            "orientation_error_rad": self._angle_rad() or 0.0,
+            "orientation_error_rad": self._turned_rad,
             "frequency_hz": self._frequency_hz,
-            "rolled_m": float((self._view.position_m - self._start_m) @ self._normal()),
+            "rolled_m": float((self._view.position_m - self._start_m) @ self._normal),
             "rolled_target_m": float(self._targets[self._step, 0]),
         }
         return super()._info(terms) | own

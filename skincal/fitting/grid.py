@@ -179,7 +179,7 @@ def place_presses(
         place(
             level.planes,
             images.size_of,
-            problem.rig.layout.centres_m,
+            problem.rig.layout.centres_m.copy(),  # read-only in one process and not in another: two types to compile
             images.lattice,
             weight,
             problem.values * weight,

@@ -15,11 +15,13 @@ from the same surfaces and indenters, by the same rays.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from skincal.fitting.lookup import compiled, inlined
 from skincal.fitting.types import Floats
 from skincal.model import Contacts, Indenter, SensorPose, Surface, TaxelLayout
 
@@ -97,7 +99,7 @@ def build_table(
                 if spread_m > 0:
                     load = gaussian_filter(load, spread_m / step, mode="constant")
                 for m, (du, dv) in enumerate(taxel_sizes_m):
-                    shares[i, m, a, level] = _box_sums(load, du / step, dv / step) / ratios[level]
+                    box_shares(load, du / step, dv / step, 1.0 / ratios[level], shares[i, m, a, level])
     # The border is zero, so that an offset clamped to it reads zero.
     shares[..., [0, 1, -2, -1], :] = 0.0
     shares[..., [0, 1, -2, -1]] = 0.0
@@ -158,22 +160,50 @@ def contact_reach(surface: Surface, indenter: Indenter, ratio_m3: float) -> floa
     return half
 
 
-def _box_sums(load: Floats, width_u: float, width_v: float) -> Floats:
-    """Integral of a cell-wise constant field over a box of ``width`` cells centred on each cell's centre."""
-    return _box_sums_1d(_box_sums_1d(load, width_u).T, width_v).T
+@inlined
+def _edges(width: float, low: Any, part: Any) -> None:  # pragma: no cover - compiled
+    """Fill the cell (2, N), and the part of it, where a box of ``width`` cells about each cell begins and ends."""
+    side = low.shape[1]
+    for i in range(side):
+        for end in range(2):
+            at = min(max(i + 0.5 + (end - 0.5) * width, 0.0), float(side))
+            low[end, i] = min(int(at), side - 1)
+            part[end, i] = at - low[end, i]
 
 
-def _box_sums_1d(load: Floats, width: float) -> Floats:
-    total = np.concatenate([np.zeros((1, load.shape[1])), np.cumsum(load, axis=0)])
-    edge = np.arange(len(load)) + 0.5
-    return _between(total, edge + width / 2) - _between(total, edge - width / 2)
+@compiled
+def box_shares(
+    load: Any, width_u: float, width_v: float, factor: float, out: Any
+) -> None:  # pragma: no cover - compiled
+    """Fill ``out`` (N, N) with integrals of a cell-wise constant field over a box centred on each cell, times a factor.
 
-
-def _between(total: Floats, at: Floats) -> Floats:
-    at = np.clip(at, 0.0, len(total) - 1.0)
-    low = np.minimum(at.astype(np.intp), len(total) - 2)
-    part = (at - low)[:, None]
-    return total[low] * (1 - part) + total[low + 1] * part
+    Args:
+        load: (N, N) the field.
+        width_u: width of the box along the first axis, in cells.
+        width_v: the same along the second.
+        factor: of the integrals.
+        out: filled.
+    """
+    side = load.shape[0]
+    total, line = np.zeros((side + 1, side)), np.zeros(side + 1)
+    for r in range(side):
+        for c in range(side):
+            total[r + 1, c] = total[r, c] + load[r, c]
+    low, part = np.empty((2, side), dtype=np.int64), np.empty((2, side))
+    first, rest = np.empty((2, side), dtype=np.int64), np.empty((2, side))
+    _edges(width_u, low, part)
+    _edges(width_v, first, rest)
+    for r in range(side):
+        above, below = total[low[1, r]], total[low[0, r]]
+        past, before = total[low[1, r] + 1], total[low[0, r] + 1]
+        p, q = part[1, r], part[0, r]
+        for c in range(side):
+            along = above[c] + p * (past[c] - above[c]) - below[c] - q * (before[c] - below[c])
+            line[c + 1] = line[c] + along
+        for c in range(side):
+            j, i = first[1, c], first[0, c]
+            end = line[j] + rest[1, c] * (line[j + 1] - line[j])
+            out[r, c] = factor * (end - line[i] - rest[0, c] * (line[i + 1] - line[i]))
 
 
 def taxel_sizes(layout: TaxelLayout) -> tuple[NDArray[np.float64], NDArray[np.intp]]:

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.optimize import minimize
-from scipy.special import logsumexp
 
 from skincal.fitting.places import Places, find_places, mirrored, settled_twice, starting_nuisance
 from skincal.fitting.presses import PressStates, settle
@@ -146,12 +145,13 @@ def press_evidence(
     evidence = -0.5 * state.objective + log_volume(fold, mirror)
     twice = settled_twice(places.press, state.uv_m.reshape(count, spots, 2), fold)
     evidence = np.where(twice, -np.inf, evidence.reshape(count, spots))
-    total, chance = np.zeros(count), np.empty((count, spots))
-    for k in range(len(problem)):
-        mine = places.press == k
-        whole = logsumexp(evidence[:, mine], axis=1)
-        chance[:, mine] = np.exp(evidence[:, mine] - whole[:, None])
-        total += whole
+    first = np.flatnonzero(np.diff(places.press, prepend=-1))
+    each = np.diff(first, append=spots)
+    highest = np.maximum.reduceat(evidence, first, axis=1)
+    chance = np.exp(evidence - np.repeat(highest, each, axis=1))
+    mass = np.add.reduceat(chance, first, axis=1)
+    chance /= np.repeat(mass, each, axis=1)
+    total = (highest + np.log(mass)).sum(axis=1)
     return total - len(problem) * (2 * points[:, 5] + points[:, 6]), chance, state
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,7 +20,7 @@ from skincal.report.fit_quantities import quantities, with_digits
 from skincal.report.fit_residuals import residuals_figure, scatter_figure
 from skincal.report.fit_slack import slack_figure
 from skincal.report.fit_valley import valley_figure
-from skincal.report.page import picture, write_page
+from skincal.report.page import Picture, picture, write_page
 
 EXPLAINED = 1.5
 """Residuals up to this multiple of the noise count as explained."""
@@ -36,7 +38,11 @@ FIGURES: Mapping[str, Callable[[FitResult, Dataset], Figure]] = {
 
 
 def write_fit_report(
-    result: FitResult, calibration: Calibration, dataset: Dataset, folder: str | Path
+    result: FitResult,
+    calibration: Calibration,
+    dataset: Dataset,
+    folder: str | Path,
+    spread: Callable[[Callable[[Any], Any], Sequence[Any]], Iterable[Any]] = map,
 ) -> None:
     """Write ``report.html`` and its figures (``valley.png`` ...) into a folder.
 
@@ -47,8 +53,9 @@ def write_fit_report(
         calibration: the calibration of the fit, for the provenance.
         dataset: the dataset that was fitted.
         folder: an existing folder; files of the same names are replaced.
+        spread: spreads the drawing of figures over processes.
     """
-    folder, unit = Path(folder), dataset.meta.sensor.unit
+    folder, without_frames = Path(folder), replace(dataset, frames=None)
     problem, grid, level = result.problem, result.grid, calibration.provenance.options.get("level")
     declared_m = problem.rig.position_sigma_m
     slack_m = result.presses.slack_m
@@ -70,8 +77,14 @@ def write_fit_report(
         level=f"{100 * float(level):g} %" if isinstance(level, int | float) else "part",
         declared_m=declared_m if np.isfinite(declared_m) else None,
         presses=_presses(result, dataset),
-        figures=[picture(draw(result, dataset), stem, folder, unit) for stem, draw in FIGURES.items()],
+        figures=list(spread(_picture, [(stem, result, without_frames, folder) for stem in FIGURES])),
     )
+
+
+def _picture(of: tuple[str, FitResult, Dataset, Path]) -> Picture:
+    """Draw a figure; see :func:`skincal.report.page.picture`."""
+    stem, result, dataset, folder = of
+    return picture(FIGURES[stem](result, dataset), stem, folder, dataset.meta.sensor.unit)
 
 
 def _scales(result: FitResult) -> dict[str, str] | None:

@@ -35,14 +35,15 @@ def session() -> Dataset:
     return make_session(np.random.default_rng(5), presses=50)[0]
 
 
-def blocked(_: int) -> bool:
-    return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+def blocked(_: int) -> tuple[int, bool]:
+    return os.getpid(), signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 
 def test_terminal_interrupt_ends_all_workers_at_once() -> None:
     with pytest.raises(KeyboardInterrupt), mapper(2) as spread:
-        assert all(spread(blocked, range(4)))
-        assert not blocked(0)
+        ((process, is_blocked),) = spread(blocked, [0])
+        assert is_blocked and process != os.getpid()
+        assert not blocked(0)[1]
         workers = multiprocessing.active_children()
         spread(time.sleep, [20.0, 20.0])
         time.sleep(0.5)  # until they have begun
@@ -86,7 +87,7 @@ import multiprocessing, os, signal, time
 from skincal.calibrate.workers import mapper
 
 # No guard of __main__: workers do not run the script again.
-with mapper(2) as spread:
+with mapper(3) as spread:
     list(spread(abs, range(4)))
     spread(time.sleep, [60.0] * 3)  # one is at work on each worker, one waits
     print(*(worker.pid for worker in multiprocessing.active_children()), flush=True)

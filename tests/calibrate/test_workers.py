@@ -10,19 +10,28 @@ from skincal.calibrate.workers import mapper
 
 
 def _says(_: int) -> tuple[int, bool]:
-    time.sleep(0.05)  # so that both workers get some
-    return os.getpid(), compiling.on_compile is compiling.tell
+    time.sleep(0.2)  # so that each process gets one
+    return os.getpid(), compiling.on_compile is not None
 
 
-@pytest.mark.parametrize("says", [True, False])
-def test_one_worker_says_that_it_compiles(monkeypatch: pytest.MonkeyPatch, says: bool):
-    monkeypatch.setattr(compiling, "on_compile", compiling.tell if says else None)
+def test_this_process_shares_the_work_and_alone_says_that_it_compiles(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(compiling, "on_compile", lambda: None)
     with mapper(2) as spread:
-        found = set(spread(_says, range(12)))
-    assert len(found) == 2
-    assert sum(told for _, told in found) == says
+        ((worker, says),) = spread(_says, [0])  # it has begun
+        assert worker != os.getpid() and not says
+        assert list(spread(_says, [0, 1])) == [(worker, False), (os.getpid(), True)]
 
 
-def test_note_goes_to_standard_error(capsys: pytest.CaptureFixture[str]):
-    compiling.tell()
-    assert capsys.readouterr().err == f"{compiling.NOTE}\n"
+def _fails_at_two(number: int) -> int:
+    if number == 2:
+        raise ValueError(number)
+    return number
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_an_error_is_raised_when_it_is_its_turn(workers: int):
+    seen: list[int] = []
+    with mapper(workers) as spread, pytest.raises(ValueError, match="2"):
+        for found in spread(_fails_at_two, range(6)):
+            seen.append(found)  # noqa: PERF402 - what came before the error counts
+    assert seen == [0, 1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import subprocess
 import sys
 from collections.abc import Callable
@@ -50,6 +51,16 @@ def test_a_session_comes_back(
     assert_same(dataset.frames, back.frames)
     assert back.folder == tmp_path / "d"
     assert back.sha256 == dataset_hash(tmp_path / "d")
+
+
+def test_a_session_can_be_sent_to_another_process(session: Session) -> None:
+    dataset = session(frames_per_press=4)
+    back = pickle.loads(pickle.dumps(dataset))
+    assert back.meta == dataset.meta
+    assert_same(dataset.presses, back.presses)
+    assert_same(dataset.frames, back.frames)
+    with pytest.raises(TypeError):
+        back.presses.columns["new"] = back.presses.force_n
 
 
 floats = hnp.arrays(np.float64, 5, elements=st.floats(allow_nan=True, allow_infinity=True, width=64))

@@ -176,8 +176,8 @@ def test_a_bolt_can_be_rolled_along_its_normal(orientation_deg: float) -> None:
     rolled, targets, truncated = [], [], False
     while not truncated:
         here = env.truth.position_m
-        goal = env._targets[env._step + 1, 0] * env._normal()
-        along = here + ((goal - here) @ env._normal()) * env._normal()
+        goal = env._targets[env._step + 1, 0] * env._normal
+        along = here + ((goal - here) @ env._normal) * env._normal
         *_, terminated, truncated, info = env.step(rolling(env, along))
         assert not terminated
         rolled.append(info["rolled_m"]), targets.append(info["rolled_target_m"])

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import pickle
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -7,7 +10,9 @@ from skincal.fitting.grid import MacroGrid, evaluate_slab, span
 from skincal.fitting.images import KernelImages
 from skincal.fitting.micro import MicroSettings, image_mismatch
 from skincal.fitting.problem import pose_problem
-from skincal.fitting.slab import descend, mismatches
+from skincal.fitting.slab import descend, mismatches, place
+from skincal.fitting.tasks import SlabTask, run_slab
+from skincal.fitting.types import Floats
 from tests.fitting.conftest import Truth, make_session, rig
 
 SETTINGS = MicroSettings(0.5, 1e-3, 2e-3)
@@ -72,6 +77,19 @@ def test_the_grid_finds_the_truth_where_there_is_no_noise(truth: Truth) -> None:
     assert slab.scale_per_n[1, 1, 1] == pytest.approx(truth.scale_per_n, rel=0.01)
     # The slack takes up a shift of the sensor: position is told by how little of it is needed.
     assert np.unravel_index(slab.slack_rms_m[1].argmin(), (3, 3)) == (1, 1)
+
+
+def test_another_process_needs_no_other_compilation(truth: Truth) -> None:
+    """Read-only arrays are writable once they have been sent, which is another type."""
+    presses, _ = make_session(truth, presses=6, noise=0.0, position_sigma_m=0.4e-3)
+    one: Floats = np.zeros(1)
+    macro = MacroGrid(one, one, one, np.log([truth.elasticity_pa_per_m]))
+    task = SlabTask(pose_problem(rig(), presses), macro, 0, SETTINGS)
+    compiled: Any = place
+    run_slab(task)
+    before = list(compiled.signatures)
+    run_slab(pickle.loads(pickle.dumps(task)))
+    assert compiled.signatures == before
 
 
 def test_a_search_window_belongs_to_its_own_centre(truth: Truth) -> None:

@@ -17,6 +17,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from skincal.calibrate.workers import mapper
 from skincal.calibration import Calibration, Effect, Finding, Loss, ModelParameters, Provenance
 from skincal.dataset import (
     Dataset,
@@ -281,7 +282,8 @@ def test_page_of_a_fit_with_effects_names_its_model(fitted: Fitted, words: Words
 
 
 def test_the_report_is_reproducible(folder: Path, fitted: Fitted, tmp_path: Path) -> None:
-    write_fit_report(fitted[0], fitted[2], fitted[1], tmp_path)
+    with mapper(2) as spread:  # figures drawn by several processes are the same
+        write_fit_report(fitted[0], fitted[2], fitted[1], tmp_path, spread)
     for file in folder.iterdir():
         assert file.read_bytes() == (tmp_path / file.name).read_bytes(), file.name
 

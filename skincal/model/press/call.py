@@ -121,12 +121,13 @@ def _cast(
 
 def _look_as_far_as_needed(indenter: MeshIndenter, levels: FloatArray, guesses: FloatArray) -> None:
     """Let the next press of a mesh look as deep as nine of ten of these needed: it saves rays, no more."""
-    sound = (levels < np.inf) & (guesses[0] < np.inf)
-    found, guess = levels[sound] - guesses[1, sound], guesses[0, sound] - guesses[1, sound]
-    deep = guess > _SHALLOW_M
-    needed = np.sort(found[deep] / guess[deep])
-    if len(needed):
-        most = _MARGIN * float(needed[int(_ENOUGH * (len(needed) - 1))])
+    needed = sorted(
+        (level - first) / (guess - first)
+        for level, guess, first in zip(levels.tolist(), *guesses.tolist(), strict=True)
+        if level < np.inf and guess < np.inf and guess - first > _SHALLOW_M
+    )
+    if needed:
+        most = _MARGIN * needed[int(_ENOUGH * (len(needed) - 1))]
         kept = max(most, indenter.ahead + _FORGET * (most - indenter.ahead))
         indenter.ahead = min(max(kept, 1.0), _MOST_AHEAD)
 
