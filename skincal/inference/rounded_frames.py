@@ -42,8 +42,10 @@ _UNLIKELY = 1e-5
 _SHORTEST, _PARTS, _HOLDS, _IDLE = 3, 12, 400, 1000
 _SPLIT = 0.05
 """Prior probability that a level changes at half of a hold, and of its halves in turn."""
-_TOLD, _OWN = 4.5, 9.0
-"""Growth, and a taxel's own noise, are believed from so many nats on: three standard deviations, more for many taxels."""
+_TOLD = 4.5
+"""Growth is believed from so many nats on: three standard deviations."""
+_OWN = 9.0
+"""The same of the own noise of a taxel, one of many."""
 
 
 @dataclass(frozen=True, eq=False)
