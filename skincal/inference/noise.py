@@ -19,6 +19,8 @@ from skincal.inference.rounded_frames import noise_of_rounded
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _NEAR, _FINE, _KNOTS = 8.0, 8.0, 4000
+_AWAY = 4
+"""Rounds in which the noise, and how far from the bounds it is looked for, follow each other."""
 _NODES = np.linspace(-3.0, 3.0, 13)
 _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
 _NODES /= np.sqrt(_WEIGHTS @ _NODES**2)
@@ -242,9 +244,14 @@ def noise_of(
     d, at, force = (
         held if len(held[0]) > 300 else tuple(np.concatenate(x) for x in zip(held, idle, strict=True))
     )
-    inside = (at > low + away) & (at < high - away) & np.isfinite(d)
+    inside, usual = np.zeros(d.shape, dtype=bool), 0.0
+    for _ in range(_AWAY):
+        # Frames that a bound clips scatter less than the noise.
+        some = (at > low + max(away, 4 * usual)) & (at < high - max(away, 4 * usual)) & np.isfinite(d)
+        if not some.any():
+            break
+        inside, usual = some, _robust(d[some], step)
     above = np.maximum(at - level, 0.0)
-    usual = _robust(d[inside], step) if inside.any() else 0.0
     noise_of_force = _robust(force) if len(force) else 0.0
     if usual < np.hypot(C.smooth, np.sqrt(1 / 12)) * step and (
         found := noise_of_rounded(counts, hold, rest, level, step, origin, low, high)

@@ -128,3 +128,15 @@ def test_steps_of_eight_times_the_noise(seed: int):
     assert found.frame == pytest.approx(1.0, abs=0.2)
     assert found.grows == 0.0 and 0.01 < found.within < 0.15
     assert found.sigma == pytest.approx(np.full(16, found.frame))
+
+
+@pytest.mark.parametrize("integer", [True, False])
+def test_noise_that_a_bound_clips_is_not_underrated(integer: bool):
+    """Most frames rest on the bound, where they scatter by six tenths of the noise."""
+    rng = np.random.default_rng(4)
+    level = np.repeat(rng.uniform(0, 120, (60, 16)) * (rng.uniform(size=(60, 16)) < 0.2), 25, axis=0)
+    noisy = level + 3.0 * rng.standard_normal(level.shape)
+    counts = np.clip(np.rint(noisy) if integer else noisy, 0.0, 255.0)
+    hold = np.repeat(np.arange(60), 25)
+    found = noise_of(counts, hold, np.full(len(hold), -1), np.zeros(len(hold)), 0.0, 255.0, integer=integer)
+    assert found.frame == pytest.approx(3.0, rel=0.05) and found.grows == 0.0
