@@ -53,9 +53,9 @@ def rest_shifts(dataset: Dataset) -> NDArray[np.float64] | None:
         moved = max(float(np.mean((mean - middle) ** 2)) - float(np.mean(noise / many)), 0.0)
         if moved > 0 and mean.min() > low + _CLEAR * np.sqrt(noise):
             shifts[known, j] = (mean - middle) * moved / (moved + noise / many)
-    read = presses.counts
-    bound = sensor.value_max is not None and sensor.baseline != "subtracted"
-    return np.where(read >= sensor.value_max, 0.0, shifts) if bound else shifts
+    if sensor.value_max is not None and sensor.baseline != "subtracted":
+        shifts[presses.counts >= sensor.value_max] = 0.0
+    return shifts
 
 
 def _before(idle: NDArray[np.bool_], press: NDArray[np.int64], number: int) -> NDArray[np.intp]:

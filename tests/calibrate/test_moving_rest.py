@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from skincal.calibrate import fit_problem
+from skincal.calibrate.moving_rest import with_moving_rest
 from skincal.dataset import IDLE, Dataset
 from skincal.dataset.rest_shifts import rest_shifts
 from skincal.fitting.fit_options import FitOptions
+from tests.calibrations import make_calibration
 
 Session = Callable[..., Dataset]
 EACH, IDLE_FRAMES, HELD = 8, 20, 10
@@ -86,3 +88,13 @@ def test_clipped_levels_are_left_alone(session: Session) -> None:
     shifts = rest_shifts(clipped)
     assert shifts is not None
     assert not shifts.any()
+
+
+def test_a_level_that_moves_is_told(session: Session) -> None:
+    drift = 12.0 * (np.arange(40) % EACH) / EACH
+    calibration = make_calibration()
+    before = len(calibration.findings)
+    told = with_moving_rest(calibration, drifting(session(40), drift)).findings[before:]
+    assert [(one.code, one.severity) for one in told] == [("rest_moves", "info")]
+    assert "re-zeroing" in told[0].text
+    assert len(with_moving_rest(calibration, drifting(session(40), 0.0 * drift)).findings) == before
