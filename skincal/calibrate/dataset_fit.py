@@ -11,6 +11,7 @@ import numpy as np
 
 from skincal.calibrate.assemble import calibration_of
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
+from skincal.calibrate.moving_rest import with_moving_rest
 from skincal.calibrate.order import in_order, with_other_order
 from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import Method, Way, choose_way
@@ -138,7 +139,7 @@ def calibrate(
         time=datetime.now(UTC).replace(microsecond=0),
         options={"method": way.method} | _plain_options(options, box),
     )
-    calibration = calibration_of(result, dataset, provenance)
+    calibration = with_moving_rest(calibration_of(result, dataset, provenance), dataset)
     if order is not None:
         calibration = with_other_order(calibration, order)
     return Outcome(calibration, result, len(slabs), way)

@@ -192,8 +192,11 @@ def _overflowed(values: FloatArray, size: float) -> int:
     low, high = groups
     rest = float(np.median(high))
     rises, sinks = float(high[-1] - rest), float(rest - high[0])
-    climbed = rises > max(3 * sinks, size * NEAR_END) and high[-1] > size * (1 - 4 * NEAR_END)
-    return len(low) if len(low) < len(high) and climbed else 0
+    climbed = rises > size * NEAR_END and high[-1] > size * (1 - 4 * NEAR_END)
+    # Rest close to the top leaves little room to climb; there the readings go on at the other end.
+    spread = float(low[-1] - low[0])
+    goes_on = spread > 3 * sinks and low[-1] < size / 4 and size - high[-1] + low[0] < max(rises, spread)
+    return len(low) if len(low) < len(high) and rises > 3 * sinks and (climbed or goes_on) else 0
 
 
 def _fell_below(values: FloatArray, size: float) -> int:

@@ -24,6 +24,7 @@ from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Beforehand, Fitter
 from skincal.inference.forward import State
 from skincal.inference.noise import Noise
+from skincal.inference.search import top_of
 from skincal.inference.session import GapSession
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray
@@ -255,9 +256,10 @@ def report_of(
     poses = 1 if samples.pose is None else int(samples.pose.max(initial=0)) + 1
     lacking = {n: tuple(c for c in e.covariates if c not in have) for n, e in EFFECTS.items()}
     names = [n for n in EFFECTS if not lacking[n]]
+    top = top_of(seen, samples)
     cases: list[FloatArray] = []
     for name in names:
-        case = EFFECTS[name].at_strength(1.0, rng, f.layout, max(poses, 2))
+        case = EFFECTS[name].at_strength(1.0, rng, f.layout, max(poses, 2), top_counts=top)
         if name in state.effects:
             cases.append(np.zeros_like(seen.values))
             continue

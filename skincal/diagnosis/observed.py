@@ -341,7 +341,7 @@ def _noise(
     rest, within = (low, 0.0) if clipped else noise.level_of(middle, count)
     noise = replace(noise, rest=rest)
     per_mean = float(np.hypot(noise.frame, noise.step / np.sqrt(12)) / np.sqrt(_hold_frames(session)))
-    width = 1.96 / np.sqrt(2 * count)
+    width = 1.96 * float(np.hypot(1 / np.sqrt(2 * count), noise.within))
     floor = NoiseFloor(
         noise.frame, (noise.frame * (1 - width), noise.frame * (1 + width)), found,
         per_mean, (per_mean * (1 - width), per_mean * (1 + width)), found, noise.grows, noise.step,

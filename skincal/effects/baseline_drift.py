@@ -13,7 +13,7 @@ import numpy as np
 
 from skincal.effects.effect import SignalEffect, Stage, known
 from skincal.effects.gain_drift import REFERENCE_C
-from skincal.effects.parameter import Scene, Start, Values, form, per_taxel, start, strength
+from skincal.effects.parameter import MOST_COUNTS, Scene, Start, Values, form, per_taxel, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model.arrays import FloatArray
@@ -26,13 +26,34 @@ class BaselineDrift(SignalEffect):
     meaning = "the level at rest moves over the session"
     parameters = (
         per_taxel(
-            "slope_counts_per_s", "counts/s", 0.0, -1.0, 1.0, "s_j: drift", typical=0.01, needs=("time",)
+            "slope_counts_per_s",
+            "counts/s",
+            0.0,
+            -MOST_COUNTS,
+            MOST_COUNTS,
+            "s_j: drift",
+            typical=0.01,
+            needs=("time",),
         ),
         per_taxel(
-            "settling_counts", "counts", 0.0, -60.0, 60.0, "b_j: change while settling", needs=("time",)
+            "settling_counts",
+            "counts",
+            0.0,
+            -MOST_COUNTS,
+            MOST_COUNTS,
+            "b_j: change while settling",
+            needs=("time",),
         ),
         form("settling_time_s", "s", 100.0, 20.0, 5000.0, "tau: time of settling", scale="log"),
-        strength("temperature_counts_per_k", "counts/K", 0.0, -20.0, 20.0, "k", needs=("temperature",)),
+        strength(
+            "temperature_counts_per_k",
+            "counts/K",
+            0.0,
+            -MOST_COUNTS,
+            MOST_COUNTS,
+            "k",
+            needs=("temperature",),
+        ),
         form(
             "reference_c",
             "°C",
@@ -49,10 +70,16 @@ class BaselineDrift(SignalEffect):
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:
         ones, eye = np.ones(scene.taxels), np.eye(scene.taxels)
-        rate, tau = 2.0 / max(scene.duration_s, 1.0), float(np.clip(scene.duration_s / 6, 20.0, 5000.0))
-        settles = [{"settling_counts": 2.0 * e, "settling_time_s": tau} for e in (ones, *(0.5 * eye))]
+        size = 0.02 * scene.top_counts
+        rate, tau = size / max(scene.duration_s, 1.0), float(np.clip(scene.duration_s / 6, 20.0, 5000.0))
+        settles = [{"settling_counts": size * e, "settling_time_s": tau} for e in (ones, *(0.5 * eye))]
         slopes = [{"slope_counts_per_s": rate * e} for e in (ones, *(0.5 * eye))]
-        return (start(slopes[0]), start(settles[0]), start(*slopes), start({"temperature_counts_per_k": 0.5}))
+        return (
+            start(slopes[0]),
+            start(settles[0]),
+            start(*slopes),
+            start({"temperature_counts_per_k": size / 4}),
+        )
 
     def apply(self, signal: FloatArray, samples: Samples, values: Values, setting: Setting) -> FloatArray:
         """Apply the effect (:meth:`SignalEffect.apply`). A sample without a temperature counts as being at 25 °C."""

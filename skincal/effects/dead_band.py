@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.effects.effect import SignalEffect, Stage
-from skincal.effects.parameter import Scene, Start, Values, form, start, strength
+from skincal.effects.parameter import MOST_COUNTS, Scene, Start, Values, form, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model.arrays import FloatArray, as_floats
@@ -27,7 +27,7 @@ class DeadBand(SignalEffect):
     stage = Stage.CONVERTER
     meaning = "small values are swallowed"
     parameters = (
-        strength("width_counts", "counts", 0.0, 0.0, 60.0, "b", typical=8.0),
+        strength("width_counts", "counts", 0.0, 0.0, MOST_COUNTS, "b", typical=8.0),
         form("recovery", "-", 0.0, 0.0, 1.0, "k: how far large values come out whole"),
         form("softness", "-", 0.0, 0.0, 1.0, "r: width of the threshold, in parts of b"),
     )

@@ -11,7 +11,16 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.effects.effect import SignalEffect, Stage
-from skincal.effects.parameter import Scene, Start, Values, form, per_taxel, start
+from skincal.effects.parameter import (
+    MOST_COUNTS,
+    TYPICAL_TOP_COUNTS,
+    Scene,
+    Start,
+    Values,
+    form,
+    per_taxel,
+    start,
+)
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model import TaxelLayout
@@ -26,7 +35,9 @@ class DeadTaxel(SignalEffect):
     zero_error = 0.0
     parameters = (
         per_taxel("answer", "-", 1.0, 0.0, 1.0, "a_j: part of the value that shows", typical=-1.0),
-        form("stuck_counts", "counts", 0.0, -100.0, 4096.0, "v_j: what it reads", shape="per-taxel"),
+        form(
+            "stuck_counts", "counts", 0.0, -MOST_COUNTS, MOST_COUNTS, "v_j: what it reads", shape="per-taxel"
+        ),
         form("from_s", "s", 0.0, 0.0, 1e6, "t_j: when it begins, after the session did", shape="per-taxel"),
     )
     single_taxels = True
@@ -55,7 +66,13 @@ class DeadTaxel(SignalEffect):
         return ("time",)
 
     def at_strength(
-        self, strength: float, rng: np.random.Generator, layout: TaxelLayout, poses: int = 2
+        self,
+        strength: float,
+        rng: np.random.Generator,
+        layout: TaxelLayout,
+        poses: int = 2,
+        *,
+        top_counts: float = TYPICAL_TOP_COUNTS,
     ) -> dict[str, FloatArray]:
         """Return a case (:meth:`Effect.at_strength`); at strength 1 a sixteenth of the taxels, or one, is dead."""
         self.check_strength(strength)

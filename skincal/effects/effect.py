@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.effects.parameter import EffectParameter, Scene, Start, Values, checked
+from skincal.effects.parameter import TYPICAL_TOP_COUNTS, EffectParameter, Scene, Start, Values, checked
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.errors import InputError, Problem
@@ -142,7 +142,13 @@ class Effect(ABC):
         return self.search_from
 
     def at_strength(
-        self, strength: float, rng: np.random.Generator, layout: TaxelLayout, poses: int = 2
+        self,
+        strength: float,
+        rng: np.random.Generator,
+        layout: TaxelLayout,
+        poses: int = 2,
+        *,
+        top_counts: float = TYPICAL_TOP_COUNTS,
     ) -> dict[str, FloatArray]:
         """Return the parameters of a case of some strength: 0 is neutral, 1 a typical, clearly visible case.
 
@@ -154,13 +160,18 @@ class Effect(ABC):
             rng: generator of the draws.
             layout: the taxels.
             poses: number of hand poses.
+            top_counts: a large value of the sensor above rest, in its unit.
 
         Raises:
             InputError: the strength is negative or not finite.
         """
         self.check_strength(strength)
         return {
-            p.name: np.clip(p.neutral + strength * p.typical * _pattern(p, rng, layout, poses), p.low, p.high)
+            p.name: np.clip(
+                p.neutral + strength * p.typical_at(top_counts) * _pattern(p, rng, layout, poses),
+                p.low,
+                p.high,
+            )
             for p in self.parameters
         }
 

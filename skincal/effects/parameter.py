@@ -17,6 +17,12 @@ Shape = Literal["scalar", "per-taxel", "per-pose"]
 Role = Literal["strength", "form"]
 Scale = Literal["linear", "log"]
 
+MOST_COUNTS = 1e12
+"""Bound of parameters in units of taxel values: counts, volts or pascals, whatever a sensor has."""
+
+TYPICAL_TOP_COUNTS = 100.0
+"""Large value above rest of the sensor that typical cases in counts are meant for."""
+
 
 @dataclass(frozen=True)
 class EffectParameter:
@@ -47,6 +53,15 @@ class EffectParameter:
     role: Role = "strength"
     needs: tuple[str, ...] = ()
     scale: Scale = "linear"
+
+    @property
+    def counts_power(self) -> int:
+        """Power of the unit of taxel values in its unit: by so much it follows a change of that unit."""
+        return 1 if self.unit.startswith("counts") else -1 if self.unit.endswith("/counts") else 0
+
+    def typical_at(self, top_counts: float) -> float:
+        """The distance from neutral of a clearly visible case on a sensor with some large value above rest [counts]."""
+        return self.typical * (top_counts / TYPICAL_TOP_COUNTS) ** self.counts_power
 
 
 strength = EffectParameter

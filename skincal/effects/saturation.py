@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.effects.effect import SignalEffect, Stage
-from skincal.effects.parameter import Scene, Start, Values, form, start, strength
+from skincal.effects.parameter import MOST_COUNTS, Scene, Start, Values, form, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model.arrays import FloatArray
@@ -23,7 +23,13 @@ class Saturation(SignalEffect):
     meaning = "large values are compressed or clipped"
     parameters = (
         strength(
-            "inverse_ceiling_per_count", "1/counts", 0.0, 0.0, 0.2, "k: one over the ceiling", typical=1 / 80
+            "inverse_ceiling_per_count",
+            "1/counts",
+            0.0,
+            0.0,
+            MOST_COUNTS,
+            "k: one over the ceiling",
+            typical=1 / 80,
         ),
         form("sharpness", "-", 4.0, 1.5, 30.0, "p", scale="log"),
     )

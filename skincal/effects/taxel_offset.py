@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from skincal.effects.effect import SignalEffect, Stage
-from skincal.effects.parameter import Scene, Start, Values, each_of, per_taxel, start
+from skincal.effects.parameter import MOST_COUNTS, Scene, Start, Values, each_of, per_taxel, start
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model.arrays import FloatArray
@@ -15,7 +15,7 @@ class TaxelOffset(SignalEffect):
     meaning = "taxels differ in their level at rest"
     equation_error = 0.0
     zero_error = 0.0
-    parameters = (per_taxel("offset_counts", "counts", 0.0, -65535.0, 65535.0, "o_j", typical=3.0),)
+    parameters = (per_taxel("offset_counts", "counts", 0.0, -MOST_COUNTS, MOST_COUNTS, "o_j", typical=3.0),)
     shows = "taxels"
     replaces_range = "skin.taxel_offset_counts"
     source = "Kasolowsky, Bäuml, IROS 2024, table of randomized parameters: an offset for each taxel."

@@ -136,6 +136,7 @@ def as_told(problem: FitProblem, draws: Floats, rng: np.random.Generator) -> Flo
     others = np.sqrt((shared.field.reshape(2, -1) ** 2).sum(axis=1) * 2 / len(problem))
     out = draws.copy()
     out[:, 4] -= np.exp(draws[:, 9]) / np.sqrt(taxels) * rng.standard_normal(many)
+    out[:, 4] = np.clip(out[:, 4], *np.log(problem.scales))
     out[:, :2] += rng.random((many, 1)) * shared.half_force_m + others * rng.standard_normal((many, 2))
     return out
 

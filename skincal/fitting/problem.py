@@ -212,6 +212,12 @@ class FitProblem:
         return self.observation.noise_counts
 
     @property
+    def scales(self) -> tuple[float, float]:
+        """Any scale S within these is considered [1/N]: about the usual signal of a newton, whatever its unit."""
+        usual = self.observation.typical_counts / float(np.median(self.force_n))
+        return 1e-4 * usual, 1e4 * usual
+
+    @property
     def centre(self) -> Floats:
         """(K, 3) slack [m] and force error about which the press's own are scattered."""
         return np.column_stack([self.shared.shift_m, np.zeros(len(self))])

@@ -43,9 +43,6 @@ from skincal.fitting.tasks import (
 )
 from skincal.fitting.types import Floats
 
-SCALES = (1e-3, 1e5)
-"""Any scale S [1/N] within these is considered."""
-
 FEWEST_PRESSES = 3
 """Fewer cannot tell five parameters, however many taxels they light."""
 
@@ -166,7 +163,7 @@ def solve(
         Best point, intervals, grid, draws, and what a person should know.
     """
     done = _run_grid(plan, mapper, dict(slabs or {}), on_slab, progress)
-    bounds = _bounds(box)
+    bounds = _bounds(box, plan.problem.scales)
     problem, kept, dead, peak, table = _refine(
         plan, done, bounds, _Tabler(mapper, tables, progress), progress
     )
@@ -179,9 +176,9 @@ def solve(
     return conclude(plan.grid, slabs_in_order, found, box, options, rng)
 
 
-def _bounds(box: SearchBox) -> Bounds:
+def _bounds(box: SearchBox, scales: tuple[float, float]) -> Bounds:
     low, high = np.array([box.across_m, box.y_m, box.alpha_rad]).T
-    log_e, log_s = np.log(box.elasticity_pa_per_m), np.log(SCALES)
+    log_e, log_s = np.log(box.elasticity_pa_per_m), np.log(scales)
     return Bounds(np.array([*low, log_e[0], log_s[0]]), np.array([*high, log_e[1], log_s[1]]))
 
 

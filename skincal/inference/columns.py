@@ -110,6 +110,7 @@ def free_of(
                 at = float(array.ravel()[i or 0])
                 middle = float(np.log(at)) if p.scale == "log" else at
                 sigma = 1.0 if p.scale == "log" else (p.high - p.low) / 4
+                sigma = max(3 * scale, abs(at)) if p.counts_power else sigma
             else:
                 middle = float(np.log(p.neutral)) if p.scale == "log" else p.neutral
                 sigma = max(float(np.log1p(scale)) if p.scale == "log" else scale, 1e-12) * 3
@@ -150,7 +151,8 @@ def free_columns(forward: Forward, seen: Seen, free: Sequence[Free]) -> list[Slo
 def _step(f: Free, at: float) -> float:
     _, high = f.bounds()
     p = f.parameter
-    step = _LOG_STEP if f.logarithmic else _LINEAR_STEP * (p.typical or (p.high - p.low) / 4)
+    size = f.sigma / 3 if p.counts_power else p.typical or (p.high - p.low) / 4
+    step = _LOG_STEP if f.logarithmic else _LINEAR_STEP * size
     step = abs(step) if not p.shape.startswith("per") else max(abs(step), 1e-9)
     return -step if at + step > high else step
 

@@ -15,9 +15,12 @@ import numpy as np
 from scipy.special import ndtr
 
 from skincal.inference.constants import CONSTANTS as C
+from skincal.inference.rounded_frames import noise_of_rounded
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _NEAR, _FINE, _KNOTS = 8.0, 8.0, 4000
+_AWAY = 4
+"""Rounds in which the noise, and how far from the bounds it is looked for, follow each other."""
 _NODES = np.linspace(-3.0, 3.0, 13)
 _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
 _NODES /= np.sqrt(_WEIGHTS @ _NODES**2)
@@ -36,6 +39,7 @@ class Noise:
         force_n: noise of the measured force of a frame [N].
         rest: level at rest that all taxels share [counts].
         origin: a value that is written; all others are whole steps from it [counts].
+        within: relative standard deviation of ``sigma`` as far as a coarse step leaves it open.
     """
 
     sigma: FloatArray
@@ -46,6 +50,7 @@ class Noise:
     force_n: float = 0.0
     rest: float = 0.0
     origin: float = 0.0
+    within: float = 0.0
 
     @cached_property
     def frame(self) -> float:
@@ -239,13 +244,20 @@ def noise_of(
     d, at, force = (
         held if len(held[0]) > 300 else tuple(np.concatenate(x) for x in zip(held, idle, strict=True))
     )
-    inside = (at > low + away) & (at < high - away) & np.isfinite(d)
+    inside, usual = np.zeros(d.shape, dtype=bool), 0.0
+    for _ in range(_AWAY):
+        # Frames that a bound clips scatter less than the noise.
+        some = (at > low + max(away, 4 * usual)) & (at < high - max(away, 4 * usual)) & np.isfinite(d)
+        if not some.any():
+            break
+        inside, usual = some, _robust(d[some], step)
     above = np.maximum(at - level, 0.0)
-    usual = _robust(d[inside], step) if inside.any() else 0.0
-    lifted, idle_too = inside & (above > 2 * step), False
-    if usual < np.hypot(C.smooth, np.sqrt(1 / 12)) * step and lifted.sum() > 300:
-        # Levels at rest all stand on one place of the staircase; those of pressed taxels lie anywhere.
-        inside, usual, idle_too = lifted, max(_robust(d[lifted], step), 0.2 * step), (rest >= 0).any()
+    noise_of_force = _robust(force) if len(force) else 0.0
+    if usual < np.hypot(C.smooth, np.sqrt(1 / 12)) * step and (
+        found := noise_of_rounded(counts, hold, rest, level, step, origin, low, high)
+    ):
+        own = np.maximum(found.own, max(C.least_noise * float(np.nanmax(above, initial=1e-12)), 0.05 * step))
+        return Noise(own, found.grows, step, low, high, noise_of_force, origin=origin, within=found.within)
     quiet = inside & (above < 20 * max(usual, 0.2 * step, 1e-12))
     loud = inside & (above > 20 * max(usual, 1e-12))
     variance = _robust(d[quiet], step) ** 2 if quiet.sum() > 50 else usual**2
@@ -257,35 +269,17 @@ def noise_of(
         # Too little is not told from the scatter of the estimate.
         if more > max(4 * variance * np.sqrt(2 / len(own) + 2 / (quiet.sum() + 1.0)), 0.1 * variance):
             grows = float(np.sqrt(more / np.mean(high_up**2)))
-    before = sigma_before_rounding(variance, step)
-    if idle_too:
-        before = _on_stairs(counts[rest >= 0], step, before, variance, float(quiet.sum()))
-    sigma = max(before, C.least_noise * float(np.nanmax(above, initial=1e-12)), 0.05 * step)
+    sigma = max(
+        sigma_before_rounding(variance, step),
+        C.least_noise * float(np.nanmax(above, initial=1e-12)),
+        0.05 * step,
+    )
     own = np.full(counts.shape[1], sigma)
     for j in range(counts.shape[1]):
         mine = quiet[:, j] if quiet[:, j].sum() > 50 else inside[:, j]
         if mine.sum() > 50 and (found := _robust(d[mine, j], step)) > 1.5 * np.sqrt(variance):
             own[j] = max(sigma_before_rounding(found**2, step), sigma)
-    return Noise(own, grows, step, low, high, _robust(force) if len(force) else 0.0, origin=origin)
-
-
-def _on_stairs(idle: FloatArray, step: float, first: float, variance: float, count: float) -> float:
-    """The likeliest noise by the values that idle frames (M, J) fall on, and the variance of as many others.
-
-    Every taxel has a level of its own.
-    """
-    sigma = max(first, 0.1 * step) * np.geomspace(0.5, 2.0, 61)
-    seen = sigma**2 + step**2 / 12 - np.array([shared_rounding(s, step) for s in sigma])
-    # Second differences that overlap say less than as many that do not.
-    total = -count / 6 * (np.log(seen) + variance / seen)
-    level = step * np.linspace(-0.5, 0.5, 33)
-    for own in idle.T:
-        k = np.rint((own[np.isfinite(own)] - np.nanmedian(own)) / step)
-        at, many = np.unique(np.clip(k, -3, 3), return_counts=True)
-        edges = step * (at + np.array([[-0.5], [0.5]]))[..., None, None] - level[:, None]
-        share = np.diff(ndtr(edges / sigma), axis=0)[0]
-        total += np.tensordot(many, np.log(np.maximum(share, 1e-4)), axes=1).max(axis=0)
-    return float(sigma[int(np.argmax(total))])
+    return Noise(own, grows, step, low, high, noise_of_force, origin=origin)
 
 
 def _robust(x: FloatArray, step: float = 0.0) -> float:

@@ -24,13 +24,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from skincal.effects import effect
+from skincal.effects.samples import Samples
 from skincal.effects.starts import Scene
 from skincal.inference.blocks import Whitened
 from skincal.inference.check import left, limits
 from skincal.inference.columns import Candidate, Free, begun, candidates, free_of, starts_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
-from skincal.inference.forward import Effects, State
+from skincal.inference.forward import Effects, Seen, State
 from skincal.inference.gains import full_step, gains
 from skincal.inference.null import Null, drawn_residuals, law_residuals
 from skincal.inference.score import Score, folds_of, held_out
@@ -384,18 +385,23 @@ def left_by(fit: Fitted) -> FloatArray:
     return left(fit.chi()[:, None], fit.blocks.count, fit.blocks.press)[0]
 
 
+def top_of(seen: Seen, samples: Samples) -> float:
+    """A large value above rest [counts]."""
+    on = samples.touching
+    return max(float(np.quantile(seen.values[on].max(axis=1), 0.95)), 1e-12) if on.any() else 1.0
+
+
 def scene_of(fitter: Fitter, base: Fitted) -> Scene:
     """The scale of a session, by the base model's fit."""
     s, seen = fitter.forward.samples, base.seen
     on = s.touching
-    top = float(np.quantile(seen.values[on].max(axis=1), 0.95)) if on.any() else 1.0
     load = float(np.quantile(seen.loads[on].max(axis=1), 0.95)) if on.any() else 1.0
     span = float(s.elapsed_s.max(initial=0.0))
     speed = s.speed_m_per_s
     return Scene(
         taxels=seen.values.shape[1],
         poses=1 if s.pose is None else int(s.pose.max(initial=0)) + 1,
-        top_counts=max(top, 1e-9),
+        top_counts=top_of(seen, s),
         top_n=max(load, 1e-9),
         force_n=float(np.median(s.contacts.force_n[on])) if on.any() else 1.0,
         duration_s=max(span, 1.0),

@@ -91,6 +91,18 @@ def test_unsigned_words_at_both_ends(original: Dataset):
     assert under is not None and under.word == "int16"
 
 
+@pytest.mark.parametrize(("rest", "gain"), [(65400.0, 9.0), (65500.0, 20.0), (65530.0, 3.0)])
+def test_words_that_rest_just_below_their_top(tmp_path: Path, rest: float, gain: float, original: Dataset):
+    """No falling sensor: what goes on at the lower end is as far apart as loads are."""
+    noise = np.random.default_rng(2).normal(0, 1, original.presses.counts.shape)
+    true = np.rint(rest + gain * original.presses.counts + noise)
+    (problem,) = found(tmp_path, changed(original, as_word(true, "uint16")))
+    assert problem.code == "counter_wrapped" and problem.details["mapping"] == '[taxels] word = "int16"'
+    # Readings that drop out to nothing are none.
+    dropped = np.where(np.random.default_rng(3).random(true.shape) < 0.02, 0.0, np.minimum(true, 65535))
+    assert find_wrapped(dropped) is None
+
+
 def test_bytes_in_the_wrong_order(tmp_path: Path, original: Dataset):
     true = words_16(original, 20000.0, 10.0)
     (problem,) = found(tmp_path, changed(original, swapped(true)))

@@ -9,6 +9,7 @@ import pytest
 from effect_sessions import BASE, LAYOUT, SESSION, SKIN, VALUES, contacts_at, skin_with
 
 from skincal.effects import EFFECTS, EffectSkin, Samples, SignalEffect
+from skincal.effects.starts import Scene
 from skincal.errors import InputError
 from skincal.model import Plane, Sphere
 
@@ -270,3 +271,21 @@ def test_a_skin_on_a_plane_has_effects_too():
     for name, effect in EFFECTS.items():
         given = effect.at_strength(1.0, np.random.default_rng(0), LAYOUT)
         assert np.isfinite(flat.with_effects({name: given}).values(samples)).all()
+
+
+@pytest.mark.parametrize("unit", [1e-7, 1e-3, 1e4])
+@pytest.mark.parametrize("name", ["saturation", "dead_band", "taxel_offset", "baseline_drift", "dead_taxel"])
+def test_starts_follow_the_unit_of_values(name: str, unit: float):
+    """Volts, teslas, pascals: the same effect is sought, within its bounds."""
+    e = EFFECTS[name]
+    scene = Scene(3, 1, 100.0, 1.0, 2.0, 60.0)
+    other = replace(scene, top_counts=100.0 * unit)
+    for counts, values in zip(e.starts(scene), e.starts(other), strict=True):
+        for a, b in zip(counts.points, values.points, strict=True):
+            for key, value in a.items():
+                p = e.parameter(key)
+                assert b[key] == pytest.approx(value * unit**p.counts_power)
+                assert ((b[key] >= p.low) & (b[key] <= p.high)).all()
+    usual = e.at_strength(1.0, np.random.default_rng(0), LAYOUT)
+    for key, value in e.at_strength(1.0, np.random.default_rng(0), LAYOUT, top_counts=100.0 * unit).items():
+        assert value == pytest.approx(usual[key] * unit ** e.parameter(key).counts_power)

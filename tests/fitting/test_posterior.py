@@ -131,6 +131,18 @@ def test_draws_have_what_presses_leave_open_whatever_they_are(problem: FitProble
     assert np.abs(told[:, 1:4]).max() == 0.0
 
 
+def test_gains_that_scatter_without_end_leave_a_scale_that_can_be_written(
+    problem: FitProblem, peak: Peak
+) -> None:
+    """Overflown words: no gains explain them, however different."""
+    wild = np.concatenate([peak.macro, np.log(peak.sigmas)])
+    wild[9] = np.log(40.0)
+    told = as_told(problem, np.tile(wild, (1000, 1)), np.random.default_rng(0))
+    low, high = np.log(problem.scales)
+    assert ((told[:, 4] >= low) & (told[:, 4] <= high)).all()
+    assert low < peak.macro[4] - 5 and high > peak.macro[4] + 5
+
+
 def test_presses_at_one_place_unlike_the_model_have_a_density() -> None:
     """Ten like presses on five large taxels, images of another law: no noise, and the box bounds what is not told."""
     cross = 6e-3 * np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0, -1.0]])

@@ -110,3 +110,33 @@ def test_steps_and_their_share_of_the_scatter():
     assert step_of(np.array([[8.0, 16.0, 40.0]])) == 8.0
     assert step_of(np.random.default_rng(0).normal(size=(50, 2))) == 0.0
     assert sigma_before_rounding(1.0 + 1 / 12, 1.0) == pytest.approx(1.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_steps_of_eight_times_the_noise(seed: int):
+    """Second differences said up to 1.7 here, where few presses lie near the edge of a step."""
+    rng = np.random.default_rng(seed)
+    level = rng.uniform(0, 120, (90, 16)) * (rng.uniform(size=(90, 16)) < 0.15)
+    # The level gives way by a few counts in the hold.
+    creeping = level * (1 + 0.02 * np.linspace(0, 1, 25)[:, None, None] ** 0.5)
+    held = creeping.swapaxes(0, 1).reshape(-1, 16) + 21.0
+    noisy = np.concatenate([held, np.full((2500, 16), 21.0)])
+    counts = 8 * np.rint((noisy + rng.standard_normal(noisy.shape)) / 8)
+    hold = np.append(np.repeat(np.arange(90), 25), np.full(2500, -1))
+    rest = np.where(hold < 0, 0, -1)
+    found = noise_of(counts, hold, rest, np.zeros(len(hold)), 0.0, 276.0, integer=True)
+    assert found.frame == pytest.approx(1.0, abs=0.2)
+    assert found.grows == 0.0 and 0.01 < found.within < 0.15
+    assert found.sigma == pytest.approx(np.full(16, found.frame))
+
+
+@pytest.mark.parametrize("integer", [True, False])
+def test_noise_that_a_bound_clips_is_not_underrated(integer: bool):
+    """Most frames rest on the bound, where they scatter by six tenths of the noise."""
+    rng = np.random.default_rng(4)
+    level = np.repeat(rng.uniform(0, 120, (60, 16)) * (rng.uniform(size=(60, 16)) < 0.2), 25, axis=0)
+    noisy = level + 3.0 * rng.standard_normal(level.shape)
+    counts = np.clip(np.rint(noisy) if integer else noisy, 0.0, 255.0)
+    hold = np.repeat(np.arange(60), 25)
+    found = noise_of(counts, hold, np.full(len(hold), -1), np.zeros(len(hold)), 0.0, 255.0, integer=integer)
+    assert found.frame == pytest.approx(3.0, rel=0.05) and found.grows == 0.0
