@@ -575,7 +575,7 @@ def test_a_hand_at_rest_may_give_the_same_values_for_long() -> None:
     "odd",
     [{"temperature_c": value} for value in (10**400, 1e300, float("inf"), -300.0)]
     + [{"taxels": array(1, 2, 3, 1e300)}],
-    ids=str,
+    ids=["no float", "hot", "inf", "cold", "count"],
 )
 def test_no_sensor_gives_that(monkeypatch: pytest.MonkeyPatch, odd: dict[str, Any]) -> None:
     """Such a state would be written to a session that cannot be read."""
