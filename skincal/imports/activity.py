@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 
 from skincal.imports.cutting import cut
-from skincal.imports.mapping import CutRules, Mapping
+from skincal.imports.mapping import Mapping
+from skincal.imports.mapping_file import CutRules
 from skincal.imports.recording import FloatArray
 from skincal.imports.series import Cut, Series
 

@@ -69,8 +69,8 @@ def assemble(
         OSError: the disk is full, or not writable.
     """
     findings.raise_errors()
-    surface = surface_of(mapping.meta.surface, mapping.meshes) if mapping.placement.project else None
-    session = session_of(placed(recording, mapping.placement, surface), mapping, findings)
+    surface = surface_of(mapping.meta.surface, mapping.meshes) if mapping.file.frame.project else None
+    session = session_of(placed(recording, mapping.file.frame, surface), mapping, findings)
     findings.raise_errors()
     assert session is not None
     dataset = _dataset(session, mapping)
@@ -122,7 +122,7 @@ def assumed(mapping: Mapping) -> tuple[str, ...]:
     whole = all(name in constant for name in POSITION)
     if whole:
         found.append("position")
-    elif mapping.placement.project:
+    elif mapping.file.frame.project:
         found.append("position.depth")
     found += [name for name in constant if not (whole and name in POSITION)]
     return tuple(dict.fromkeys(found))

@@ -12,7 +12,7 @@ from typing import Final
 from skincal.bounded import UnreadableError, parse_csv
 from skincal.dataset.findings import Findings
 from skincal.imports.frame_text import NUMBER, PAIR, blocks_of
-from skincal.imports.mapping import CsvFormat
+from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.text_table import TextTable, text_lines
 
 MOST_LINES: Final = 4000

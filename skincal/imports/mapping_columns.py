@@ -8,7 +8,8 @@ from skincal.dataset.columns import JOINT
 from skincal.dataset.findings import did_you_mean
 from skincal.dataset.schema_errors import ABSENT, Place, Translator
 from skincal.imports import targets, units
-from skincal.imports.mapping import BagEntry, CsvEntry, Quantity
+from skincal.imports.mapping import Quantity
+from skincal.imports.mapping_file import BagEntry, CsvEntry
 from skincal.imports.units import Unit
 
 AXES = ("x", "y", "z")

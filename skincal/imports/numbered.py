@@ -10,7 +10,7 @@ import numpy as np
 from skincal.dataset import HOLD, PHASES
 from skincal.dataset.findings import Findings, listed
 from skincal.imports.cutting import hold_of
-from skincal.imports.mapping import CutRules
+from skincal.imports.mapping_file import CutRules
 from skincal.imports.recording import Column
 from skincal.imports.series import Cut, Rejected, Series, Span
 

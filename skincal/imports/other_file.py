@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from skincal.dataset.findings import Findings
-from skincal.imports.mapping import CsvFormat, Mapping
+from skincal.imports.mapping import Mapping
+from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.text_table import column_names
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skincal.imports.mapping import CutRules
+from skincal.imports.mapping_file import CutRules
 from skincal.imports.recording import FloatArray
 from skincal.imports.series import Cut, Rejected, Series, Span, runs
 

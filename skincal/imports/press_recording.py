@@ -12,12 +12,12 @@ from skincal.dataset.findings import Findings, listed
 from skincal.imports import targets
 from skincal.imports.activity import cut_by_taxels, in_contact
 from skincal.imports.alignment import JoinedClock
-from skincal.imports.csv_source import summed
 from skincal.imports.cutting import cut
 from skincal.imports.dataset_tables import presses_of_rows, tables_of_series
-from skincal.imports.mapping import CutRules, Mapping
+from skincal.imports.mapping import Mapping
+from skincal.imports.mapping_file import CutRules
 from skincal.imports.numbered import check_phases, cut_numbered
-from skincal.imports.recording import Dropped, FloatArray, ReadFile, Recording
+from skincal.imports.recording import Dropped, FloatArray, ReadFile, Recording, summed
 from skincal.imports.resting import rested
 from skincal.imports.series import Cut, Series
 

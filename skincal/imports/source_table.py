@@ -16,7 +16,7 @@ from skincal.imports.array_files import read_arrow, read_hdf5, read_json, read_m
 from skincal.imports.columns_of import Columns, chosen
 from skincal.imports.frame_text import read_blocks, read_labelled
 from skincal.imports.layout_hints import layout_hint, units_row
-from skincal.imports.mapping import CsvFormat
+from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.text_table import TextTable, read_text_table
 
 FOREIGN: Final = (read_hdf5, read_json, read_matlab, read_arrow)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from skincal.bounded import UnreadableError, parse_csv, read_bytes
 from skincal.dataset.findings import SHOWN, Findings, Sheet, did_you_mean
 from skincal.files import reason
-from skincal.imports.mapping import CsvFormat
+from skincal.imports.mapping_file import CsvFormat
 
 Column = NDArray[Any]
 
