@@ -47,12 +47,7 @@ def fit_key(dataset_sha256: str, method: str, options: FitOptions, box: SearchBo
 
 
 class Checkpoint:
-    """A folder with one file a turn of the grid, and one a part of a table of images.
-
-    Args:
-        folder: where; made when the first turn is kept.
-        key: of the fit; turns of another fit are not used.
-    """
+    """A folder with one file a turn of the grid, and one a part of a table of images."""
 
     def __init__(self, folder: Path, key: str) -> None:
         self.folder, self.key = folder, key

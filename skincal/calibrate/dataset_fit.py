@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from skincal.calibrate.assemble import calibration_of
+from skincal.calibrate.assemble import calibration_of, provenance_of
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
 from skincal.calibrate.order import in_order, with_other_order
 from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import Method, Way, choose_way
 from skincal.calibrate.workers import mapper
-from skincal.calibration import Calibration, Provenance
+from skincal.calibration import Calibration
 from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
 from skincal.dataset.rest import REST_IN_DOUBT, rest_in_doubt
@@ -27,7 +26,6 @@ from skincal.fitting.result import FitResult
 from skincal.fitting.solve import FEWEST_PRESSES, Progress, default_steps, plan_fit, solve
 from skincal.fitting.wiring import order_of_problem
 from skincal.shown import Shown
-from skincal.version import __version__
 
 PRESS_MORE = (
     "Press harder or nearer the taxels, so that more of them answer, or lower --active-counts or --min-active; "
@@ -127,16 +125,9 @@ def calibrate(
             command=command, method=method, progress=progress,
         )  # fmt: skip
         return replace(mended, calibration=with_other_order(mended.calibration, order))
-    provenance = Provenance(
-        dataset_sha256=sha,
-        dataset="" if dataset.folder is None else dataset.folder.name,
-        version=__version__,
-        command=command,
-        seed=seed,
-        time=datetime.now(UTC).replace(microsecond=0),
-        options={"method": way.method} | _plain_options(options, box),
-    )
-    calibration = calibration_of(result, dataset, provenance)
+    settings = {"method": way.method} | asdict(options) | {"box": asdict(box)}
+    settings = {key: value for key, value in settings.items() if value is not None}
+    calibration = calibration_of(result, dataset, provenance_of(dataset, command, seed, settings))
     if order is not None:
         calibration = with_other_order(calibration, order)
     return Outcome(calibration, result, len(slabs), way)
@@ -168,8 +159,3 @@ def why_dropped(problem: FitProblem) -> str:
         return f"The only press was not used: {problem.status[0]}."
     dropped = sum(reasons.values())
     return f"Of {len(problem.status)} presses {dropped} {'was' if dropped == 1 else 'were'} not used: {told}."
-
-
-def _plain_options(options: FitOptions, box: SearchBox) -> dict[str, object]:
-    plain = asdict(options) | {"box": asdict(box)}
-    return {key: value for key, value in plain.items() if value is not None}

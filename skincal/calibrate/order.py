@@ -29,12 +29,7 @@ _FROM_WRONG_IMAGES = (
 
 
 def order_finding(order: TaxelOrder, layout: TaxelLayout) -> Finding:
-    """The finding ``taxel_order``, with the line of a mapping file that mends it.
-
-    Args:
-        order: that explains the images.
-        layout: the taxels.
-    """
+    """The finding ``taxel_order``, with the line of a mapping file that mends it."""
     moved = ["({}, {})".format(*divmod(j, layout.cols)) for j in order.moved.tolist()]
     which = ", ".join(moved[:MOST_NAMED]) + (
         f" and {len(moved) - MOST_NAMED} more" if moved[MOST_NAMED:] else ""
@@ -74,12 +69,7 @@ def in_order(dataset: Dataset, order: TaxelOrder) -> Dataset:
 
 
 def with_other_order(calibration: Calibration, order: TaxelOrder) -> Calibration:
-    """The calibration with the finding, and without intervals: it comes from images in the wrong order.
-
-    Args:
-        calibration: of the images as they are.
-        order: that explains them.
-    """
+    """The calibration with the finding, and without intervals: it comes from images in the wrong order."""
     nothing = (float("-inf"), float("inf"))
     others = (one for one in calibration.findings if one.code not in _FROM_WRONG_IMAGES)
     return replace(

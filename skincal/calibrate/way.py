@@ -39,10 +39,6 @@ class Way:
 def choose_way(dataset: Dataset, method: Method = "auto") -> Way:
     """The way that a dataset is fitted: the fast one where it can be used, unless told otherwise.
 
-    Args:
-        dataset: a session.
-        method: what was asked for.
-
     Raises:
         InputError: the fast way was asked for and cannot be used, or there is no such method.
     """

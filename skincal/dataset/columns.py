@@ -43,6 +43,13 @@ def is_number(values: FloatArray) -> BoolArray:
     return np.abs(values) < LARGEST
 
 
+def repeated(rows: NDArray[Any]) -> BoolArray:
+    """Return which rows (n,) or (n, m) have come before; NaN equals NaN."""
+    import pandas as pd
+
+    return pd.DataFrame(rows).duplicated().to_numpy()
+
+
 _HOLDS: dict[str, Callable[[FloatArray], BoolArray]] = {
     ANY: is_number,
     NOT_NEGATIVE: lambda x: is_number(x) & (x >= 0),

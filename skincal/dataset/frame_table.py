@@ -18,13 +18,7 @@ REQUIRED = ("press", "phase", "time_s", "force_n", *POSITION)
 
 
 def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> Frames:
-    """Return the frames of a table; add problems to the table's findings.
-
-    Args:
-        table: the table as read.
-        meta: the content of ``dataset.toml``.
-        presses: the presses of the frames; None if they could not be read.
-    """
+    """Return the frames of a table, whose presses may be unknown; add problems to the table's findings."""
     reader = ColumnReader(table)
     taxels = meta.sensor.taxel_columns()
     reader.require(REQUIRED)

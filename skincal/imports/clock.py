@@ -148,12 +148,7 @@ def spread_equal(time: FloatArray) -> FloatArray:
 
 
 def epoch_unit(stamps: FloatArray, factors: Sequence[tuple[str, float]]) -> str | None:
-    """Return the unit in which stamps are times since 1970 in this century; None if there is none.
-
-    Args:
-        stamps: shape (n,).
-        factors: names and lengths of units [s].
-    """
+    """Return the unit, of names and lengths [s], in which stamps (n,) are times since 1970 in this century, or None."""
     middle = float(np.nanmedian(stamps)) if np.isfinite(stamps).any() else 0.0
     return next((name for name, factor in factors if EPOCH_S[0] < middle * factor < EPOCH_S[1]), None)
 

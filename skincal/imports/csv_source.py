@@ -25,11 +25,6 @@ from skincal.imports.values import is_text, quantity_values
 def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) -> Recording | None:
     """Read files by a mapping.
 
-    Args:
-        mapping: the mapping.
-        files: the files, in the order of the session, those of ``[files]`` among them.
-        findings: collects the errors.
-
     Returns:
         One row per row of the files with the taxels; None if a file cannot be read at all.
 

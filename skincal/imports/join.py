@@ -37,11 +37,6 @@ def assigned(
 ) -> tuple[list[Path], dict[str, list[Path]]]:
     """Return the files of the command line that hold the taxels, and those of each table of ``[files]``.
 
-    Args:
-        joined: tables of ``[files]``.
-        given: files of the command line.
-        folder: folder of the mapping, which is searched for the other files.
-
     Raises:
         InputError: a file of ``[files]`` is neither given nor next to the mapping.
     """

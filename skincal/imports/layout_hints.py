@@ -40,13 +40,7 @@ TAXEL_NAMES: Final = ("taxel", "sensor", "channel", "index", "id")
 
 
 def layout_hint(path: Path, form: CsvFormat, wanted: Sequence[str]) -> str:
-    """Return the layout to set for a file that cannot be read as a table; '' if unknown.
-
-    Args:
-        path: the file.
-        form: the layout with which it was read.
-        wanted: columns that a mapping needs.
-    """
+    """Return the layout to set for a file that cannot be read as a table; '' if unknown."""
     plain = replace(form, skip_rows=0, skip_after_header=0, comment="")
     lines = text_lines(path, plain, Findings(), blank=True)
     filled = [(number, line) for number, line in lines or [] if line.strip()][:MOST_LINES]

@@ -19,14 +19,7 @@ AnyEntry = CsvEntry | BagEntry
 def read_columns(
     entries: Mapping[str, AnyEntry], rows: str, file: str, report: Translator
 ) -> tuple[Quantity, ...]:
-    """Return the quantities of ``[columns]``.
-
-    Args:
-        entries: the table.
-        rows: meaning of a row of the source.
-        file: name of the mapping.
-        report: adds the errors.
-    """
+    """Return the quantities of ``[columns]``."""
     found: list[Quantity] = []
     for target, entry in entries.items():
         _check_target(target, rows, report)

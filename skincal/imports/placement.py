@@ -16,13 +16,7 @@ if TYPE_CHECKING:
 
 
 def placed(recording: Recording, frame: Frame, surface: Surface | None) -> Recording:
-    """Return the recording with its positions, targets and normals in the fingertip frame.
-
-    Args:
-        recording: recording as read.
-        frame: rotation, translation, and whether to project positions onto the surface.
-        surface: surface; needed only for the projection.
-    """
+    """Return the recording with its positions, targets and normals in the fingertip frame."""
     columns = dict(recording.columns)
     rotation, translation = frame.rotation, np.asarray(frame.translation_m)
     moves = translation.any() or not np.array_equal(rotation, np.eye(3))

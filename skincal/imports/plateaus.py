@@ -15,13 +15,7 @@ from skincal.imports.series import Cut, Rejected, Series, Span, runs
 
 
 def cut_plateaus(series: Series, rules: CutRules, contacts: list[tuple[int, int]]) -> Cut:
-    """Return the plateaus of every contact.
-
-    Args:
-        series: the time series.
-        rules: slope, window and shortest length.
-        contacts: stretches of contact ``[start, stop)``, in order.
-    """
+    """Return the plateaus of every contact."""
     spans: list[Span] = []
     rejected: list[Rejected] = []
     for start, stop in contacts:

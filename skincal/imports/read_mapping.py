@@ -20,11 +20,7 @@ from skincal.imports.mapping_taxels import read_taxels
 
 
 def read_mapping(path: Path, source: str) -> Mapping:
-    """Read a mapping file.
-
-    Args:
-        path: the file.
-        source: kind of source: ``csv`` or ``bag``.
+    """Read a mapping file of a kind of source, ``csv`` or ``bag``.
 
     Raises:
         InputError: the file has violations; ``problems`` holds all of them.

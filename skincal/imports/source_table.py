@@ -57,15 +57,7 @@ READ: Final = "text, JSON, .mat, .npz, .npy, HDF5, Parquet or Feather"
 def read_source_table(
     path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
 ) -> TextTable | None:
-    """Read the required columns; None, with errors, if the file does not hold them.
-
-    Args:
-        path: the file.
-        form: its layout, if it is text.
-        numbers: columns that hold numbers.
-        texts: columns that hold words or dates.
-        findings: collects the errors.
-    """
+    """Read the required columns; None, with errors, if the file does not hold them."""
     try:
         with open_input(path) as file:
             head = file.read(4096)

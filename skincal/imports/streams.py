@@ -46,12 +46,7 @@ class Stream:
 
 
 class Collector:
-    """Collector of the samples of all topics in a mapping.
-
-    Args:
-        mapping: the mapping.
-        findings: collects the errors; each kind is reported once.
-    """
+    """Collector of the samples of all topics in a mapping."""
 
     def __init__(self, mapping: Mapping, findings: Findings) -> None:
         file = mapping.file

@@ -45,13 +45,7 @@ class SourceSheet(Sheet):
 
 
 class TextTable:
-    """A text file that has been read.
-
-    Args:
-        sheet: names of places in it.
-        columns: the required columns: float64 if every cell is a number, else text.
-        decimal: the decimal mark.
-    """
+    """A text file that has been read: float64 columns where every cell is a number, else text."""
 
     def __init__(self, sheet: SourceSheet, columns: dict[str, Column], rows: int, decimal: str) -> None:
         self.sheet = sheet
@@ -81,15 +75,7 @@ class TextTable:
 def read_text_table(
     path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
 ) -> TextTable | None:
-    """Read the required columns; None, with errors, if the file does not have this layout.
-
-    Args:
-        path: the file.
-        form: its layout.
-        numbers: columns that hold numbers.
-        texts: columns that hold words or dates.
-        findings: collects the errors.
-    """
+    """Read the required columns; None, with errors, if the file does not have this layout."""
     lines = text_lines(path, form, findings)
     if lines is None:
         return None
@@ -116,13 +102,7 @@ def read_text_table(
 
 
 def _elements(sheet: SourceSheet, columns: dict[str, Column], lists: dict[str, str]) -> dict[str, Column]:
-    """Return the elements of columns whose cells are lists of numbers.
-
-    Args:
-        sheet: collects an error for every cell that is none.
-        columns: columns that were read.
-        lists: column of each element by the element's name.
-    """
+    """Return the elements of columns whose cells are lists of numbers; ``lists`` names the column of each element."""
     found: dict[str, Column] = {}
     for name in dict.fromkeys(lists.values()):
         cells = [re.findall(r"[^\s,;\[\]()]+", cell) for cell in columns[name].tolist()]
