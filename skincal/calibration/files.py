@@ -49,8 +49,7 @@ def read_calibration(path: str | Path) -> Calibration:
     positions = read_positions(folder, FILE, found.sensor, findings)
     findings.raise_errors()
     return Calibration(
-        **found.parts(),
-        **tables,
+        **(found.parts() | tables),
         positions=positions,
         meshes=meshes,
         warnings=tuple(findings.warnings),

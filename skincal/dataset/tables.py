@@ -125,8 +125,8 @@ class _Table:
             else:
                 own[name] = table[names[0] if len(names) == 1 and name != "counts" else [*names]].to_numpy()
         taken = {*taxels, *(one for names in cls.names.values() for one in names)}
-        others = {name: _plain(table[name]) for name in table if name not in taken}
-        return cls(**own, columns=others)
+        own["columns"] = {name: _plain(table[name]) for name in table if name not in taken}
+        return cls(**own)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from skincal.dataset.schema_errors import Translator
 from skincal.imports import targets
 from skincal.imports.mapping import JoinedFile, Mapping, Quantity
 from skincal.imports.mapping_columns import read_columns, read_quantities, si_name
-from skincal.imports.mapping_file import FORMAT, BagMapping, CsvMapping, CutRules
+from skincal.imports.mapping_file import FORMAT, BagMapping, CsvMapping, CutRules, JoinedFormat
 from skincal.imports.mapping_taxels import read_taxels
 
 
@@ -78,7 +78,7 @@ def _in_full(columns: Any) -> Any:
 
 
 def _joined(file: CsvMapping | BagMapping, report: Translator, name: str) -> tuple[JoinedFile, ...]:
-    files = file.files if isinstance(file, CsvMapping) else {}
+    files: Map[str, JoinedFormat] = file.files if isinstance(file, CsvMapping) else {}
     times = {
         table: read_quantities(form.time, "time_s", ("files", table, "time"), name, report)[0]
         for table, form in files.items()
