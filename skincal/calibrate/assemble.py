@@ -36,7 +36,7 @@ def provenance_of(dataset: Dataset, command: str, seed: int, options: Mapping[st
 
 
 def calibration_of(result: FitResult, dataset: Dataset, provenance: Provenance) -> Calibration:
-    """The calibration that a fit of a dataset gives."""
+    """Return the calibration of a dataset from the result of its fit."""
     names, factors = _file_units(result)
     best = {names[n]: v * factors[n] for n, v in result.best.items()}
     intervals: dict[str, Interval] = {
@@ -64,7 +64,7 @@ def calibration_of(result: FitResult, dataset: Dataset, provenance: Provenance) 
 
 
 def _file_units(result: FitResult) -> tuple[dict[str, str], dict[str, float]]:
-    """Names of the files for the names of the fit, and the factors between their units."""
+    """Return the names of the files for the names of the fit, and the factors between their units."""
     radius = result.problem.rig.arc_radius_m
     names = {n: n for n in PARAMETERS} | {"alpha_rad": "alpha_deg", "across_m": "x_m"}
     factors = dict.fromkeys(PARAMETERS, 1.0) | {"alpha_rad": deg(1.0)}

@@ -43,7 +43,7 @@ COLLECT_MORE = f"Collect more presses, {2 * FEW_PRESSES} or more, spread over th
 
 @dataclass(frozen=True, eq=False)
 class Outcome(Shown):
-    """A calibration and the fit that it comes from.
+    """A calibration, and the fit that it comes from.
 
     Attributes:
         calibration: what is written.
@@ -74,7 +74,7 @@ def calibrate(
     method: Method = "auto",
     progress: Progress = lambda _stage, _done, _total: None,
 ) -> Outcome:
-    """Fits the skin model to a dataset.
+    """Fit the skin model to a dataset.
 
     Args:
         dataset: a session.
@@ -87,7 +87,7 @@ def calibrate(
         command: command line, for the provenance.
         method: "fast" for tables and Gauss-Newton, where the surface looks the same everywhere; "nlopt" for the
             skin model itself, on any geometry; "auto" for the fast one where it can be used.
-        progress: told how far the work is.
+        progress: progress callback.
 
     Returns:
         The calibration with its fit.
@@ -134,7 +134,7 @@ def calibrate(
 
 
 def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
-    """Why a fit cannot be done, and what to do."""
+    """Return why a fit cannot be done, and what to do."""
     text = str(error)
     said = [text if text.endswith((".", "?")) else f"{text}."]
     if len(problem) < len(problem.status):

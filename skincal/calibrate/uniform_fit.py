@@ -64,7 +64,7 @@ def calibrate_uniform(
     seed: int = 0,
     command: str = "",
 ) -> UniformOutcome:
-    """Finds the scale of every taxel from presses that load all of them alike.
+    """Find the scale of every taxel from presses that load all of them alike.
 
     Args:
         dataset: a flat punch larger than the patch in every press.
@@ -143,7 +143,7 @@ def _assumed(dataset: Dataset) -> Calibration:
 
 
 def _loads(one: Calibration, dataset: Dataset) -> Floats:
-    """Loads (K, J) [N] that a skin of scale one shows; its points need not be finer than half a taxel."""
+    """Return the loads (K, J) [N] that a skin of scale one shows; its points need not be finer than half a taxel."""
     placed = at_centre(dataset, MARGIN_M)
     skin = one.base_skin(float(one.layout().sizes_m.min()) / 2)
     points = one.surface_model().project(placed.presses.position_m)

@@ -63,7 +63,7 @@ def check_same_rig(first: DatasetMeta, second: DatasetMeta, place: str) -> None:
 
 
 def _later_s(first: Dataset, second: Dataset) -> float:
-    """How much is added to the second session's clock [s]."""
+    """Return the time that is added to the second session's clock [s]."""
     ends: list[tuple[float, float]] = []
     if first.frames is not None and second.frames is not None and len(first.frames) and len(second.frames):
         ends.append((float(first.frames.time_s[-1]), float(second.frames.time_s[0])))

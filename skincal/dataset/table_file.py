@@ -214,19 +214,7 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
     import pyarrow.csv as pcsv
 
     text = {name: pa.string() for name in TEXT_COLUMNS}
-    bad: list[pcsv.InvalidRow] = []
-
-    def skip(row: pcsv.InvalidRow) -> str:
-        bad.append(row)
-        return "skip"
-
-    def read(threads: bool) -> pa.Table:
-        return pcsv.read_csv(
-            path,
-            pcsv.ReadOptions(use_threads=threads, block_size=1 << 22),
-            pcsv.ParseOptions(invalid_row_handler=skip),
-            pcsv.ConvertOptions(column_types=text, timestamp_parsers=["never"]),
-        )
+    cells = pcsv.ConvertOptions(column_types=text, timestamp_parsers=["never"])
 
     if path.stat().st_size > MOST_CSV_BYTES:
         raise UnreadableError(
@@ -240,13 +228,37 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
             path.name, "text in UTF-8", "other bytes", "Is it another kind of file, or of another encoding?"
         )
         return None
-    table = read(threads=True)
-    if bad:
+    table, ragged = read_rows(path, pcsv.ReadOptions(block_size=1 << 22), cells)
+    if ragged:
         # Only a single-threaded read gives the line numbers.
-        bad.clear()
-        table = read(threads=False)
-        _report_ragged(path.name, bad, findings)
+        _, ragged = read_rows(path, pcsv.ReadOptions(use_threads=False, block_size=1 << 22), cells)
+        fix = "Was the file cut short, or does a text hold a comma that is not quoted?"
+        report_ragged(path.name, ragged, [row.number for row in ragged], findings, fix)
     return table
+
+
+def read_rows(source: Any, options: Any, cells: Any, delimiter: str = ",") -> tuple[Any, list[Any]]:
+    """Return the rows of a text table, and those with too few or too many cells, which are left out."""
+    import pyarrow.csv as pcsv
+
+    ragged: list[pcsv.InvalidRow] = []
+
+    def skip(row: pcsv.InvalidRow) -> str:
+        ragged.append(row)
+        return "skip"
+
+    parse = pcsv.ParseOptions(delimiter=delimiter, invalid_row_handler=skip)
+    return pcsv.read_csv(source, options, parse, cells), ragged
+
+
+def report_ragged(
+    file: str, ragged: Sequence[Any], lines: Sequence[int], findings: Findings, fix: str
+) -> None:
+    """Add an error for rows with too few or too many cells, in lines of a file."""
+    more = f" and {len(ragged) - SHOWN} more" if len(ragged) > SHOWN else ""
+    place = f"{file}, line {', '.join(map(str, lines[:SHOWN]))}{more}"
+    got = f"{listed([row.actual_columns for row in ragged[:SHOWN]], len(ragged))} cells"
+    findings.error(place, f"{ragged[0].expected_columns} cells as in the header", got, fix)
 
 
 def _begins_as_text(path: Path) -> bool:
@@ -257,17 +269,6 @@ def _begins_as_text(path: Path) -> bool:
         except UnicodeDecodeError:
             return False
     return True
-
-
-def _report_ragged(file: str, bad: Sequence[Any], findings: Findings) -> None:
-    lines = [str(row.number) for row in bad[:SHOWN]]
-    more = f" and {len(bad) - SHOWN} more" if len(bad) > SHOWN else ""
-    findings.error(
-        f"{file}, line {', '.join(lines)}{more}",
-        f"{bad[0].expected_columns} cells as in the header",
-        f"{listed([row.actual_columns for row in bad[:SHOWN]], len(bad))} cells",
-        "Was the file cut short, or does a text hold a comma that is not quoted?",
-    )
 
 
 def _to_numpy(column: pa.ChunkedArray, sheet: Sheet, name: str) -> Column:

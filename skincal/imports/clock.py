@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from skincal.imports.recording import FloatArray
@@ -170,5 +171,4 @@ def _periods(unit_s: float) -> list[tuple[str, float, bool]]:
 
 def _last_given(stamps: FloatArray) -> FloatArray:
     """Return the last known stamp at or before each row."""
-    rows = np.where(np.isfinite(stamps), np.arange(len(stamps)), 0)
-    return stamps[np.maximum.accumulate(rows)]
+    return pd.Series(stamps).ffill().to_numpy(dtype=np.float64)

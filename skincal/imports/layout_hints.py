@@ -1,4 +1,4 @@
-"""What a text file is that cannot be read with the given layout, and the lines of ``[csv]`` that read it."""
+"""Advice for text files that cannot be read with the given layout: the lines of ``[csv]`` that read them."""
 
 from __future__ import annotations
 

@@ -349,7 +349,7 @@ class JointTable(Table, unknown="refuse"):
 
 @dataclass(frozen=True, kw_only=True)
 class MappingFile(Description, unknown="refuse"):
-    """What mapping files of all sources have."""
+    """The tables that mapping files of all sources have."""
 
     created: Annotated[datetime | date | None, When()] = None
     source: str = ""

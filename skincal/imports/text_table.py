@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any, cast
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.bounded import UnreadableError, parse_csv, read_bytes
 from skincal.dataset.findings import SHOWN, Findings, Sheet, did_you_mean
+from skincal.dataset.table_file import read_rows, report_ragged
 from skincal.files import reason
 from skincal.imports.mapping_file import CsvFormat
 
@@ -209,40 +210,33 @@ def _parse(
     import pyarrow.csv as arrow_csv  # pyright: ignore[reportMissingTypeStubs]
 
     pa, pcsv = cast("Any", arrow), cast("Any", arrow_csv)
-    bad: list[Any] = []
+    # Only a single thread knows the line numbers of bad rows.
+    options = pcsv.ReadOptions(column_names=names, use_threads=False, block_size=1 << 24)
 
-    def skip(row: Any) -> str:
-        bad.append(row)
-        return "skip"
-
-    def read(kinds: dict[str, Any]) -> Any:
-        bad.clear()
-        return pcsv.read_csv(
-            pa.BufferReader(body.encode("utf-8")),
-            # Only a single thread knows the line numbers of bad rows.
-            pcsv.ReadOptions(column_names=names, use_threads=False, block_size=1 << 24),
-            pcsv.ParseOptions(
-                delimiter=" " if form.delimiter == "whitespace" else form.delimiter, invalid_row_handler=skip
-            ),
-            pcsv.ConvertOptions(
-                column_types=kinds,
-                include_columns=list(types),
-                null_values=list(form.blanks),
-                strings_can_be_null=True,
-                decimal_point=form.decimal,
-            ),
+    def read(kinds: dict[str, Any]) -> tuple[Any, list[Any]]:
+        cells = pcsv.ConvertOptions(
+            column_types=kinds,
+            include_columns=list(types),
+            null_values=list(form.blanks),
+            strings_can_be_null=True,
+            decimal_point=form.decimal,
         )
+        delimiter = " " if form.delimiter == "whitespace" else form.delimiter
+        return read_rows(pa.BufferReader(body.encode("utf-8")), options, cells, delimiter)
 
+    kinds = {name: pa.float64() if kind == "number" else pa.string() for name, kind in types.items()}
     try:
         try:
-            table = read({n: pa.float64() if kind == "number" else pa.string() for n, kind in types.items()})
+            table, ragged = read(kinds)
         except pa.ArrowInvalid:
-            table = read(dict.fromkeys(types, pa.string()))
+            table, ragged = read(dict.fromkeys(types, pa.string()))
     except pa.ArrowException as error:
         sheet.findings.error(sheet.file, "rows of cells", " ".join(str(error).split())[:200])
         return None
-    if bad:
-        _report_ragged(sheet, bad, lines)
+    if ragged:
+        fix = "Was the file cut short, or are there lines to skip (skip_rows, skip_after_header, comment)?"
+        numbered = [int(lines[row.number - 1]) for row in ragged]
+        report_ragged(sheet.file, ragged, numbered, sheet.findings, fix)
         return None
     if table.num_rows != len(lines):
         got = f"{table.num_rows} rows in {len(lines)} lines"
@@ -287,12 +281,3 @@ def _other_mark(cells: NDArray[Any], decimal: str) -> bool:
     return any(
         other in cell and not _parsed(np.array([cell], dtype=object), other)[1][0] for cell in cells[:SHOWN]
     )
-
-
-def _report_ragged(sheet: SourceSheet, bad: Sequence[Any], lines: NDArray[np.int64]) -> None:
-    named = ", ".join(str(lines[row.number - 1]) for row in bad[:SHOWN])
-    more = f" and {len(bad) - SHOWN} more" if len(bad) > SHOWN else ""
-    got = ", ".join(str(row.actual_columns) for row in bad[:SHOWN])
-    fix = "Was the file cut short, or are there lines to skip (skip_rows, skip_after_header, comment)?"
-    expected = f"{bad[0].expected_columns} cells as in the header"
-    sheet.findings.error(f"{sheet.file}, line {named}{more}", expected, f"{got} cells", fix)
