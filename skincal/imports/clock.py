@@ -171,4 +171,4 @@ def _periods(unit_s: float) -> list[tuple[str, float, bool]]:
 
 def _last_given(stamps: FloatArray) -> FloatArray:
     """Return the last known stamp at or before each row."""
-    return pd.Series(stamps).ffill().to_numpy(dtype=np.float64)
+    return np.asarray(pd.Series(stamps).ffill(), dtype=np.float64)
