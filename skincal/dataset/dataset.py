@@ -88,6 +88,8 @@ class Dataset(Shown):
         """Return the row (M,) of each frame's press in the table of presses; -1 for a frame without press."""
         assert self.frames is not None
         own, wanted = self.presses.press, self.frames.press
+        if not len(own):
+            return np.full(len(wanted), -1, dtype=np.intp)
         order = np.argsort(own, kind="stable")
         row = order[np.minimum(np.searchsorted(own[order], wanted), len(own) - 1)]
         return np.where(own[row] == wanted, row, -1)

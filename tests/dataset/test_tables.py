@@ -80,3 +80,5 @@ def test_frames_know_the_row_of_their_press(data):
     assert (row[~own] == -1).all()
     fewer = replace(data, presses=data.presses.select([1, 2]))
     assert set(fewer.frame_presses()[data.frames.press == data.presses.press[0]].tolist()) == {-1}
+    none = replace(data, presses=data.presses.select([False] * 4))
+    assert set(none.frame_presses().tolist()) == {-1}
