@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import tomli_w
 
@@ -48,8 +49,9 @@ def read_calibration(path: str | Path) -> Calibration:
     meshes = read_meshes(folder, FILE, found.surface, found.indenter, findings)
     positions = read_positions(folder, FILE, found.sensor, findings)
     findings.raise_errors()
+    content: dict[str, Any] = {**found.parts(), **tables}
     return Calibration(
-        **(found.parts() | tables),
+        **content,
         positions=positions,
         meshes=meshes,
         warnings=tuple(findings.warnings),
