@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -15,18 +17,26 @@ from skincal.dataset import Dataset
 from skincal.fitting.problem import USED
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.units import deg
+from skincal.version import __version__
 
 Columns = dict[str, NDArray[Any]]
 
 
-def calibration_of(result: FitResult, dataset: Dataset, provenance: Provenance) -> Calibration:
-    """The calibration that a fit of a dataset gives.
+def provenance_of(dataset: Dataset, command: str, seed: int, options: Mapping[str, Any]) -> Provenance:
+    """Return the provenance of a fit that is done now."""
+    return Provenance(
+        dataset_sha256=dataset.sha256 or "",
+        dataset="" if dataset.folder is None else dataset.folder.name,
+        version=__version__,
+        command=command,
+        seed=seed,
+        time=datetime.now(UTC).replace(microsecond=0),
+        options=options,
+    )
 
-    Args:
-        result: of the fit.
-        dataset: that was fitted.
-        provenance: where it comes from.
-    """
+
+def calibration_of(result: FitResult, dataset: Dataset, provenance: Provenance) -> Calibration:
+    """Return the calibration of a dataset from the result of its fit."""
     names, factors = _file_units(result)
     best = {names[n]: v * factors[n] for n, v in result.best.items()}
     intervals: dict[str, Interval] = {
@@ -54,7 +64,7 @@ def calibration_of(result: FitResult, dataset: Dataset, provenance: Provenance) 
 
 
 def _file_units(result: FitResult) -> tuple[dict[str, str], dict[str, float]]:
-    """Names of the files for the names of the fit, and the factors between their units."""
+    """Return the names of the files for the names of the fit, and the factors between their units."""
     radius = result.problem.rig.arc_radius_m
     names = {n: n for n in PARAMETERS} | {"alpha_rad": "alpha_deg", "across_m": "x_m"}
     factors = dict.fromkeys(PARAMETERS, 1.0) | {"alpha_rad": deg(1.0)}

@@ -1,4 +1,4 @@
-"""What an interrupted fit has evaluated, kept beside its output until it is done."""
+"""Checkpoints: parts of an interrupted fit, stored beside its output until the fit is done."""
 
 from __future__ import annotations
 
@@ -47,18 +47,13 @@ def fit_key(dataset_sha256: str, method: str, options: FitOptions, box: SearchBo
 
 
 class Checkpoint:
-    """A folder with one file a turn of the grid, and one a part of a table of images.
-
-    Args:
-        folder: where; made when the first turn is kept.
-        key: of the fit; turns of another fit are not used.
-    """
+    """A folder with a file for each turn of the grid, and for each part of a table of images."""
 
     def __init__(self, folder: Path, key: str) -> None:
         self.folder, self.key = folder, key
 
     def load(self) -> dict[int, GridSlab]:
-        """The turns that have been kept for this fit; a damaged file counts as not there."""
+        """Return the turns that are stored for this fit; a damaged file counts as absent."""
         slabs: dict[int, GridSlab] = {}
         for file in sorted(self.folder.glob("turn-*.npz")) if self.folder.is_dir() else []:
             try:
@@ -74,7 +69,7 @@ class Checkpoint:
         return slabs
 
     def keep(self, turn: int, slab: GridSlab) -> None:
-        """Keeps one turn, whole or not at all.
+        """Store one turn, whole or not at all.
 
         Raises:
             OSError: the disk is full, or not writable; it names the file.
@@ -87,7 +82,7 @@ class Checkpoint:
             np.savez(stream, key=self.key, **arrays)
 
     def table(self, name: str) -> SkinTable | None:
-        """A table of images that was kept for this fit; None where there is none, or it is damaged."""
+        """Return a stored table of images of this fit; None if there is none, or it is damaged."""
         try:
             arrays = read_arrays(self.folder / f"table-{name}.npz", self.folder)
             if str(arrays["key"]) != self.key:
@@ -99,7 +94,7 @@ class Checkpoint:
             return None
 
     def keep_table(self, name: str, table: SkinTable) -> None:
-        """Keeps a table of images, whole or not at all.
+        """Store a table of images, whole or not at all.
 
         Raises:
             OSError: the disk is full, or not writable; it names the file.
@@ -109,7 +104,7 @@ class Checkpoint:
         self._write(f"table-{name}.npz", reach=reach, **arrays)
 
     def remove(self) -> None:
-        """Removes what was kept, as the fit is done, and the folder if nothing else is in it."""
+        """Remove the stored files after the fit, and the folder if nothing else is in it."""
         with suppress(OSError):
             for one in list(self.folder.iterdir()):
                 if not _OURS.fullmatch(one.name):

@@ -82,7 +82,7 @@ def _require_workers(client: Any, address: str) -> None:
 
 
 def _versions() -> dict[str, str]:
-    """Versions that decide a result, of the process that this runs in."""
+    """Return the versions, in this process, of all that decides the last digits of a result."""
     found = {"skincal": __version__, "python": ".".join(platform.python_version_tuple()[:2])}
     for name in _PACKAGES:
         try:

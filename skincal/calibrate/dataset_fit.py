@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from skincal.calibrate.assemble import calibration_of
+from skincal.calibrate.assemble import calibration_of, provenance_of
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
 from skincal.calibrate.moving_rest import with_moving_rest
 from skincal.calibrate.order import in_order, with_other_order
 from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import Method, Way, choose_way
 from skincal.calibrate.workers import mapper
-from skincal.calibration import Calibration, Provenance
+from skincal.calibration import Calibration
 from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
 from skincal.dataset.rest import REST_IN_DOUBT, rest_in_doubt
@@ -29,7 +28,6 @@ from skincal.fitting.solve import FEWEST_PRESSES, Progress, default_steps, plan_
 from skincal.fitting.tasks import Mapper
 from skincal.fitting.wiring import order_of_problem
 from skincal.shown import Shown
-from skincal.version import __version__
 
 PRESS_MORE = (
     "Press harder or nearer the taxels, so that more of them answer, or lower --active-counts or --min-active; "
@@ -47,7 +45,7 @@ COLLECT_MORE = f"Collect more presses, {2 * FEW_PRESSES} or more, spread over th
 
 @dataclass(frozen=True, eq=False)
 class Outcome(Shown):
-    """A calibration and the fit that it comes from.
+    """A calibration, and the fit that it comes from.
 
     Attributes:
         calibration: what is written.
@@ -78,7 +76,7 @@ def calibrate(
     method: Method = "auto",
     progress: Progress = lambda _stage, _done, _total: None,
 ) -> Outcome:
-    """Fits the skin model to a dataset.
+    """Fit the skin model to a dataset.
 
     Args:
         dataset: a session.
@@ -92,7 +90,7 @@ def calibrate(
         command: command line, for the provenance.
         method: "fast" for tables and Gauss-Newton, where the surface looks the same everywhere; "nlopt" for the
             skin model itself, on any geometry; "auto" for the fast one where it can be used.
-        progress: told how far the work is.
+        progress: progress callback.
 
     Returns:
         The calibration with its fit.
@@ -130,15 +128,9 @@ def calibrate(
             command=command, method=method, progress=progress,
         )  # fmt: skip
         return replace(mended, calibration=with_other_order(mended.calibration, order))
-    provenance = Provenance(
-        dataset_sha256=sha,
-        dataset="" if dataset.folder is None else dataset.folder.name,
-        version=__version__,
-        command=command,
-        seed=seed,
-        time=datetime.now(UTC).replace(microsecond=0),
-        options={"method": way.method} | _plain_options(options, box),
-    )
+    settings = {"method": way.method} | asdict(options) | {"box": asdict(box)}
+    settings = {key: value for key, value in settings.items() if value is not None}
+    provenance = provenance_of(dataset, command, seed, settings)
     calibration = with_moving_rest(calibration_of(result, dataset, provenance), dataset)
     if order is not None:
         calibration = with_other_order(calibration, order)
@@ -146,7 +138,7 @@ def calibrate(
 
 
 def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
-    """Why a fit cannot be done, and what to do."""
+    """Return why a fit cannot be done, and what to do."""
     text = str(error)
     said = [text if text.endswith((".", "?")) else f"{text}."]
     if len(problem) < len(problem.status):
@@ -171,8 +163,3 @@ def why_dropped(problem: FitProblem) -> str:
         return f"The only press was not used: {problem.status[0]}."
     dropped = sum(reasons.values())
     return f"Of {len(problem.status)} presses {dropped} {'was' if dropped == 1 else 'were'} not used: {told}."
-
-
-def _plain_options(options: FitOptions, box: SearchBox) -> dict[str, object]:
-    plain = asdict(options) | {"box": asdict(box)}
-    return {key: value for key, value in plain.items() if value is not None}

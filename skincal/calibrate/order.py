@@ -1,4 +1,4 @@
-"""What a fit says of taxels that stand in another order than the data say."""
+"""Findings about taxels that stand in another order than the data say."""
 
 from __future__ import annotations
 
@@ -29,12 +29,7 @@ _FROM_WRONG_IMAGES = (
 
 
 def order_finding(order: TaxelOrder, layout: TaxelLayout) -> Finding:
-    """The finding ``taxel_order``, with the line of a mapping file that mends it.
-
-    Args:
-        order: that explains the images.
-        layout: the taxels.
-    """
+    """Return the finding ``taxel_order``, with the line of a mapping file that mends it."""
     moved = ["({}, {})".format(*divmod(j, layout.cols)) for j in order.moved.tolist()]
     which = ", ".join(moved[:MOST_NAMED]) + (
         f" and {len(moved) - MOST_NAMED} more" if moved[MOST_NAMED:] else ""
@@ -53,7 +48,7 @@ def order_finding(order: TaxelOrder, layout: TaxelLayout) -> Finding:
 
 
 def find_taxel_order(dataset: Dataset) -> Finding | None:
-    """The finding ``taxel_order`` of a dataset whose images another order of its taxels explains; else None.
+    """Return the finding ``taxel_order`` if another order of its taxels explains the images of a dataset; else None.
 
     Uniform pressure says nothing of the order, and neither do presses that no fit can use.
     """
@@ -68,18 +63,13 @@ def find_taxel_order(dataset: Dataset) -> Finding | None:
 
 
 def in_order(dataset: Dataset, order: TaxelOrder) -> Dataset:
-    """The presses of a dataset with their taxels in the order that explains the images; without frames."""
+    """Return the dataset with its taxels in the order that explains the images; without frames."""
     presses = replace(dataset.presses, counts=dataset.presses.counts[:, order.order])
     return replace(dataset, presses=presses, frames=None)
 
 
 def with_other_order(calibration: Calibration, order: TaxelOrder) -> Calibration:
-    """The calibration with the finding, and without intervals: it comes from images in the wrong order.
-
-    Args:
-        calibration: of the images as they are.
-        order: that explains them.
-    """
+    """Return the calibration with the finding, and without intervals: it comes from images in the wrong order."""
     nothing = (float("-inf"), float("inf"))
     others = (one for one in calibration.findings if one.code not in _FROM_WRONG_IMAGES)
     return replace(

@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 
 def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -> FitProblem:
-    """Chooses the presses to fit and cleans their values.
+    """Choose the presses to fit, and clean their values.
 
     Args:
         dataset: a session.
@@ -72,7 +72,7 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
 
 
 def joint_angles(presses: Presses) -> Floats | None:
-    """Joint angles (K, Q) in the holds [rad]; None where the session has none."""
+    """Return joint angles (K, Q) in the holds [rad]; None if the session has none."""
     names = takewhile(lambda name: presses.column(name) is not None, (f"q_{i}" for i in count()))
     angles = [np.asarray(presses.column(name), dtype=np.float64) for name in names]
     return np.stack(angles, axis=1) if angles else None
@@ -101,7 +101,7 @@ def _rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
 
 
 def _arc_radius(dataset: Dataset, surface: Surface) -> float | None:
-    """R of arc = R beta where the sensor nominally lies [m]; None on a plane."""
+    """Return R of arc = R beta at the nominal pose [m]; None on a plane."""
     try:
         return surface.arc_radius_at(dataset.nominal_pose())
     except ValueError as error:
@@ -112,7 +112,7 @@ def _arc_radius(dataset: Dataset, surface: Surface) -> float | None:
 
 
 def unroll(arc_radius_m: float | None, points_m: Floats, about_rad: float = 0.0) -> tuple[Floats, Floats]:
-    """Arc round the finger R beta (x where there is no R) and position along y of points (K, 3) [m].
+    """Return the arc round the finger R beta (x where there is no R) and y of points (K, 3) [m].
 
     On a mesh these are labels of places: R is the mesh's at the sensor's nominal pose, and the same everywhere. Angles
     are within half a turn of ``about_rad``, where the sensor is, so that none of its presses lies across a cut.
@@ -125,7 +125,7 @@ def unroll(arc_radius_m: float | None, points_m: Floats, about_rad: float = 0.0)
 
 
 def moved(dataset: Dataset, surface: Surface, rows: NDArray[np.intp], slack_m: Floats) -> Floats:
-    """Contact points (K, 3) [m] of presses ``rows`` (K,), moved along the surface by slacks (K, 2) [m]."""
+    """Return contact points (K, 3) [m] of presses ``rows`` (K,), moved along the surface by slacks (K, 2) [m]."""
     return surface.offset(dataset.presses.position_m[rows], slack_m[:, 0], slack_m[:, 1])
 
 
@@ -137,7 +137,7 @@ def search_box(
     alpha_deg: tuple[float, float] | None = None,
     elasticity_pa_per_m: tuple[float, float] | None = None,
 ) -> SearchBox:
-    """The ranges to search: those given, else those of the dataset's ``[mount]``.
+    """Return the ranges to search: those given, else those of the dataset's ``[mount]``.
 
     Args:
         dataset: a session.

@@ -22,12 +22,7 @@ def has_joints(dataset: Dataset) -> bool:
 
 
 def for_the_rig(findings: tuple[Finding, ...], dataset: Dataset) -> tuple[Finding, ...]:
-    """Return findings in the unit of the sensor, with advice that names what the rig of a dataset has.
-
-    Args:
-        findings: of a fit.
-        dataset: that was fitted.
-    """
+    """Return findings in the unit of the sensor, with advice that names what the rig of a dataset has."""
     findings = tuple(one.in_unit(dataset.meta.sensor.unit) for one in findings)
     if has_joints(dataset):
         return findings

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from datetime import UTC, datetime
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skincal.calibrate.assemble import provenance_of
 from skincal.calibrate.problem import search_box
 from skincal.calibrate.rig_advice import for_the_rig
 from skincal.calibration import (
     MARGIN_M,
     Calibration,
     Finding,
-    Interval,
     Loss,
     ModelParameters,
     Provenance,
@@ -28,7 +27,6 @@ from skincal.fitting.uniform_scales import Scales, common_draws, fit_scales
 from skincal.model import Contacts
 from skincal.shown import Shown
 from skincal.units import deg
-from skincal.version import __version__
 
 DRAWS = 200
 ZERO_COUNTS = 1.0
@@ -66,7 +64,7 @@ def calibrate_uniform(
     seed: int = 0,
     command: str = "",
 ) -> UniformOutcome:
-    """Finds the scale of every taxel from presses that load all of them alike.
+    """Find the scale of every taxel from presses that load all of them alike.
 
     Args:
         dataset: a flat punch larger than the patch in every press.
@@ -96,7 +94,7 @@ def calibrate_uniform(
     if active_counts is None:
         active_counts = active_threshold(seen, readout, untouched=False)
     use = np.isfinite(presses.counts) & ~seen.saturated & pressed[:, None]
-    one = _calibration(dataset, 1.0, None, {}, Loss(0.0, 0.0, 0), Provenance(""), ())
+    one = _assumed(dataset)
     loads = _loads(one, dataset)
     scales = fit_scales(loads, seen.values, use, active_counts, rest_known=rest_known)
     if not scales.told.any():
@@ -111,59 +109,41 @@ def calibrate_uniform(
     mean_square = float(np.nanmean(scales.residual**2))
     noise = {"noise_sigma_counts": seen.frame_sigma_counts} if np.isfinite(seen.frame_sigma_counts) else {}
     loss = Loss(mean_square, mean_square, int(pressed.sum()), extra=noise)
-    provenance = Provenance(
-        dataset_sha256=dataset.sha256 or "",
-        dataset="" if dataset.folder is None else dataset.folder.name,
-        version=__version__,
-        command=command,
-        seed=seed,
-        time=datetime.now(UTC).replace(microsecond=0),
-        options={"method": "uniform pressure", "active_counts": active_counts, "level": level},
-    )
-    each = tuple(scales.scale_per_n.tolist())
-    interval = (float(low), float(high))
-    calibration = _calibration(
-        dataset,
-        scales.common_per_n,
-        each,
-        {"scale_per_n": interval},
-        loss,
-        provenance,
-        _findings(scales, dataset),
+    settings = {"method": "uniform pressure", "active_counts": active_counts, "level": level}
+    calibration = replace(
+        one,
+        model=replace(
+            one.model,
+            scale_per_n=scales.common_per_n,
+            scale_per_taxel_per_n=tuple(scales.scale_per_n.tolist()),
+        ),
+        intervals={**one.intervals, "scale_per_n": (float(low), float(high))},
+        loss=loss,
+        provenance=provenance_of(dataset, command, seed, settings),
+        findings=_findings(scales, dataset),
     )
     return UniformOutcome(calibration, scales, loads, seen.values, use)
 
 
-def _calibration(
-    dataset: Dataset,
-    scale: float,
-    each: tuple[float, ...] | None,
-    known: dict[str, Interval],
-    loss: Loss,
-    provenance: Provenance,
-    findings: tuple[Finding, ...],
-) -> Calibration:
-    pose = dataset.nominal_pose()
-    plane = dataset.meta.surface.is_plane
+def _assumed(dataset: Dataset) -> Calibration:
+    """Return the calibration that is assumed, with S = 1: the nominal pose, and nothing bounded."""
+    pose, plane = dataset.nominal_pose(), dataset.meta.surface.is_plane
     low, high = search_box(dataset).elasticity_pa_per_m
     model = ModelParameters(
         pose.y_m,
         deg(pose.alpha_rad),
         float(np.sqrt(low * high)),
-        scale,
+        1.0,
         beta_deg=None if plane else deg(pose.beta_rad),
         x_m=pose.x_m if plane else None,
-        scale_per_taxel_per_n=each,
     )
-    nothing = (float("-inf"), float("inf"))
-    intervals = {name: known.get(name, nothing) for name in model.best()}
-    return Calibration.of_dataset(
-        dataset, model=model, intervals=intervals, loss=loss, provenance=provenance, findings=findings
-    )
+    intervals = dict.fromkeys(model.best(), (float("-inf"), float("inf")))
+    loss, provenance = Loss(0.0, 0.0, 0), Provenance("")
+    return Calibration.of_dataset(dataset, model=model, intervals=intervals, loss=loss, provenance=provenance)
 
 
 def _loads(one: Calibration, dataset: Dataset) -> Floats:
-    """Loads (K, J) [N] that a skin of scale one shows; its points need not be finer than half a taxel."""
+    """Return the loads (K, J) [N] that a skin of scale one shows; its points need not be finer than half a taxel."""
     placed = at_centre(dataset, MARGIN_M)
     skin = one.base_skin(float(one.layout().sizes_m.min()) / 2)
     points = one.surface_model().project(placed.presses.position_m)

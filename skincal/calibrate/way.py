@@ -1,4 +1,4 @@
-"""Which way a dataset is fitted: the fast one, or the general one that any geometry allows."""
+"""Choice between the fast way to fit a dataset and the general one, which any geometry allows."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TILT_RAD = rad(2.0)
 
 @dataclass(frozen=True)
 class Way:
-    """How a dataset is fitted.
+    """A way to fit a dataset.
 
     Attributes:
         method: "fast", by tables and Gauss-Newton on a surface that looks the same everywhere; "general", by tables
@@ -37,11 +37,7 @@ class Way:
 
 
 def choose_way(dataset: Dataset, method: Method = "auto") -> Way:
-    """The way that a dataset is fitted: the fast one where it can be used, unless told otherwise.
-
-    Args:
-        dataset: a session.
-        method: what was asked for.
+    """Return the way to fit a dataset: the fast one where it can be used, unless ``method`` is another.
 
     Raises:
         InputError: the fast way was asked for and cannot be used, or there is no such method.
@@ -98,7 +94,7 @@ def _reach_m(dataset: Dataset) -> float:
 
 
 def _tilt(surface: Surface, points_m: np.ndarray, normals: np.ndarray, sigma_m: float) -> float:
-    """Root mean square tilt [rad] of measured normals (K, 3) against the surface, beyond what position errors make.
+    """Return the rms tilt [rad] of measured normals (K, 3) against the surface, beyond what position errors make.
 
     On a curved surface a press whose position is off by d has a normal that is off by d / R, and is no less one
     along the surface's own normal.

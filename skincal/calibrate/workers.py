@@ -23,7 +23,7 @@ _REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def available_cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -124,13 +124,13 @@ class _Shared:
 
 
 def _begin() -> None:
-    """Ctrl-C goes to every process of the terminal; only the first one shall act on it. A worker ends with that one."""
+    """Leave Ctrl-C to the first process, with which a worker ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_first, daemon=True).start()
 
 
 def _end_with_first() -> None:
-    """A first process that is killed ends no worker: they would wait for its work for ever, in memory."""
+    """End with the first process: one that is killed would leave its workers waiting for ever."""
     first = multiprocessing.parent_process()
     if first is not None:
         first.join()
@@ -138,7 +138,7 @@ def _end_with_first() -> None:
 
 
 def _start(pool: ProcessPoolExecutor, count: int) -> None:
-    """Starts the workers with Ctrl-C blocked: while they import, they do not yet ignore it."""
+    """Start the workers with Ctrl-C blocked: while they import, they do not yet ignore it."""
     _begin_tracker()
     with interrupt_afterwards():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -167,7 +167,7 @@ def _without_main() -> Generator[None]:
 
 
 def _begin_tracker() -> None:
-    """If the tracker began with the first worker, it would undo the block; a terminal that goes away leaves it be."""
+    """Start the resource tracker before the workers: later it would undo the block. It ignores a lost terminal."""
     if threading.current_thread() is not threading.main_thread():
         resource_tracker.ensure_running()
         return
@@ -180,7 +180,7 @@ def _begin_tracker() -> None:
 
 @contextmanager
 def interrupt_afterwards() -> Generator[None]:
-    """No worker is left half-begun: an interrupt, whichever thread it reaches, waits for the end of the block."""
+    """Hold back interrupts to the end of the block, so that no worker is left half started."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -197,7 +197,7 @@ def interrupt_afterwards() -> Generator[None]:
 
 
 def _end(pool: ProcessPoolExecutor) -> None:
-    """Ends the workers, even in the middle of their work.
+    """End the workers, even in the middle of their work.
 
     The order matters: the pool forgets its workers when it is shut down, and its thread complains of workers that are
     gone while it still has work that was cancelled, or when nobody holds the pool any longer.
@@ -217,7 +217,7 @@ def _end(pool: ProcessPoolExecutor) -> None:
 
 @contextmanager
 def _one_thread_each() -> Generator[None]:
-    """Workers inherit the environment: one thread each for linear algebra, as there is a worker a core."""
+    """Give workers, which inherit the environment, one thread each for linear algebra."""
     before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
     try:

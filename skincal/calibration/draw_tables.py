@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,31 +40,20 @@ _FLAGS: Final = ("used", "good")
 _NUMBERS: Final = ("x_m", "y_m", "z_m", "slack_across_m", "slack_along_m")
 
 
-@dataclass(frozen=True)
-class Tables:
-    """The tables of a calibration; None for one that is not stored."""
-
-    grid: Columns | None
-    slack: Columns | None
-    draws: Columns | None
-
-
-def read_tables(folder: Path, findings: Findings) -> Tables:
-    """Return the tables in a calibration's folder; add errors for invalid ones."""
-    tables: dict[str, Columns | None] = {}
-    for name, file in TABLE_FILES.items():
-        path = folder / file
-        raw = read_table(path, findings) if path.exists() else None
-        tables[name] = None if raw is None else _CHECKS[name](raw)
-    return Tables(**tables)
+def read_tables(folder: Path, findings: Findings) -> dict[str, Columns]:
+    """Return the tables in a calibration's folder by name; add errors for invalid ones."""
+    found = {
+        name: read_table(folder / file, findings)
+        for name, file in TABLE_FILES.items()
+        if (folder / file).exists()
+    }
+    return {name: _CHECKS[name](table) for name, table in found.items() if table is not None}
 
 
-def check_tables(tables: Tables, findings: Findings) -> None:
+def check_tables(tables: Mapping[str, Columns], findings: Findings) -> None:
     """Add an error for everything in tables in memory that could not be read back."""
-    for name, file in TABLE_FILES.items():
-        columns: Columns | None = getattr(tables, name)
-        if columns is None:
-            continue
+    for name, columns in tables.items():
+        file = TABLE_FILES[name]
         lengths = {len(column) for column in columns.values()}
         if len(lengths) != 1:
             findings.error(file, "columns of one length", f"lengths {sorted(lengths) or 'of no column'}")

@@ -13,12 +13,7 @@ from skincal.effects import EFFECTS, EffectParameter
 
 
 def effects_violations(effects: Sequence[Effect], taxels: int) -> Iterator[Violation]:
-    """Yield what is wrong with the parameters of effects.
-
-    Args:
-        effects: the effects; '' is the name of one whose name was wrong.
-        taxels: number of taxels J; 0 if unknown.
-    """
+    """Yield what is wrong with the parameters of effects; ``taxels`` is J, 0 if unknown."""
     for i, effect in enumerate(effects):
         if effect.name in EFFECTS:
             yield from within(("effects", i), _effect(effect, taxels))

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import tomli_w
 
 from skincal.calibration.calibration import Calibration
-from skincal.calibration.draw_tables import TABLE_FILES, Tables, check_tables, read_tables
+from skincal.calibration.draw_tables import TABLE_FILES, check_tables, read_tables
 from skincal.calibration.toml_file import FILE, FORMAT, CalibrationFile, plain_file
 from skincal.dataset.companions import read_meshes, read_positions
 from skincal.dataset.findings import Findings
@@ -48,9 +49,9 @@ def read_calibration(path: str | Path) -> Calibration:
     meshes = read_meshes(folder, FILE, found.surface, found.indenter, findings)
     positions = read_positions(folder, FILE, found.sensor, findings)
     findings.raise_errors()
+    content: dict[str, Any] = {**found.parts(), **tables}
     return Calibration(
-        **found.parts(),
-        **vars(tables),
+        **content,
         positions=positions,
         meshes=meshes,
         warnings=tuple(findings.warnings),
@@ -79,16 +80,16 @@ def write_calibration(
         OSError: the disk is full, or not writable; then nothing is left behind.
     """
     plain = plain_file(calibration)
-    tables = Tables(calibration.grid, calibration.slack, calibration.draws)
+    given = {name: getattr(calibration, name) for name in TABLE_FILES}
+    tables = {name: columns for name, columns in given.items() if columns is not None}
     findings = Findings()
     read_table(CalibrationFile, plain, findings, FILE, FORMAT)
     check_tables(tables, findings)
     findings.raise_errors()
     with whole_folder(path, force=force, marker=FILE) as folder:
         (folder / FILE).write_bytes(tomli_w.dumps(plain).encode())
-        for name, file in TABLE_FILES.items():
-            if (columns := getattr(tables, name)) is not None:
-                write_table(folder / file, columns)
+        for name, columns in tables.items():
+            write_table(folder / TABLE_FILES[name], columns)
         if calibration.positions is not None:
             columns = position_columns(calibration.sensor, calibration.positions)
             write_table(folder / str(calibration.sensor.positions), columns)

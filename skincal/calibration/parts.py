@@ -77,7 +77,7 @@ LAW: Final = ("exponent", "spread_m2", "radius_scale")
 
 @dataclass(frozen=True)
 class FittedLaw:
-    """How the contact differs from the elastic foundation, where the data show it.
+    """The difference of the contact from the elastic foundation, where the data show it.
 
     Attributes:
         law: the best values.

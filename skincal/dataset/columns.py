@@ -43,6 +43,13 @@ def is_number(values: FloatArray) -> BoolArray:
     return np.abs(values) < LARGEST
 
 
+def repeated(rows: NDArray[Any]) -> BoolArray:
+    """Return which rows (n,) or (n, m) have come before; NaN equals NaN."""
+    import pandas as pd
+
+    return pd.DataFrame(rows).duplicated().to_numpy()
+
+
 _HOLDS: dict[str, Callable[[FloatArray], BoolArray]] = {
     ANY: is_number,
     NOT_NEGATIVE: lambda x: is_number(x) & (x >= 0),
@@ -119,16 +126,7 @@ class ColumnReader:
 
     def text(self, name: str) -> NDArray[Any]:
         """Return a column as text, shape (rows,), with '' for empty cells and NaN."""
-        column = self._table.columns[name]
-        known: dict[object, str] = {}  # a column of a million rows has few distinct words
-        cells = np.empty(self.rows, dtype=object)
-        for i, cell in enumerate(column.tolist()):
-            text = known.get(cell)
-            if text is None:
-                plain = "" if cell != cell or cell in ("NaN", "nan") else str(cell)
-                text = known[cell] = plain if isinstance(cell, bool | int) else _as_whole(plain)
-            cells[i] = text
-        return cells
+        return _converted(self._table.columns[name], _word)
 
     def matrix(self, names: Sequence[str]) -> FloatArray:
         """Return several columns side by side, shape (rows, columns); missing ones are NaN."""
@@ -200,12 +198,8 @@ class ColumnReader:
             return np.full(self.rows, np.nan), text
         if column.dtype != object and column.dtype != np.bool_:
             return column.astype(np.float64, copy=False), text
-        values = np.full(self.rows, np.nan)
-        for i, cell in enumerate(column.tolist()):
-            value = _number(cell)
-            text[i] = value is None
-            values[i] = np.nan if value is None else value
-        self._said[name] = text
+        values = _converted(column, _number).astype(np.float64)
+        self._said[name] = text = _converted(column, lambda cell: _number(cell) is None).astype(bool)
         decimal_comma = text.any() and "," in str(column[np.flatnonzero(text)[0]])
         fix = "Write a decimal point." if decimal_comma else "Write the number alone, in the column's unit."
         self.sheet.bad_rows(name, text, column, "a number", fix)
@@ -215,6 +209,21 @@ class ColumnReader:
         names = list(self._table.columns)
         one = len(names) == 1 and ";" in names[0]
         return "The cells are separated by semicolons; separate them by commas." if one else ""
+
+
+def _converted(column: NDArray[Any], convert: Callable[[Any], Any]) -> NDArray[Any]:
+    """Return a column with every cell converted; a column of a million rows has few distinct words."""
+    import pandas as pd
+
+    codes, distinct = pd.factorize(column, use_na_sentinel=False)
+    return np.array([*map(convert, np.asarray(distinct).tolist()), None], dtype=object)[codes]
+
+
+def _word(cell: object) -> str:
+    """Return a cell as text, '' if it is empty."""
+    if isinstance(cell, bool | int):
+        return str(cell)
+    return "" if cell != cell or cell in ("NaN", "nan") else _as_whole(str(cell))
 
 
 def _number(cell: object) -> float | None:

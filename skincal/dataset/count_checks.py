@@ -25,14 +25,7 @@ DEAD_STRETCH = 3
 def check_counts(
     reader: ColumnReader, sensor: SensorSpec, columns: Iterable[FloatArray], *, whole: bool
 ) -> None:
-    """Report problems of the counts, column by column.
-
-    Args:
-        reader: the table.
-        sensor: its taxels and converter.
-        columns: the taxel columns (rows,) present, in the order of the flat index; rows in the order of the session.
-        whole: whether they must be whole numbers (frames must, means over a hold are not).
-    """
+    """Report problems of the counts in the taxel columns (rows,) that are present; ``whole``: as frames have them."""
     names = [name for name in sensor.taxel_columns() if reader.has(name)]
     stray, infinite, outside, broken = (BadCells() for _ in range(4))
     dead, partly = np.zeros(len(names), dtype=bool), np.zeros(len(names), dtype=bool)

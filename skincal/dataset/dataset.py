@@ -84,6 +84,16 @@ class Dataset(Shown):
             return radii
         return np.where(np.isnan(own), radii, own)
 
+    def frame_presses(self) -> NDArray[np.intp]:
+        """Return the row (M,) of each frame's press in the table of presses; -1 for a frame without press."""
+        assert self.frames is not None
+        own, wanted = self.presses.press, self.frames.press
+        if not len(own):
+            return np.full(len(wanted), -1, dtype=np.intp)
+        order = np.argsort(own, kind="stable")
+        row = order[np.minimum(np.searchsorted(own[order], wanted), len(own) - 1)]
+        return np.where(own[row] == wanted, row, -1)
+
     def nominal_pose(self) -> SensorPose:
         """Return the pose that ``[mount]`` takes as nominal."""
         return pose_of(self.meta.mount)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -13,19 +12,13 @@ from skincal.dataset.columns import OPTIONAL, ColumnReader
 from skincal.dataset.count_checks import check_counts
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.table_file import RawTable
-from skincal.dataset.tables import IDLE, PHASES, FrameColumns, Frames, Presses
+from skincal.dataset.tables import IDLE, PHASES, Frames, OnUse, Presses
 
 REQUIRED = ("press", "phase", "time_s", "force_n", *POSITION)
 
 
 def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> Frames:
-    """Return the frames of a table; add problems to the table's findings.
-
-    Args:
-        table: the table as read.
-        meta: the content of ``dataset.toml``.
-        presses: the presses of the frames; None if they could not be read.
-    """
+    """Return the frames of a table, whose presses may be unknown; add problems to the table's findings."""
     reader = ColumnReader(table)
     taxels = meta.sensor.taxel_columns()
     reader.require(REQUIRED)
@@ -47,8 +40,9 @@ def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> 
     if table.is_large:
         # One column at a time is read and checked; later uses read it again.
         check_counts(reader, meta.sensor, (reader.numbers(taxels[j]) for j in present), whole=True)
-        names = tuple(name for name, _ in optional)
-        frames = Frames.stored(StoredColumns(table, taxels, names), **own)
+        again = ColumnReader(table)
+        columns = OnUse([name for name, _ in optional], partial(again.one_optional, known=OPTIONAL))
+        frames = Frames.stored(OnUse(taxels, again.numbers), columns, **own)
     else:
         counts = reader.matrix(taxels)
         frames = Frames(**own, counts=counts, columns=dict(optional))
@@ -74,36 +68,6 @@ def _position(reader: ColumnReader, unmeasured: np.ndarray) -> np.ndarray:
     for j, name in enumerate(POSITION):
         position[:, j] = reader.checked(name, ANY, may_be_nan=unmeasured)
     return position
-
-
-@dataclass(frozen=True, eq=False)
-class StoredColumns(FrameColumns):
-    """The columns of a table that is too large for memory; they have been checked, and are read again on use.
-
-    Attributes:
-        table: the table of the file.
-        taxels: names of the taxel columns.
-        names: names of the other columns.
-    """
-
-    table: RawTable
-    taxels: tuple[str, ...]
-    names: tuple[str, ...]
-
-    def taxel(self, j: int) -> np.ndarray:
-        """Return the counts of the taxel of flat index ``j``, shape (M,)."""
-        return ColumnReader(self.table).numbers(self.taxels[j])
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        if name not in self.names:
-            raise KeyError(name)
-        return ColumnReader(self.table).one_optional(name, OPTIONAL)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.names)
-
-    def __len__(self) -> int:
-        return len(self.names)
 
 
 def _check_order(reader: ColumnReader, frames: Frames) -> None:

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skincal.covariates import TIMES
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.tables import Frames, Presses
 from skincal.errors import InputError, Problem
 
-TIMES = ("t_start_s", "t_hold_s", "t_release_s", "t_end_s")
-"""Columns of presses on the clock of the session."""
 GAP_S = 10.0
 """The second session begins so long after the first, if its clock does not say that it was later [s]."""
 
-Columns = Mapping[str, NDArray[Any]]
+Table = TypeVar("Table", Presses, Frames)
 
 
 def joined(first: Dataset, second: Dataset) -> Dataset:
@@ -39,32 +36,12 @@ def joined(first: Dataset, second: Dataset) -> Dataset:
     if (first.frames is None) != (second.frames is None):
         raise InputError([Problem(f"{place}: frames", "frames in both sessions or in none", "frames in one")])
     number = int(first.presses.press.max(initial=-1)) + 1
-    later = _later_s(first, second)
-    a, b = first.presses, second.presses
-    columns = dict(b.columns)
-    for name in TIMES:
-        if name in columns:
-            columns[name] = columns[name] + later
-    normals = None
-    if a.normals is not None or b.normals is not None:
-        normals = np.concatenate(
-            [np.full((len(p), 3), np.nan) if p.normals is None else p.normals for p in (a, b)]
-        )
-    presses = Presses(
-        np.concatenate([a.press, b.press + number]),
-        np.concatenate([a.position_m, b.position_m]),
-        np.concatenate([a.force_n, b.force_n]),
-        np.concatenate([a.counts, b.counts]),
-        normals,
-        _columns(a.columns, columns, len(a), len(b)),
-    )
-    return replace(
-        first,
-        presses=presses,
-        frames=_frames(first.frames, second.frames, number, later),
-        folder=None,
-        sha256=None,
-    )
+    later, taxels = _later_s(first, second), first.meta.sensor.taxel_columns()
+    presses = _concatenated(first.presses, second.presses, number, later, taxels)
+    frames = None
+    if first.frames is not None and second.frames is not None:
+        frames = _concatenated(first.frames, second.frames, number, later, taxels)
+    return replace(first, presses=presses, frames=frames, folder=None, sha256=None)
 
 
 def check_same_rig(first: DatasetMeta, second: DatasetMeta, place: str) -> None:
@@ -86,7 +63,7 @@ def check_same_rig(first: DatasetMeta, second: DatasetMeta, place: str) -> None:
 
 
 def _later_s(first: Dataset, second: Dataset) -> float:
-    """How much is added to the second session's clock [s]."""
+    """Return the time that is added to the second session's clock [s]."""
     ends: list[tuple[float, float]] = []
     if first.frames is not None and second.frames is not None and len(first.frames) and len(second.frames):
         ends.append((float(first.frames.time_s[-1]), float(second.frames.time_s[0])))
@@ -97,28 +74,18 @@ def _later_s(first: Dataset, second: Dataset) -> float:
     return 0.0 if apart > 0 else GAP_S - apart
 
 
-def _frames(a: Frames | None, b: Frames | None, number: int, later: float) -> Frames | None:
-    if a is None or b is None:
-        return None
-    return Frames(
-        np.concatenate([a.press, np.where(b.press >= 0, b.press + number, -1)]),
-        np.concatenate([a.phase, b.phase]),
-        np.concatenate([a.time_s, b.time_s + later]),
-        np.concatenate([a.force_n, b.force_n]),
-        np.concatenate([a.position_m, b.position_m]),
-        np.concatenate([a.counts, b.counts]),
-        _columns(a.columns, b.columns, len(a), len(b)),
-    )
+def _concatenated(first: Table, second: Table, press: int, later_s: float, taxels: tuple[str, ...]) -> Table:
+    """Return the rows of a table and of a later one; a column that one of them lacks is empty there."""
+    import pandas as pd
 
-
-def _columns(a: Columns, b: Columns, first: int, second: int) -> dict[str, NDArray[Any]]:
-    def filled(columns: Columns, name: str, count: int) -> NDArray[Any]:
-        if name in columns:
-            return columns[name]
-        text = (a.get(name, b.get(name, np.zeros(0)))).dtype == object
-        return np.full(count, "", dtype=object) if text else np.full(count, np.nan)
-
-    return {
-        name: np.concatenate([filled(a, name, first), filled(b, name, second)])
-        for name in dict.fromkeys([*a, *b])
-    }
+    a, b = first.to_pandas(taxels), second.to_pandas(taxels)
+    b["press"] = b["press"].mask(b["press"] >= 0, b["press"] + press)
+    for name in (*TIMES, "time_s"):
+        if name in b:
+            b[name] += later_s
+    for one, other in ((a, b), (b, a)):
+        for name in set(other) - set(one):
+            number = other[name].dtype.kind in "biuf"
+            one[name] = np.nan if number else ""
+            other[name] = other[name].astype(float) if number else other[name]
+    return type(first).of_pandas(pd.concat([a, b[[*a]]], ignore_index=True), taxels)

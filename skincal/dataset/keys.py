@@ -1,4 +1,4 @@
-"""What a value of a file must be beyond its type: words, bounds and units, for ``Annotated`` fields of a table."""
+"""Requirements of a file's values beyond their types: words, bounds and units, for ``Annotated`` fields of a table."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NUMBER = {"float_type": "a number", "finite_number": "a number", "int_type": "a 
 
 @dataclass(frozen=True)
 class Key:
-    """What a value must be, beyond its type.
+    """A requirement of a value beyond its type.
 
     Attributes:
         expected: what an error says of it.

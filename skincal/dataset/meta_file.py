@@ -18,10 +18,6 @@ def read_meta(folder: Path, findings: Findings) -> DatasetMeta | None:
     A wrong value adds an error and reads as a placeholder, so that the tables can still be checked against the
     rest.
 
-    Args:
-        folder: the dataset.
-        findings: collects errors and warnings.
-
     Returns:
         The content; None if the file is missing or not TOML.
     """

@@ -40,13 +40,7 @@ def surface_of(spec: SurfaceSpec, meshes: Mapping[str, bytes]) -> Surface:
 
 
 def indenter_of(spec: IndenterSpec, meshes: Mapping[str, bytes], radius_m: float | None = None) -> Indenter:
-    """Return the indenter.
-
-    Args:
-        spec: the table ``[indenter]``.
-        meshes: content of mesh files by name.
-        radius_m: radius [m] that overrides that of ``spec``; None or NaN: that of ``spec``.
-    """
+    """Return the indenter; a radius [m] that is neither None nor NaN overrides that of ``spec``."""
     radius = spec.radius_m if radius_m is None or np.isnan(radius_m) else float(radius_m)
     return _built(INDENTERS[spec.kind], radius, spec.file, meshes)
 

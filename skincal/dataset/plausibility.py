@@ -56,13 +56,7 @@ FASTEST_M_PER_S = 0.5
 
 
 def check_plausible(dataset: Dataset, files: dict[str, str], findings: Findings) -> None:
-    """Report implausible values.
-
-    Args:
-        dataset: well-formed data.
-        files: names of the files of ``presses`` and ``frames``.
-        findings: collects errors and warnings.
-    """
+    """Report implausible values of well-formed data; ``files`` names the files of ``presses`` and ``frames``."""
     presses, frames = dataset.presses, dataset.frames
     surface = dataset.surface()
     _check_positions(dataset, surface, presses.position_m, (files["presses"], POSITION), findings)
@@ -274,12 +268,11 @@ def _check_frames(dataset: Dataset, file: str, findings: Findings) -> None:
 
 def _check_dropouts(dataset: Dataset, force: FloatArray, file: str, findings: Findings) -> None:
     """Check that frames of a hold have about the mean force (K,) of their press's hold, apart from a few."""
-    frames, presses = dataset.frames, dataset.presses
+    frames = dataset.frames
     assert frames is not None
-    held = np.flatnonzero(
-        (frames.phase == HOLD) & np.isin(frames.press, presses.press) & (np.isfinite(frames.force_n))
-    )
-    own = force[_rows_of(presses.press, frames.press[held])]
+    row = dataset.frame_presses()
+    held = np.flatnonzero((frames.phase == HOLD) & (row >= 0) & np.isfinite(frames.force_n))
+    own = force[row[held]]
     lost = held[frames.force_n[held] < own * DROPPED]
     if len(lost) > MOST_DROPPED * max(len(held), 1):
         found = ", ".join(str(row + 1) for row in lost[:3].tolist())
@@ -342,12 +335,6 @@ def _check_slides(dataset: Dataset, file: str, findings: Findings) -> None:
     )  # fmt: skip
 
 
-def _rows_of(presses: IntArray, numbers: IntArray) -> IntArray:
-    """Return the rows of the table of presses, by press number."""
-    order = np.argsort(presses)
-    return order[np.searchsorted(presses[order], numbers)]
-
-
 def _usual(counts: FloatArray, both: NDArray[np.bool_]) -> FloatArray:
     """Return the median image (J,), without NaN."""
     return np.array(
@@ -386,8 +373,9 @@ def hold_means(dataset: Dataset, values: FloatArray | Iterable[FloatArray]) -> F
     """
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None
-    hold = (frames.phase == HOLD) & np.isin(frames.press, presses.press)
-    row = _rows_of(presses.press, frames.press[hold])
+    row = dataset.frame_presses()
+    hold = (frames.phase == HOLD) & (row >= 0)
+    row = row[hold]
     count = np.bincount(row, minlength=len(presses))[:, None]
     single = isinstance(values, np.ndarray) and values.ndim == 1
     columns = np.atleast_2d(values.T) if isinstance(values, np.ndarray) else values

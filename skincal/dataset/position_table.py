@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.covariates import ANY, POSITIVE
-from skincal.dataset.columns import ColumnReader
+from skincal.dataset.columns import ColumnReader, repeated
 from skincal.dataset.keys import MILLIMETRES
 from skincal.dataset.spec import SensorSpec
 from skincal.dataset.table_file import RawTable
@@ -57,16 +57,15 @@ def position_columns(sensor: SensorSpec, positions: TaxelPositions) -> dict[str,
 def _in_order(
     reader: ColumnReader, sensor: SensorSpec, flat: np.ndarray, centres: np.ndarray, sizes: np.ndarray
 ) -> TaxelPositions | None:
-    first = np.zeros(len(flat), dtype=bool)
-    first[np.unique(flat, return_index=True)[1]] = True
-    reader.sheet.bad_rows("r, c", ~first, _taxel_names(sensor, flat), "each taxel once", "Remove the copy.")
+    again = repeated(flat)
+    reader.sheet.bad_rows("r, c", again, _taxel_names(sensor, flat), "each taxel once", "Remove the copy.")
     missing = np.setdiff1d(np.arange(sensor.taxels), flat)
     if missing.size:
         names = ", ".join(sensor.taxel_columns()[j] for j in missing[:6])
         got = f"none for {names}{', …' if missing.size > 6 else ''}"
         fix = "Where the image has gaps, number the taxels in one row: rows = 1, cols = their number."
         reader.sheet.findings.error(reader.sheet.file, "a row for every taxel of rows x cols", got, fix)
-    if missing.size or not first.all() or len(flat) != sensor.taxels:
+    if missing.size or again.any() or len(flat) != sensor.taxels:
         return None
     order = np.argsort(flat)
     return TaxelPositions(centres[order], sizes[order])

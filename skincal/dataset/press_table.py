@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from skincal.covariates import ANY, NORMAL, POSITION, TIMES
-from skincal.dataset.columns import CORRECT_OR_EMPTY, NO_FORCE, OPTIONAL, ColumnReader
+from skincal.dataset.columns import CORRECT_OR_EMPTY, NO_FORCE, OPTIONAL, ColumnReader, repeated
 from skincal.dataset.count_checks import check_counts
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.table_file import RawTable
@@ -53,10 +53,8 @@ def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
 
 
 def _check_unique(reader: ColumnReader, press: np.ndarray) -> None:
-    first = np.zeros(len(press), dtype=bool)
-    first[np.unique(press, return_index=True)[1]] = True
     # Invalid press numbers have been reported.
-    reader.sheet.bad_rows("press", ~first & (press >= 0), press, "each number once", TWICE)
+    reader.sheet.bad_rows("press", repeated(press) & (press >= 0), press, "each number once", TWICE)
 
 
 def _normals(reader: ColumnReader) -> np.ndarray | None:

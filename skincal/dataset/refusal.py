@@ -8,12 +8,7 @@ from skincal.units import in_unit
 
 
 def refusal(dataset: Dataset, reason: str) -> WorkError:
-    """Return the error that a dataset cannot be used, with the reason.
-
-    Args:
-        dataset: named by its folder if it has one.
-        reason: what is wrong and what to do, in one or a few sentences.
-    """
+    """Return the error that a dataset cannot be used, with the reason."""
     end = "" if reason.endswith((".", "?")) else "."
     text = in_unit(reason, dataset.meta.sensor.unit)
     return WorkError(f"{dataset.folder or 'the dataset'}: {text}{end}")

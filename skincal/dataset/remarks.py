@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.covariates import NORMAL
+from skincal.dataset.columns import repeated
 from skincal.dataset.count_checks import named
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings, Sheet
@@ -27,13 +28,7 @@ STUCK_SHARE = 0.9
 
 
 def add_remarks(dataset: Dataset, sheet: Sheet, findings: Findings) -> None:
-    """Add warnings to the findings.
-
-    Args:
-        dataset: well-formed data.
-        sheet: the table of presses.
-        findings: collects the warnings.
-    """
+    """Add warnings to the findings."""
     _remark_on_activity(dataset, sheet, findings)
     _remark_on_stuck(dataset, sheet, findings)
     _remark_on_repeats(dataset, sheet)
@@ -95,10 +90,8 @@ def _remark_on_repeats(dataset: Dataset, sheet: Sheet) -> None:
     """Warn of one measurement under two numbers: noise would have made two measurements differ."""
     presses = dataset.presses
     values = np.column_stack([presses.position_m, presses.force_n, presses.counts])
-    first = np.zeros(len(values), dtype=bool)
-    first[np.unique(np.nan_to_num(values, nan=-1.0), axis=0, return_index=True)[1]] = True
     fix = "Was a press copied? A fit uses one of them."
-    sheet.bad_rows("press", ~first, presses.press, "different measurements", fix, warning=True)
+    sheet.bad_rows("press", repeated(values), presses.press, "different measurements", fix, warning=True)
 
 
 def _remark_on_normals(dataset: Dataset, sheet: Sheet) -> None:

@@ -35,9 +35,6 @@ def rest_levels(dataset: Dataset) -> NDArray[np.float64]:
     It is the median over the idle frames; without idle frames, the mean of the low readings over the presses, most of
     which do not reach a given taxel. Counts with a subtracted level rest at 0.
 
-    Args:
-        dataset: the data.
-
     Returns:
         Levels [counts], shape (J,); NaN for a taxel that is dead throughout.
     """
@@ -66,9 +63,6 @@ def rest_in_doubt(dataset: Dataset) -> bool:
 
 def idle_means(dataset: Dataset) -> NDArray[np.float64] | None:
     """Return the mean counts of untouched taxels, which clipped noise lifts above their level at rest.
-
-    Args:
-        dataset: the data.
 
     Returns:
         Means [counts], shape (J,), NaN for a taxel that is dead throughout; None where there are too few idle frames.

@@ -67,14 +67,7 @@ def report(
 
 
 class Translator:
-    """Reports the errors of pydantic, and violations between keys, with their place in a file.
-
-    Args:
-        findings: collects them.
-        file: the file's name.
-        first: number of the first table of a list.
-        within: the table that places begin in.
-    """
+    """Reporter of the errors of pydantic, and of violations between keys, with their place in a file."""
 
     def __init__(self, findings: Findings, file: str, first: int = 1, within: Place = ()) -> None:
         self._findings, self._file, self._first, self._within = findings, file, first, within

@@ -57,12 +57,7 @@ LABELS = ("branch", "pose", "cycle", "speed_m_per_s", "indenter_radius_m")
 
 
 def summarise(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> Summary:
-    """Return the summary of a dataset.
-
-    Args:
-        dataset: the data.
-        threshold_counts: threshold above the level at rest from which a taxel is active [counts].
-    """
+    """Return the summary of a dataset; a taxel is active from a threshold above its level at rest on [counts]."""
     presses, frames = dataset.presses, dataset.frames
     active = active_taxels(dataset, threshold_counts)
     names = dataset.meta.sensor.taxel_columns()

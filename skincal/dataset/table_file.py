@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import codecs
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +15,12 @@ from numpy.typing import NDArray
 
 from skincal.bounded import UnreadableError, check_table_size
 from skincal.dataset.findings import SHOWN, Findings, Sheet, listed
+from skincal.dataset.tables import OnUse
 from skincal.errors import InputError, Problem, text_of
 from skincal.files import check_input, reason
 
 if TYPE_CHECKING:
+    import pandas as pd
     import pyarrow as pa
 
 Column = NDArray[Any]
@@ -34,6 +37,7 @@ MOST_COLUMN_BYTES = 1 << 30
 MOST_CSV_BYTES = 1 << 30
 """Largest size of a CSV file, which is read at once: 10^7 rows of 100 letters."""
 
+CUT_SHORT = "Was it cut short while it was copied or written?"
 SUFFIXES = (".csv", ".parquet")
 _TEXTS = ("string", "large_string")
 
@@ -98,13 +102,11 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
                 name: _to_numpy(table.column(i), sheet, name) for i, name in enumerate(names)
             }
         else:
-            columns = ParquetColumns(path, sheet)
-            rows, names, others = columns.rows, columns.names, columns.others
+            names, rows, columns, others = _open_parquet(path, sheet)
         check_table_size(rows, len(names), most_rows)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         what = "a readable CSV file" if path.suffix == ".csv" else "a whole Parquet file"
-        got = text_of(error).rstrip(".")
-        findings.error(path.name, what, got, "Was it cut short while it was copied or written?")
+        findings.error(path.name, what, text_of(error).rstrip("."), CUT_SHORT)
         return None
     except UnreadableError as error:
         findings.error(path.name, error.expected, error.got)
@@ -120,63 +122,50 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
     return RawTable(sheet, rows, columns, others)
 
 
-class ParquetColumns(Mapping[str, Column]):
-    """The columns of a Parquet file, each read on use.
-
-    Args:
-        path: the file. It must not change as long as its columns are read.
-        sheet: collects the problems of columns.
+def _open_parquet(path: Path, sheet: Sheet) -> tuple[list[str], int, OnUse, dict[str, str]]:
+    """Return names, rows and columns of a Parquet file, and the types of columns that hold lists, tables or bytes.
 
     Raises:
         UnreadableError: a column is too large.
-        OSError, pyarrow.ArrowException: the Parquet file is incomplete or invalid.
+        OSError, pyarrow.ArrowException: the file is incomplete or invalid.
     """
+    import pyarrow.parquet as pq
 
-    def __init__(self, path: Path, sheet: Sheet) -> None:
-        import pyarrow.parquet as pq
+    with pq.ParquetFile(path) as file:
+        rows, schema = file.metadata.num_rows, file.schema_arrow
+        groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
+        for j in range(file.metadata.num_columns):
+            size = sum(group.column(j).total_uncompressed_size for group in groups)
+            if size > MOST_COLUMN_BYTES:
+                expected = f"columns of at most {MOST_COLUMN_BYTES >> 20} MiB"
+                raise UnreadableError(expected, f"one of {size >> 20} MiB")
+    types = list(zip(schema.names, schema.types, strict=True))
+    texts = [name for name, kind in types if str(kind) in _TEXTS]
+    columns = OnUse(schema.names, partial(_parquet_column, path, _state(path), rows, texts, sheet))
+    return schema.names, rows, columns, {name: str(kind) for name, kind in types if not _is_single(kind)}
 
-        self._path, self._sheet, self._state = path, sheet, _state(path)
-        with pq.ParquetFile(path) as file:
-            self.rows, self.names = file.metadata.num_rows, file.schema_arrow.names
-            types = dict(zip(self.names, file.schema_arrow.types, strict=True))
-            self._texts = [name for name, kind in types.items() if str(kind) in _TEXTS]
-            self.others = {name: str(kind) for name, kind in types.items() if not _is_single(kind)}
-            groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
-            for j in range(file.metadata.num_columns):
-                size = sum(group.column(j).total_uncompressed_size for group in groups)
-                if size > MOST_COLUMN_BYTES:
-                    expected = f"columns of at most {MOST_COLUMN_BYTES >> 20} MiB"
-                    raise UnreadableError(expected, f"one of {size >> 20} MiB")
 
-    def __getitem__(self, name: str) -> Column:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+def _parquet_column(
+    path: Path, state: tuple[int, ...], rows: int, texts: list[str], sheet: Sheet, name: str
+) -> Column:
+    """Return a column of a Parquet file; ``state`` is that of the file when it was checked."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
-        if name not in self.names:
-            raise KeyError(name)
-        if _state(self._path) != self._state:
-            got = "another file: it has been replaced"
-            raise InputError([Problem(str(self._path), "the file that was checked", got, "Run again.")])
-        try:
-            # Texts arrive dictionary-encoded: a word that repeats a million times is stored once.
-            with pq.ParquetFile(self._path, read_dictionary=self._texts) as file:
-                column = file.read(columns=[name], use_threads=False).column(name)
-            if len(column) != self.rows:
-                raise pa.ArrowInvalid(f"{len(column)} of {self.rows} rows in column {name}")
-            return _to_numpy(column, self._sheet, name)
-        except (pa.ArrowException, KeyError, OSError, UnicodeDecodeError) as error:
-            got = text_of(error).rstrip(".")
-            fix = "Was it cut short while it was copied or written?"
-            raise InputError([Problem(str(self._path), "a whole Parquet file", got, fix)]) from None
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.names
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(dict.fromkeys(self.names))
-
-    def __len__(self) -> int:
-        return len(set(self.names))
+    if _state(path) != state:
+        got = "another file: it has been replaced"
+        raise InputError([Problem(str(path), "the file that was checked", got, "Run again.")])
+    try:
+        # Texts arrive dictionary-encoded: a word that repeats a million times is stored once.
+        with pq.ParquetFile(path, read_dictionary=texts) as file:
+            column = file.read(columns=[name], use_threads=False).column(name)
+        if len(column) != rows:
+            raise pa.ArrowInvalid(f"{len(column)} of {rows} rows in column {name}")
+        return _to_numpy(column, sheet, name)
+    except (pa.ArrowException, KeyError, OSError, UnicodeDecodeError) as error:
+        raise InputError(
+            [Problem(str(path), "a whole Parquet file", text_of(error).rstrip("."), CUT_SHORT)]
+        ) from None
 
 
 def _is_single(kind: pa.DataType) -> bool:
@@ -198,25 +187,23 @@ def _state(path: Path) -> tuple[int, ...]:
     return stat.st_ino, stat.st_size, stat.st_mtime_ns
 
 
-def write_table(path: Path, columns: Mapping[str, Column]) -> None:
-    """Write columns to a table, CSV or Parquet by the suffix; floats are read back exactly.
+def write_table(path: Path, columns: Mapping[str, Column] | pd.DataFrame) -> None:
+    """Write columns to a table, CSV or Parquet by the suffix; floats are read back exactly, NaN as an empty cell.
 
     Raises:
         OSError: the disk is full, or not writable.
     """
+    import pandas as pd
     import pyarrow as pa
+    import pyarrow.csv as pcsv
+    import pyarrow.parquet as pq
 
-    arrays = [_to_arrow(column) for column in columns.values()]
-    table = pa.Table.from_arrays(arrays, names=list(columns))
+    table = pa.Table.from_pandas(pd.DataFrame(columns), preserve_index=False).replace_schema_metadata()
     if path.suffix == ".parquet":
-        import pyarrow.parquet as pq
-
         pq.write_table(table, path)
         return
-    import pyarrow.csv as pcsv
-
     with path.open("wb") as file:
-        file.write((",".join(_quoted(name) for name in columns) + "\n").encode())
+        file.write((",".join(map(_quoted, table.column_names)) + "\n").encode())
         pcsv.write_csv(table, file, pcsv.WriteOptions(include_header=False, quoting_style="needed"))
 
 
@@ -225,19 +212,7 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
     import pyarrow.csv as pcsv
 
     text = {name: pa.string() for name in TEXT_COLUMNS}
-    bad: list[pcsv.InvalidRow] = []
-
-    def skip(row: pcsv.InvalidRow) -> str:
-        bad.append(row)
-        return "skip"
-
-    def read(threads: bool) -> pa.Table:
-        return pcsv.read_csv(
-            path,
-            pcsv.ReadOptions(use_threads=threads, block_size=1 << 22),
-            pcsv.ParseOptions(invalid_row_handler=skip),
-            pcsv.ConvertOptions(column_types=text, timestamp_parsers=["never"]),
-        )
+    cells = pcsv.ConvertOptions(column_types=text, timestamp_parsers=["never"])
 
     if path.stat().st_size > MOST_CSV_BYTES:
         raise UnreadableError(
@@ -250,13 +225,37 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
         fix = "Is it another kind of file, or of another encoding?"
         findings.error(f"{path.name}, {line}", "text in UTF-8", "other bytes", fix)
         return None
-    table = read(threads=True)
-    if bad:
+    table, ragged = read_rows(path, pcsv.ReadOptions(block_size=1 << 22), cells)
+    if ragged:
         # Only a single-threaded read gives the line numbers.
-        bad.clear()
-        table = read(threads=False)
-        _report_ragged(path.name, bad, findings)
+        _, ragged = read_rows(path, pcsv.ReadOptions(use_threads=False, block_size=1 << 22), cells)
+        fix = "Was the file cut short, or does a text hold a comma that is not quoted?"
+        report_ragged(path.name, ragged, [row.number for row in ragged], findings, fix)
     return table
+
+
+def read_rows(source: Any, options: Any, cells: Any, delimiter: str = ",") -> tuple[Any, list[Any]]:
+    """Return the rows of a text table, and those with too few or too many cells, which are left out."""
+    import pyarrow.csv as pcsv
+
+    ragged: list[pcsv.InvalidRow] = []
+
+    def skip(row: pcsv.InvalidRow) -> str:
+        ragged.append(row)
+        return "skip"
+
+    parse = pcsv.ParseOptions(delimiter=delimiter, invalid_row_handler=skip)
+    return pcsv.read_csv(source, options, parse, cells), ragged
+
+
+def report_ragged(
+    file: str, ragged: Sequence[Any], lines: Sequence[int], findings: Findings, fix: str
+) -> None:
+    """Add an error for rows with too few or too many cells, in lines of a file."""
+    more = f" and {len(ragged) - SHOWN} more" if len(ragged) > SHOWN else ""
+    place = f"{file}, line {', '.join(map(str, lines[:SHOWN]))}{more}"
+    got = f"{listed([row.actual_columns for row in ragged[:SHOWN]], len(ragged))} cells"
+    findings.error(place, f"{ragged[0].expected_columns} cells as in the header", got, fix)
 
 
 def _other_bytes(path: Path) -> str:
@@ -273,28 +272,15 @@ def _other_bytes(path: Path) -> str:
                 return ""
 
 
-def _report_ragged(file: str, bad: Sequence[Any], findings: Findings) -> None:
-    lines = [str(row.number) for row in bad[:SHOWN]]
-    more = f" and {len(bad) - SHOWN} more" if len(bad) > SHOWN else ""
-    findings.error(
-        f"{file}, line {', '.join(lines)}{more}",
-        f"{bad[0].expected_columns} cells as in the header",
-        f"{listed([row.actual_columns for row in bad[:SHOWN]], len(bad))} cells",
-        "Was the file cut short, or does a text hold a comma that is not quoted?",
-    )
-
-
 def _to_numpy(column: pa.ChunkedArray, sheet: Sheet, name: str) -> Column:
     import pyarrow as pa
     import pyarrow.compute as pc
 
     kind = column.type
     if pa.types.is_dictionary(kind):
-        one = column.unify_dictionaries().combine_chunks()
-        if str(kind.value_type) not in _TEXTS or not isinstance(one, pa.DictionaryArray):
+        if str(kind.value_type) not in _TEXTS:
             return _to_numpy(column.cast(kind.value_type), sheet, name)
-        words = np.array([word or "" for word in (*one.dictionary.to_pylist(), "")], dtype=object)
-        return words[pc.fill_null(one.indices, len(words) - 1).to_numpy(zero_copy_only=False)]
+        return column.to_pandas().astype(object).fillna("").to_numpy()
     if pa.types.is_null(kind):
         return np.full(len(column), np.nan)
     if pa.types.is_integer(kind) and not column.null_count:
@@ -308,15 +294,6 @@ def _to_numpy(column: pa.ChunkedArray, sheet: Sheet, name: str) -> Column:
     except (pa.ArrowException, UnicodeDecodeError):
         sheet.findings.error(sheet.column(name), "single numbers or texts", kind, "Remove the column.")
         return np.full(len(column), "", dtype=object)
-
-
-def _to_arrow(column: Column) -> pa.Array:
-    import pyarrow as pa
-
-    if column.dtype == object:
-        return pa.array(column.tolist())
-    # NaN is written as an empty cell: not measured.
-    return pa.array(column, from_pandas=True)
 
 
 def _quoted(name: str) -> str:

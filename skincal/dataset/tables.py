@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from skincal.covariates import NORMAL, POSITION
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -21,51 +25,113 @@ PHASES = ("idle", "load", "hold", "unload")
 IDLE, LOAD, HOLD, UNLOAD = range(4)
 
 
-@dataclass(frozen=True)
+class OnUse(Mapping[str, NDArray[Any]]):
+    """Columns that are read from their file whenever they are used.
+
+    Args:
+        names: their names.
+        read: returns the column of a name.
+    """
+
+    def __init__(self, names: Iterable[str], read: Callable[[str], NDArray[Any]]) -> None:
+        self._names, self._read = dict.fromkeys(names), read
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self._names:
+            raise KeyError(name)
+        return self._read(name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
 class _Table:
     """Rows of arrays of equal length; a selection of rows is a table of the same kind."""
 
-    @property
-    def columns_by_name(self) -> Mapping[str, NDArray[Any]]:
-        """The columns without an attribute of their own."""
-        return self.columns  # type: ignore[attr-defined]
+    press: IntArray
+    columns: Mapping[str, NDArray[Any]]
+
+    names: ClassVar[Mapping[str, tuple[str, ...]]]
+    """Columns of a file that make up each attribute; those of ``counts`` depend on the sensor."""
+
+    types: ClassVar[Mapping[str, Any]] = {"press": np.int64, "phase": np.int8}
+    """Types of the attributes that hold no measurements."""
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only, and check their shapes."""
+        rows = len(np.asarray(self.press))
+        for name, own in self.names.items():
+            if (value := getattr(self, name)) is not None:
+                array = np.asarray(value, dtype=self.types.get(name, np.float64))
+                object.__setattr__(self, name, _read_only(_shaped(name, array, (rows, len(own)))))
+        if not isinstance(self.columns, OnUse):
+            columns = {
+                name: _read_only(_shaped(name, np.asarray(column), (rows, 1)))
+                for name, column in self.columns.items()
+            }
+            object.__setattr__(self, "columns", MappingProxyType(columns))
 
     def __len__(self) -> int:
-        return len(self.press)  # type: ignore[attr-defined]
+        return len(self.press)
 
     def column(self, name: str) -> NDArray[Any] | None:
         """Return an optional column, shape (rows,); None if the table does not have it."""
-        return self.columns_by_name.get(name)
+        return self.columns.get(name)
 
     def select(self, rows: ArrayLike) -> Self:
         """Return the table with only these rows: a boolean mask, shape (rows,), or indices in any order."""
         index = np.asarray(rows)
         changes: dict[str, Any] = {}
-        for item in fields(self):
+        for item in fields(self):  # type: ignore[arg-type]
             value = getattr(self, item.name)
             if isinstance(value, np.ndarray):
                 changes[item.name] = value[index]
             elif isinstance(value, Mapping):
                 changes[item.name] = {name: column[index] for name, column in value.items()}
-        return replace(self, **changes)
+        return replace(self, **changes)  # type: ignore[type-var]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the constructor: a read-only view of a mapping is none that pickle knows."""
         values = (getattr(self, item.name) for item in fields(self))
         return type(self), tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
 
-    def _freeze(self, types: Mapping[str, tuple[Any, tuple[int | None, ...]]]) -> None:
-        """Make the arrays read-only, with their type and the shape of a row; None: any length."""
-        rows = len(np.asarray(self.press))  # type: ignore[attr-defined]
-        for name, (dtype, shape) in types.items():
-            if getattr(self, name) is not None:
-                array = np.asarray(getattr(self, name), dtype=dtype)
-                object.__setattr__(self, name, _read_only(_shaped(name, array, (rows, *shape))))
-        columns = {
-            name: _read_only(_shaped(name, np.asarray(column), (rows,)))
-            for name, column in self.columns_by_name.items()
-        }
-        object.__setattr__(self, "columns", MappingProxyType(columns))
+    def to_pandas(self, taxels: Sequence[str]) -> pd.DataFrame:
+        """Return the table as a file has it: a column for each quantity, NaN or '' where nothing was measured.
+
+        Args:
+            taxels: names of the taxel columns, ``sensor.taxel_columns()``.
+        """
+        import pandas as pd
+
+        parts: dict[str, Any] = {}
+        for name, own in self.names.items():
+            if name == "phase":
+                parts[name] = np.array(PHASES, dtype=object)[getattr(self, name)]
+            elif (value := getattr(self, name)) is not None:
+                parts |= zip(own or taxels, np.atleast_2d(value.T), strict=True)
+        return pd.DataFrame(parts | dict(self.columns))
+
+    @classmethod
+    def of_pandas(cls, table: pd.DataFrame, taxels: Sequence[str]) -> Self:
+        """Return the table of a data frame; the inverse of :meth:`to_pandas`."""
+        own: dict[str, Any] = {}
+        for name, names in cls.names.items():
+            names = tuple(taxels) if name == "counts" else names
+            if not set(names) <= set(table):
+                continue
+            if name == "phase":
+                own[name] = table[name].map(dict(zip(PHASES, range(4), strict=True))).to_numpy()
+            else:
+                own[name] = table[names[0] if len(names) == 1 and name != "counts" else [*names]].to_numpy()
+        taken = {*taxels, *(one for names in cls.names.values() for one in names)}
+        own["columns"] = {name: _plain(table[name]) for name in table if name not in taken}
+        return cls(**own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,26 +157,13 @@ class Presses(_Table):
     normals: FloatArray | None = None
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        self._freeze(
-            {
-                "press": (np.int64, ()),
-                "position_m": (np.float64, (3,)),
-                "force_n": (np.float64, ()),
-                "counts": (np.float64, (None,)),
-                "normals": (np.float64, (3,)),
-            }
-        )
-
-
-class FrameColumns(Mapping[str, NDArray[Any]]):
-    """Columns of frames that are stored in a file; the mapping holds the columns other than taxels."""
-
-    taxels: tuple[str, ...]
-
-    @abstractmethod
-    def taxel(self, j: int) -> FloatArray:
-        """Return the counts of the taxel with flat index ``j``, shape (M,)."""
+    names: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "press": ("press",),
+        "position_m": POSITION,
+        "force_n": ("force_n",),
+        "normals": NORMAL,
+        "counts": (),
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,49 +188,39 @@ class Frames(_Table):
     counts: FloatArray
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        self._freeze(
-            {
-                "press": (np.int64, ()),
-                "phase": (np.int8, ()),
-                "time_s": (np.float64, ()),
-                "force_n": (np.float64, ()),
-                "position_m": (np.float64, (3,)),
-                "counts": (np.float64, (None,)),
-            }
-        )
+    names: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        **{name: (name,) for name in ("press", "phase", "time_s", "force_n")},
+        "position_m": POSITION,
+        "counts": (),
+    }
 
     @classmethod
-    def stored(cls, source: FrameColumns, **own: NDArray[Any]) -> Self:
-        """Return frames whose counts and columns are read from a file on use.
+    def stored(cls, taxels: OnUse, columns: OnUse, **own: NDArray[Any]) -> Self:
+        """Return frames whose counts and other columns are read from a file on use.
 
         Args:
-            source: the file's columns.
+            taxels: the taxel columns, in the order of the flat index.
+            columns: the other columns.
             own: the attributes that precede ``counts``.
         """
-        frames = cls(**own, counts=np.empty((len(own["press"]), 0)))  # type: ignore[arg-type]
+        frames = cls(**own, counts=np.empty((len(own["press"]), 0)), columns=columns)  # type: ignore[arg-type]
         object.__delattr__(frames, "counts")
-        object.__setattr__(frames, "columns", source)
+        object.__setattr__(frames, "_taxels", taxels)
         return frames
 
     def __getattr__(self, name: str) -> Any:
-        source = self.__dict__.get("columns")
-        if name != "counts" or not isinstance(source, FrameColumns):
+        taxels = self.__dict__.get("_taxels")
+        if name != "counts" or taxels is None:
             raise AttributeError(name)
-        counts = np.empty((len(self), len(source.taxels)))
-        for j in range(len(source.taxels)):
-            counts[:, j] = source.taxel(j)
+        counts = np.empty((len(self), len(taxels)))
+        for j, column in enumerate(taxels.values()):
+            counts[:, j] = column
         object.__setattr__(self, "counts", _read_only(counts))
         return self.counts
 
     def taxel_columns(self) -> Iterator[FloatArray]:
         """Yield the counts (M,) of one taxel after the other, in the order of the flat index."""
-        source = self.columns
-        if "counts" in self.__dict__ or not isinstance(source, FrameColumns):
-            yield from self.counts.T
-            return
-        for j in range(len(source.taxels)):
-            yield source.taxel(j)
+        yield from self.counts.T if "counts" in self.__dict__ else self.__dict__["_taxels"].values()
 
     def counts_of(self, rows: IntArray) -> FloatArray:
         """Return the counts (n, J) of some rows (n,), without loading all of them."""
@@ -187,7 +230,8 @@ class Frames(_Table):
         """Return the same frames with other contacts; columns stored in a file stay there."""
         frames = copy(self)
         for name, values in (("position_m", position_m), ("force_n", force_n)):
-            object.__setattr__(frames, name, _read_only(_shaped(name, values, getattr(self, name).shape)))
+            values = _shaped(name, values, (len(self), len(self.names[name])))
+            object.__setattr__(frames, name, _read_only(values))
         return frames
 
 
@@ -208,11 +252,12 @@ class TaxelPositions:
         object.__setattr__(self, "sizes_m", _read_only(np.asarray(self.sizes_m, dtype=float)))
 
 
-def _shaped(name: str, array: NDArray[Any], shape: tuple[int | None, ...]) -> NDArray[Any]:
-    if array.ndim != len(shape) or any(
-        want is not None and want != n for want, n in zip(shape, array.shape, strict=True)
-    ):
-        raise ValueError(f"{name}: expected shape {shape}; got {array.shape}")
+def _shaped(name: str, array: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
+    """Return an array, after checking its rows and columns; 0 columns: any number of them, 1: none of its own."""
+    rows, columns = shape
+    want = (rows,) if columns == 1 else (rows, columns or (array.shape[1] if array.ndim == 2 else None))
+    if array.shape != want:
+        raise ValueError(f"{name}: expected shape {want}; got {array.shape}")
     return array
 
 
@@ -221,3 +266,9 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def _plain(column: pd.Series) -> NDArray[Any]:
+    """Return a column as an array; texts are objects, '' where missing."""
+    numeric = column.dtype.kind in "biuf"
+    return column.to_numpy() if numeric else column.astype(object).fillna("").to_numpy(dtype=object)

@@ -94,13 +94,7 @@ def scaled_by(factor: float) -> str:
 
 
 def check_values(dataset: Dataset, files: dict[str, str], findings: Findings) -> None:
-    """Report problems of the taxel values themselves.
-
-    Args:
-        dataset: well-formed data.
-        files: names of the files of ``presses`` and ``frames``.
-        findings: collects warnings and notes.
-    """
+    """Report problems of the taxel values themselves; ``files`` names those of ``presses`` and ``frames``."""
     tables = [(files["presses"], dataset.presses.counts)]
     if dataset.frames is not None:
         tables.insert(0, (files["frames"], dataset.frames.counts_of(_some(dataset.frames))))

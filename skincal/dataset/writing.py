@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from skincal.covariates import NORMAL, POSITION
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.meta_file import FILE, write_meta
 from skincal.dataset.position_table import position_columns
 from skincal.dataset.table_file import write_table
-from skincal.dataset.tables import PHASES
 from skincal.files import whole_folder
 
 Format = Literal["csv", "parquet"]
@@ -49,38 +44,12 @@ def write_dataset_files(
 ) -> None:
     """Write the files of a dataset into an existing folder."""
     write_meta(dataset.meta, folder / FILE)
-    write_table(folder / f"presses.{presses_as}", _press_columns(dataset))
+    taxels = dataset.meta.sensor.taxel_columns()
+    write_table(folder / f"presses.{presses_as}", dataset.presses.to_pandas(taxels))
     if dataset.frames is not None:
-        write_table(folder / f"frames.{frames_as}", _frame_columns(dataset))
+        write_table(folder / f"frames.{frames_as}", dataset.frames.to_pandas(taxels))
     if dataset.positions is not None:
         columns = position_columns(dataset.meta.sensor, dataset.positions)
         write_table(folder / str(dataset.meta.sensor.positions), columns)
     for name, content in dataset.meshes.items():
         (folder / name).write_bytes(content)
-
-
-def _press_columns(dataset: Dataset) -> dict[str, NDArray[Any]]:
-    presses = dataset.presses
-    columns = {"press": presses.press, **_split(POSITION, presses.position_m), "force_n": presses.force_n}
-    if presses.normals is not None:
-        columns |= _split(NORMAL, presses.normals)
-    columns |= _split(dataset.meta.sensor.taxel_columns(), presses.counts)
-    return columns | dict(presses.columns)
-
-
-def _frame_columns(dataset: Dataset) -> dict[str, NDArray[Any]]:
-    frames = dataset.frames
-    assert frames is not None
-    columns: dict[str, NDArray[Any]] = {
-        "press": frames.press,
-        "phase": np.array(PHASES, dtype=object)[frames.phase],
-        "time_s": frames.time_s,
-        "force_n": frames.force_n,
-        **_split(POSITION, frames.position_m),
-        **_split(dataset.meta.sensor.taxel_columns(), frames.counts),
-    }
-    return columns | dict(frames.columns)
-
-
-def _split(names: tuple[str, ...], matrix: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-    return dict(zip(names, np.ascontiguousarray(matrix.T), strict=True))

@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 
 from skincal.imports.cutting import cut
-from skincal.imports.mapping import CutRules, Mapping
+from skincal.imports.mapping import Mapping
+from skincal.imports.mapping_file import CutRules
 from skincal.imports.recording import FloatArray
 from skincal.imports.series import Cut, Series
 
@@ -20,13 +21,7 @@ LEAST_PART: Final = 0.1
 
 
 def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
-    """Return the contacts of a series, by the distance of the taxels from their level at rest.
-
-    Args:
-        series: the time series; its force is not used.
-        images: the taxels, shape (M, J).
-        rules: rules of the hold; ``on_n`` and ``off_n`` are not used.
-    """
+    """Return the contacts of a series, by the distance of its images (M, J) from their level at rest."""
     activity = taxel_activity(images)
     low = activity <= np.quantile(activity, 0.95) / 2
     rest = float(np.median(activity[low])) if low.any() else 0.0

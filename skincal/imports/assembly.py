@@ -21,7 +21,7 @@ from skincal.files import check_input, reason, whole_folder
 from skincal.imports.alignment import JoinedClock
 from skincal.imports.mapping import Mapping, Quantity
 from skincal.imports.placement import placed
-from skincal.imports.press_recording import Session, session_of
+from skincal.imports.press_recording import presses_and_frames
 from skincal.imports.recording import Dropped, ReadFile, Recording
 
 
@@ -57,23 +57,24 @@ def assemble(
 ) -> Imported:
     """Write the dataset of a recording.
 
-    Args:
-        recording: the recording of a reader.
-        mapping: the mapping.
-        out: folder to create.
-        findings: problems so far; errors are raised before anything is written.
-        force: whether to replace an existing dataset.
-
     Raises:
         InputError: the recording cannot be cut into presses, or the result is not a valid dataset.
         OSError: the disk is full, or not writable.
     """
     findings.raise_errors()
-    surface = surface_of(mapping.meta.surface, mapping.meshes) if mapping.placement.project else None
-    session = session_of(placed(recording, mapping.placement, surface), mapping, findings)
+    surface = surface_of(mapping.meta.surface, mapping.meshes) if mapping.file.frame.project else None
+    found = presses_and_frames(placed(recording, mapping.file.frame, surface), mapping, findings)
     findings.raise_errors()
-    assert session is not None
-    dataset = _dataset(session, mapping)
+    assert found is not None
+    presses, frames, dropped = found
+    files = ", ".join(file.file for file in recording.files)
+    meta = replace(
+        mapping.meta,
+        source=mapping.meta.source or f"imported from {files}",
+        assumed=assumed(mapping),
+        clock=_clock(recording, mapping),
+    )
+    dataset = Dataset(meta, presses, frames, mapping.positions, mapping.meshes)
     with whole_folder(out, force=force, marker=FILE) as folder:
         write_dataset_files(dataset, folder)
         checked = check_dataset(folder)
@@ -81,32 +82,21 @@ def assemble(
             raise InputError([_traced(problem, folder, mapping) for problem in checked.errors])
     return Imported(
         folder=out,
-        presses=len(session.presses),
-        frames=0 if session.frames is None else len(session.frames),
-        read=session.read,
-        dropped=session.dropped,
-        assumed=dataset.meta.assumed,
+        presses=len(presses),
+        frames=0 if frames is None else len(frames),
+        read=recording.files,
+        dropped=dropped,
+        assumed=meta.assumed,
         warnings=(*findings.warnings, *(_traced(problem, folder, mapping) for problem in checked.warnings)),
-        notes=session.notes,
-        clocks=session.clocks,
+        notes=recording.notes,
+        clocks=recording.clocks,
     )
 
 
-def _dataset(session: Session, mapping: Mapping) -> Dataset:
-    files = ", ".join(file.file for file in session.read)
-    meta = replace(
-        mapping.meta,
-        source=mapping.meta.source or f"imported from {files}",
-        assumed=assumed(mapping),
-        clock=_clock(session, mapping),
-    )
-    return Dataset(meta, session.presses, session.frames, mapping.positions, mapping.meshes)
-
-
-def _clock(session: Session, mapping: Mapping) -> ClockSpec | None:
+def _clock(recording: Recording, mapping: Mapping) -> ClockSpec | None:
     """Return the agreement of the clocks: the mapping's sigma, combined with those of estimated offsets."""
     given = mapping.meta.clock
-    found = [clock.sigma_s for clock in session.clocks if clock.estimated]
+    found = [clock.sigma_s for clock in recording.clocks if clock.estimated]
     if not found:
         return given
     said = ClockSpec() if given is None else given
@@ -122,7 +112,7 @@ def assumed(mapping: Mapping) -> tuple[str, ...]:
     whole = all(name in constant for name in POSITION)
     if whole:
         found.append("position")
-    elif mapping.placement.project:
+    elif mapping.file.frame.project:
         found.append("position.depth")
     found += [name for name in constant if not (whole and name in POSITION)]
     return tuple(dict.fromkeys(found))

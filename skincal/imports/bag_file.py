@@ -97,13 +97,7 @@ def opened(path: Path, definitions: Mapping[str, Path]) -> Generator[Bag]:
 
 
 def check_topics(bag: Bag, wanted: Mapping[str, str], findings: Findings) -> bool:
-    """Return whether a bag has every topic; for missing topics add errors that list those it has.
-
-    Args:
-        bag: the bag.
-        wanted: place in the mapping of each topic.
-        findings: collects the errors.
-    """
+    """Return whether a bag has every topic; for missing topics add errors that list those it has."""
     shown = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(bag.types.items())) or "no topics"
     absent = [topic for topic in wanted if topic not in bag.types]
     for topic in absent:

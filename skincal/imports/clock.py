@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from skincal.imports.recording import FloatArray
@@ -148,12 +149,7 @@ def spread_equal(time: FloatArray) -> FloatArray:
 
 
 def epoch_unit(stamps: FloatArray, factors: Sequence[tuple[str, float]]) -> str | None:
-    """Return the unit in which stamps are times since 1970 in this century; None if there is none.
-
-    Args:
-        stamps: shape (n,).
-        factors: names and lengths of units [s].
-    """
+    """Return the unit, of names and lengths [s], in which stamps (n,) are times since 1970 in this century, or None."""
     middle = float(np.nanmedian(stamps)) if np.isfinite(stamps).any() else 0.0
     return next((name for name, factor in factors if EPOCH_S[0] < middle * factor < EPOCH_S[1]), None)
 
@@ -175,5 +171,4 @@ def _periods(unit_s: float) -> list[tuple[str, float, bool]]:
 
 def _last_given(stamps: FloatArray) -> FloatArray:
     """Return the last known stamp at or before each row."""
-    rows = np.where(np.isfinite(stamps), np.arange(len(stamps)), 0)
-    return stamps[np.maximum.accumulate(rows)]
+    return np.asarray(pd.Series(stamps).ffill(), dtype=np.float64)

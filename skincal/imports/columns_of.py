@@ -21,18 +21,7 @@ def chosen(
     file: str, columns: Columns, numbers: Collection[str], texts: Collection[str], decimal: str, findings: Findings,
     lines: NDArray[np.int64] | None = None, hint: str = "",
 ) -> TextTable | None:  # fmt: skip
-    """Return a table of the required columns; None, with errors, if some are missing or differ in length.
-
-    Args:
-        file: its name.
-        columns: all columns of the file.
-        numbers: columns that hold numbers.
-        texts: columns that hold words or dates.
-        decimal: the decimal mark of cells that are text.
-        findings: collects the errors.
-        lines: line numbers of the rows of a text file.
-        hint: advice if a column is missing and none has a similar name.
-    """
+    """Return a table of the required columns; None, with errors, if some are missing or differ in length."""
     wanted = [*dict.fromkeys((*numbers, *texts))]
     # MATLAB's structures have slashes in files of version 7.3, and dots in older ones.
     dotted = {name.replace("/", "."): column for name, column in columns.items()}

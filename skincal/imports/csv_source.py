@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from skincal.dataset.findings import Findings
 from skincal.imports import targets
 from skincal.imports.join import assigned, join_file
-from skincal.imports.mapping import CsvSource, Mapping, Quantity
+from skincal.imports.mapping import Mapping, Quantity
+from skincal.imports.mapping_file import CsvSource
 from skincal.imports.other_file import explain_missing
-from skincal.imports.recording import Dropped, ReadFile, Recording
+from skincal.imports.recording import ReadFile, Recording, joined
 from skincal.imports.source_table import read_source_table
 from skincal.imports.stamps import read_clock
 from skincal.imports.text_table import TextTable
@@ -24,19 +25,13 @@ from skincal.imports.values import is_text, quantity_values
 def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) -> Recording | None:
     """Read files by a mapping.
 
-    Args:
-        mapping: the mapping.
-        files: the files, in the order of the session, those of ``[files]`` among them.
-        findings: collects the errors.
-
     Returns:
         One row per row of the files with the taxels; None if a file cannot be read at all.
 
     Raises:
         InputError: a file of ``[files]`` is missing.
     """
-    form = mapping.source
-    assert isinstance(form, CsvSource)
+    form = _source(mapping)
     paths, others = assigned(mapping.joined, files, mapping.path.parent)
     own = [q for q in mapping.quantities if not q.topic]
     texts = {name for q in own for name in q.sources if is_text(q)}
@@ -68,30 +63,8 @@ def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) 
     return _complete(recording, mapping)
 
 
-def joined(parts: Sequence[Recording]) -> Recording:
-    """Return recordings joined one after the other."""
-    names = list(parts[0].columns)
-    return Recording(
-        {name: np.concatenate([part.columns[name] for part in parts]) for name in names},
-        np.concatenate([part.counts for part in parts]),
-        np.concatenate([part.part for part in parts]),
-        tuple(file for part in parts for file in part.files),
-        summed([dropped for part in parts for dropped in part.dropped]),
-    )
-
-
-def summed(dropped: Sequence[Dropped]) -> tuple[Dropped, ...]:
-    """Return the dropped samples, with equal reasons added up."""
-    counts: dict[tuple[str, str], int] = {}
-    for item in dropped:
-        counts[item.what, item.why] = counts.get((item.what, item.why), 0) + item.count
-    return tuple(Dropped(count, what, why) for (what, why), count in counts.items() if count)
-
-
 def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: TextTable) -> Recording:
     """Return one file; the clock of a time series is read separately, from all files together."""
-    form = mapping.source
-    assert isinstance(form, CsvSource)
     series = mapping.rows == targets.SERIES
     columns = {q.target: quantity_values(q, table) for q in own if not (series and q.target == "time_s")}
     raw = {name: table.numbers(name) for name in dict.fromkeys(mapping.taxels.names)}
@@ -102,7 +75,7 @@ def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: Text
         np.full(table.rows, part, dtype=np.int64),
         (ReadFile(table.sheet.file, table.rows),),
     )
-    if form.drop_incomplete:
+    if _source(mapping).drop_incomplete:
         return recording
     for quantity in own:
         if quantity.target in columns and _needed(mapping, quantity):
@@ -116,24 +89,26 @@ def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: Text
 
 def _complete(recording: Recording, mapping: Mapping) -> Recording:
     """Return the recording without incomplete rows, of a joined file or where ``drop_incomplete`` is set."""
-    form = mapping.source
-    assert isinstance(form, CsvSource)
-    kept = np.ones(len(recording), dtype=bool)
-    dropped: list[Dropped] = []
-    for quantity in mapping.quantities:
-        if quantity.topic and _needed_of_joined(mapping, quantity):
-            missing = np.isnan(recording.columns[quantity.target]) & kept
-            why = f"no {quantity.target} from {quantity.topic} at their time (max_age_s in [files.{quantity.topic}])"
-            dropped.append(Dropped(int(missing.sum()), "frame", why))
-            kept &= ~missing
-    if form.drop_incomplete:
-        own = [q.target for q in mapping.quantities if not q.topic and _needed(mapping, q)]
-        gaps = {name: np.isnan(recording.columns[name]) & kept for name in own}
-        lost = np.logical_or.reduce([np.zeros(len(recording), dtype=bool), *gaps.values()])
-        why = f"no value in a required column ({', '.join(name for name in gaps if gaps[name].any())})"
-        dropped.append(Dropped(int(lost.sum()), "row", why))
-        kept &= ~lost
-    return recording if kept.all() else recording.select(kept, summed(dropped))
+    missing = {
+        f"no {q.target} from {q.topic} at their time (max_age_s in [files.{q.topic}])": np.isnan(
+            recording.columns[q.target]
+        )
+        for q in mapping.quantities
+        if q.topic and q.target in mapping.required
+    }
+    recording = recording.without("frame", missing)
+    if not _source(mapping).drop_incomplete:
+        return recording
+    own = [q.target for q in mapping.quantities if not q.topic and _needed(mapping, q)]
+    gaps = {name: np.isnan(recording.columns[name]) for name in own}
+    lost = np.logical_or.reduce([np.zeros(len(recording), dtype=bool), *gaps.values()])
+    why = f"no value in a required column ({', '.join(name for name in gaps if gaps[name].any())})"
+    return recording.without("row", {why: lost})
+
+
+def _source(mapping: Mapping) -> CsvSource:
+    assert isinstance(mapping.source, CsvSource)
+    return mapping.source
 
 
 def _needed(mapping: Mapping, quantity: Quantity) -> bool:
@@ -142,21 +117,10 @@ def _needed(mapping: Mapping, quantity: Quantity) -> bool:
         return False
     if mapping.rows == targets.SERIES:
         return quantity.target == "force_n"
-    needed = targets.required_targets(mapping.rows, positions=np.isfinite(mapping.meta.position.sigma_m))
-    return quantity.target in (*needed, "press")
-
-
-def _needed_of_joined(mapping: Mapping, quantity: Quantity) -> bool:
-    return quantity.target in targets.required_targets(
-        mapping.rows, positions=bool(np.isfinite(mapping.meta.position.sigma_m))
-    )
+    return quantity.target in (*mapping.required, "press")
 
 
 def _unreported(quantity: Quantity, table: TextTable) -> NDArray[np.bool_]:
     """Return which rows hold no cell that has been reported as not a number."""
-    bad = np.zeros(table.rows, dtype=bool)
-    for name in quantity.sources:
-        cells = table.text(name)
-        if cells.dtype == object:
-            bad |= np.array([cell != "" for cell in cells], dtype=bool)
-    return ~bad
+    cells = [table.text(name) for name in quantity.sources]
+    return ~np.any([c != "" if c.dtype == object else np.zeros(table.rows, bool) for c in cells], axis=0)

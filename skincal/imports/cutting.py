@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skincal.imports.mapping import CutRules
+from skincal.imports.mapping_file import CutRules
 from skincal.imports.plateaus import cut_plateaus
 from skincal.imports.recording import FloatArray
 from skincal.imports.series import BoolArray, Cut, Rejected, Series, Span, longest, runs

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from skincal.dataset.findings import SHOWN, Findings
 from skincal.imports.columns_of import chosen
-from skincal.imports.mapping import CsvFormat
+from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.text_table import TextTable, text_lines
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"

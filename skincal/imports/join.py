@@ -14,9 +14,9 @@ from skincal.errors import InputError, Problem
 from skincal.imports import targets
 from skincal.imports.alignment import JoinedClock, NoOffsetError, estimate_offset
 from skincal.imports.clock import DAY_S, usual_step
-from skincal.imports.mapping import JoinedFile, Mapping, Quantity, TopicRules
+from skincal.imports.mapping import JoinedFile, Mapping, Quantity
 from skincal.imports.recording import Column, FloatArray, Recording
-from skincal.imports.resample import resampled
+from skincal.imports.resample import resampled, resampled_words
 from skincal.imports.source_table import read_source_table
 from skincal.imports.stamps import Clock, Kind, read_clock
 from skincal.imports.values import is_text, quantity_values
@@ -36,11 +36,6 @@ def assigned(
     joined: Sequence[JoinedFile], given: Sequence[Path], folder: Path
 ) -> tuple[list[Path], dict[str, list[Path]]]:
     """Return the files of the command line that hold the taxels, and those of each table of ``[files]``.
-
-    Args:
-        joined: tables of ``[files]``.
-        given: files of the command line.
-        folder: folder of the mapping, which is searched for the other files.
 
     Raises:
         InputError: a file of ``[files]`` is neither given nor next to the mapping.
@@ -190,13 +185,10 @@ def _onto(
 ) -> Column:
     """Return a column of a file at the times of the taxels."""
     age = STEPS_OLD * usual_step(times) if entry.form.max_age_s is None else entry.form.max_age_s
-    whole = targets.is_whole(quantity.target) or column.dtype == object
-    # A value between press 3 and press 4 belongs to neither.
-    rules = TopicRules("receive", "previous" if whole else entry.form.resample, age)
     if column.dtype == object:
-        known = [*dict.fromkeys(column.tolist())]
-        codes = resampled(times, np.array([known.index(word) for word in column], dtype=float), ours, rules)
-        return np.array(["" if np.isnan(code) else known[int(code)] for code in codes], dtype=object)
+        return resampled_words(times, column, ours, age)
+    # A value between press 3 and press 4 belongs to neither.
+    method = "previous" if targets.is_whole(quantity.target) else entry.form.resample
     # Where the file has no value in a row, the row before is valid for as long as it may.
     given = np.isfinite(column)
-    return resampled(times[given], column[given], ours, rules)
+    return resampled(times[given], column[given], ours, method, age)

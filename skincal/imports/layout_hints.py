@@ -1,4 +1,4 @@
-"""What a text file is that cannot be read with the given layout, and the lines of ``[csv]`` that read it."""
+"""Advice for text files that cannot be read with the given layout: the lines of ``[csv]`` that read them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Final
 from skincal.bounded import UnreadableError, parse_csv
 from skincal.dataset.findings import Findings
 from skincal.imports.frame_text import NUMBER, PAIR, blocks_of
-from skincal.imports.mapping import CsvFormat
+from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.text_table import TextTable, text_lines
 
 MOST_LINES: Final = 4000
@@ -40,13 +40,7 @@ TAXEL_NAMES: Final = ("taxel", "sensor", "channel", "index", "id")
 
 
 def layout_hint(path: Path, form: CsvFormat, wanted: Sequence[str]) -> str:
-    """Return the layout to set for a file that cannot be read as a table; '' if unknown.
-
-    Args:
-        path: the file.
-        form: the layout with which it was read.
-        wanted: columns that a mapping needs.
-    """
+    """Return the layout to set for a file that cannot be read as a table; '' if unknown."""
     plain = replace(form, skip_rows=0, skip_after_header=0, comment="")
     lines = text_lines(path, plain, Findings(), blank=True)
     filled = [(number, line) for number, line in lines or [] if line.strip()][:MOST_LINES]

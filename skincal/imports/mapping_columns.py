@@ -8,7 +8,8 @@ from skincal.dataset.columns import JOINT
 from skincal.dataset.findings import did_you_mean
 from skincal.dataset.schema_errors import ABSENT, Place, Translator
 from skincal.imports import targets, units
-from skincal.imports.mapping import BagEntry, CsvEntry, Quantity
+from skincal.imports.mapping import Quantity
+from skincal.imports.mapping_file import BagEntry, CsvEntry
 from skincal.imports.units import Unit
 
 AXES = ("x", "y", "z")
@@ -18,14 +19,7 @@ AnyEntry = CsvEntry | BagEntry
 def read_columns(
     entries: Mapping[str, AnyEntry], rows: str, file: str, report: Translator
 ) -> tuple[Quantity, ...]:
-    """Return the quantities of ``[columns]``.
-
-    Args:
-        entries: the table.
-        rows: meaning of a row of the source.
-        file: name of the mapping.
-        report: adds the errors.
-    """
+    """Return the quantities of ``[columns]``."""
     found: list[Quantity] = []
     for target, entry in entries.items():
         _check_target(target, rows, report)

@@ -6,24 +6,208 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import date, datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from skincal.dataset.keys import Key, Texts, When, Word
 from skincal.dataset.schema import Table
 from skincal.dataset.schema_errors import Violation
 from skincal.dataset.spec import Description
 from skincal.dataset.word_checks import WIDTHS
-from skincal.imports.mapping import (
-    BagEntry,
-    ClockKind,
-    CsvEntry,
-    CsvSource,
-    CutRules,
-    Entry,
-    JoinedFormat,
-    Named,
-    Resampling,
-)
+
+FORMAT: Final = "skincal-import/1"
+
+Rows = Literal["presses", "series"]
+By = Literal["force", "taxels", "plateaus", "press"]
+ClockKind = Literal["header", "receive"]
+Resampling = Literal["previous", "linear"]
+Layout = Literal["table", "blocks", "labelled"]
+Order = Literal["file", "time"]
+Slides = Literal["cut", "keep", "refuse"]
+Count = Annotated[int, Key("a whole number, 0 or more", 0)]
+
+
+_Time = Annotated[float, Key("a time [s], 0 or more", 0.0)]
+
+
+@dataclass(frozen=True)
+class CutRules(Table, unknown="refuse"):
+    """Rules for cutting a time series into presses.
+
+    Attributes:
+        by: what a press is: a contact by force or by taxels, a plateau, or a number in a column.
+        on_n: a contact is a stretch above ``off_n`` that rises above this force [N].
+        off_n: see ``on_n`` [N].
+        band: half width of the hold, relative to the force that is kept longest.
+        settle_s: time at the start of a hold that still counts as loading [s].
+        min_hold_s: a press with a shorter hold is left out [s].
+        slope_n_per_s: largest change of force on a plateau [N/s].
+        window_s: window of that slope [s].
+        start_at_zero: whether the session clock begins at the first sample.
+        own_clocks: whether each file has its own clock; then files follow each other.
+        gap_s: gap between such files [s].
+        slides: treatment of a contact that slides in its hold: the hold is cut to where the contact rests, or it is
+            kept, or the import refuses.
+        still_m: largest motion of a contact that rests [m]; None: sigma_m of the positions.
+    """
+
+    by: By = "force"
+    on_n: Annotated[float, Key("a force [N], 0 or more", 0.0)] = 0.2
+    off_n: float = 0.1
+    band: Annotated[float, Key("a share of the force, like 0.1", 0.0)] = 0.1
+    settle_s: _Time = 0.0
+    min_hold_s: _Time = 0.1
+    slope_n_per_s: Annotated[float, Key("a change of force [N/s], 0 or more", 0.0)] = 0.1
+    window_s: _Time = 0.2
+    start_at_zero: bool = True
+    own_clocks: bool = False
+    gap_s: _Time = 1.0
+    slides: Slides = "cut"
+    still_m: Annotated[float | None, Key("a length [m], 0 or more", 0.0)] = None
+
+    def violations(self) -> Iterator[Violation]:
+        """Yield a band in percent."""
+        if self.band >= 0.5:
+            yield "band", "a share below 0.5", self.band, "It looks like percent; divide by 100."
+
+
+@dataclass(frozen=True, kw_only=True)
+class CsvFormat(Table, unknown="refuse"):
+    """Layout of a text file.
+
+    Attributes:
+        layout: a table, blocks of rows (one per frame), or lines of ``name=value``.
+        block_rows: rows of a block; 0: up to the next line that is not a row.
+        rate_hz: rows per second, for files without stamps [Hz]; None: a column holds the time.
+        order: order of events: that of the rows, or that of the stamps.
+        missing: texts that mean no value, beside an empty cell.
+    """
+
+    delimiter: str = ","
+    decimal: Literal[".", ","] = "."
+    encoding: str = "utf-8"
+    comment: str = ""
+    skip_rows: Count = 0
+    skip_after_header: Count = 0
+    header: bool = True
+    missing: Annotated[tuple[str, ...], Texts("texts that mean no value")] = ("NaN", "nan", "NA")
+    layout: Layout = "table"
+    block_rows: Count = 0
+    rate_hz: Annotated[float | None, Key("rows a second [Hz], more than 0", 1e-6)] = None
+    order: Order = "file"
+
+    @property
+    def blanks(self) -> tuple[str, ...]:
+        """Cells that mean no value."""
+        return ("", *self.missing)
+
+    def violations(self) -> Iterator[Violation]:
+        """Yield delimiters that are not single or not unique, and unknown encodings."""
+        if len(self.delimiter) != 1 and self.delimiter != "whitespace":
+            expected = 'one character, like ";" or "\\t", or "whitespace"'
+            yield "delimiter", expected, f'"{self.delimiter}"'
+        if self.delimiter == self.decimal:
+            yield "decimal", "another character than the delimiter", f'"{self.decimal}"'
+        try:
+            "".encode(self.encoding)  # refuses codecs that are not of text like unknown ones
+        except (LookupError, ValueError):
+            yield "encoding", "an encoding like utf-8, utf-16 or latin-1", f'"{self.encoding}"'
+
+
+@dataclass(frozen=True, kw_only=True)
+class CsvSource(CsvFormat):
+    """The text files with the taxels.
+
+    Attributes:
+        rows: meaning of a row.
+        files: their names, relative to the mapping.
+        drop_incomplete: whether rows without force or position are left out, instead of refused.
+    """
+
+    rows: Rows
+    files: Annotated[tuple[str, ...], Texts("names of files")] = ()
+    drop_incomplete: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry(Table, unknown="refuse"):
+    """An entry of ``[columns]``: the source of a column, or a constant."""
+
+    wanted = 'a table like { column = "Fz", unit = "mN" }, or for SI the name of a column'
+
+    value: Annotated[
+        float | str | tuple[float, float, float] | None, Key("a number, three numbers, or a text")
+    ] = None
+    unit: Annotated[str | tuple[str, ...] | None, Key("the name of a unit")] = None
+    sign: Annotated[float, Key("1 or -1", -1, 1)] = 1
+    scale: float = 1.0
+    offset: float = 0.0
+    words: Annotated[Mapping[str, str], Key('a table like { loading = "up" }')] = field(
+        default_factory=dict[str, str]
+    )
+    wraps_at: float | None = None
+    format: str = ""
+
+
+Named = Annotated[tuple[str, ...], Texts("a list of names")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CsvEntry(Entry):
+    """An entry for text files: a column, or several, of a file of ``[files]`` or of that with the taxels."""
+
+    file: str = ""
+    column: str | None = None
+    columns: Named = ()
+
+    @property
+    def source(self) -> tuple[str, str | None, Named]:
+        """File, and its column or columns."""
+        return self.file, self.column, self.columns
+
+
+@dataclass(frozen=True, kw_only=True)
+class BagEntry(Entry):
+    """An entry for bags: a field of a message, or several."""
+
+    topic: str = ""
+    fields: Annotated[tuple[str, ...], Texts("a list of names")] = ()
+    field: str | None = None
+
+    @property
+    def source(self) -> tuple[str, str | None, Named]:
+        """Topic, and the field or fields of its messages."""
+        return self.topic, self.field, self.fields
+
+
+@dataclass(frozen=True, kw_only=True)
+class JoinedFormat(CsvFormat):
+    """A table of ``[files]``: a further file with its own clock.
+
+    Attributes:
+        file: its name, or a pattern of names; relative to the mapping.
+        time: its stamps; None with a fixed rate.
+        resample: method of resampling at the times of the taxels.
+        max_age_s: validity of a value [s]; None: three of its own steps.
+        offset_s: offset from its clock to that of the taxels [s], or that it is found by correlation.
+        within_s: largest offset that is searched then [s].
+    """
+
+    file: Annotated[str, Key("the name of the file, or a pattern like gauge_*.csv")]
+    time: CsvEntry | None = None
+    resample: Resampling = "linear"
+    max_age_s: _Time | None = None
+    offset_s: Annotated[float | Literal["estimate"], Key('a time [s], or "estimate"')] = 0.0
+    within_s: _Time = np.inf
+
+    def violations(self) -> Iterator[Violation]:
+        """Yield a file without stamps."""
+        yield from super().violations()
+        if self.time is None and self.rate_hz is None:
+            yield "time", 'its stamps, like { column = "t", unit = "s" }', "nothing", "Add time, or rate_hz."
+
 
 PATTERN = (
     'a pattern like "tax_{r}_{c}", "p{R}{c}" or "s{j}", a list of all columns, or a list of rows of them'
@@ -31,7 +215,7 @@ PATTERN = (
 VECTORS = 'a pattern like "S-{axis}[{j}]" with axes, or a list of a list of columns for each taxel'
 WORDS = tuple(f"{sign}int{bits}" for bits in WIDTHS for sign in ("u", ""))
 
-_Rows = tuple[tuple[str, ...], ...]
+_Names = tuple[tuple[str, ...], ...]
 _Triple = tuple[float, float, float]
 
 
@@ -57,9 +241,9 @@ class TaxelTable(Table, unknown="refuse"):
 class CsvTaxels(TaxelTable):
     """``[taxels]`` of text files: the columns, by a pattern or a list."""
 
-    columns: Annotated[str | tuple[str, ...] | _Rows | None, Key(PATTERN)] = None
+    columns: Annotated[str | tuple[str, ...] | _Names | None, Key(PATTERN)] = None
     first: Annotated[int, Key("the first number of rows, columns or taxels, like 0 or 1")] = 0
-    vectors: Annotated[str | _Rows | None, Key(VECTORS)] = None
+    vectors: Annotated[str | _Names | None, Key(VECTORS)] = None
     axes: Named = ()
     rest_rows: Annotated[int, Key("a number of rows, at least 1", 1)] = 50
 
@@ -93,9 +277,36 @@ class Frame(Table, unknown="refuse"):
             yield given[1], "one form of the rotation", " and ".join(given), "Remove the others."
         if self.quaternion_xyzw is not None and abs(math.hypot(*self.quaternion_xyzw) - 1) > 1e-3:
             yield "quaternion_xyzw", "a quaternion of length 1", self.quaternion_xyzw
+        matrix = np.eye(3) if self.matrix is None else np.array(self.matrix)
+        if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3):
+            yield "matrix", "a rotation: rows of length 1, at right angles", "something else"
+        elif np.linalg.det(matrix) < 0:
+            fix = "Is an axis of the source left-handed?"
+            yield "matrix", "a rotation", "a reflection (determinant -1)", fix
         if max(map(abs, self.translation_m)) > 10:
             fix = "It looks like millimetres; divide by 1000."
             yield "translation_m", "at most 10 m", self.translation_m, fix
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """R of ``p = R x + translation_m``, shape (3, 3)."""
+        from scipy.spatial.transform import Rotation
+
+        if self.rotation_deg is not None:
+            return Rotation.from_euler("xyz", self.rotation_deg, degrees=True).as_matrix()
+        if self.quaternion_xyzw is not None:
+            return Rotation.from_quat(self.quaternion_xyzw).as_matrix()
+        return np.eye(3) if self.matrix is None else np.array(self.matrix)
+
+
+@dataclass(frozen=True)
+class TopicRules:
+    """Clock and resampling of one topic; its stamps are ``lag_s`` too late."""
+
+    clock: ClockKind
+    resample: Resampling
+    max_age_s: float
+    lag_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -138,7 +349,7 @@ class JointTable(Table, unknown="refuse"):
 
 @dataclass(frozen=True, kw_only=True)
 class MappingFile(Description, unknown="refuse"):
-    """What mapping files of all sources have."""
+    """The tables that mapping files of all sources have."""
 
     created: Annotated[datetime | date | None, When()] = None
     source: str = ""
@@ -168,3 +379,9 @@ class BagMapping(MappingFile):
     bag: BagTable
     topics: Mapping[str, TopicTable] = field(default_factory=dict[str, TopicTable])
     joints: JointTable | None = None
+
+    def rules(self, topic: str) -> TopicRules:
+        """Return the clock and resampling of a topic: its own, else those of ``[bag]``."""
+        own, bag = self.topics.get(topic, TopicTable()), self.bag
+        age = bag.max_age_s if own.max_age_s is None else own.max_age_s
+        return TopicRules(own.clock or bag.clock, own.resample or bag.resample, age, own.lag_s)

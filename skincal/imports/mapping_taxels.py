@@ -25,10 +25,8 @@ def read_taxels(table: CsvTaxels | BagTaxels, sensor: SensorSpec, file: str, rep
     shape = (sensor.cols, sensor.rows) if table.transpose else (sensor.rows, sensor.cols)
     # Entry (r, c) of the source's image is its flat index in the source.
     image = _ordered(table, shape, report)
-    names: tuple[str, ...] = ()
-    axes, topic, path = 1, "", ""
+    names, axes = (), 1
     if isinstance(table, BagTaxels):
-        topic, path = table.topic, table.field
         image = _elements(table, image, report)
     elif table.vectors is not None:
         names, axes = _vectors(table, image, report)
@@ -37,20 +35,7 @@ def read_taxels(table: CsvTaxels | BagTaxels, sensor: SensorSpec, file: str, rep
     ours = image.T if table.transpose else image
     ours = ours[::-1] if table.flip_rows else ours
     ours = ours[:, ::-1] if table.flip_cols else ours
-    return Taxels(
-        place=f"{file}, [taxels]",
-        names=names,
-        topic=topic,
-        field=path,
-        order=tuple(ours.ravel().tolist()),
-        scale=table.scale,
-        offset=table.offset,
-        falling_from=table.falling_from,
-        word=table.word,
-        swap_bytes=table.swap_bytes,
-        axes=axes,
-        rest_rows=table.rest_rows if isinstance(table, CsvTaxels) else 0,
-    )
+    return Taxels(f"{file}, [taxels]", table, names, tuple(ours.ravel().tolist()), axes)
 
 
 def _ordered(table: TaxelTable, shape: tuple[int, int], report: Translator) -> Image:

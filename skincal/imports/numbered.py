@@ -10,20 +10,13 @@ import numpy as np
 from skincal.dataset import HOLD, PHASES
 from skincal.dataset.findings import Findings, listed
 from skincal.imports.cutting import hold_of
-from skincal.imports.mapping import CutRules
+from skincal.imports.mapping_file import CutRules
 from skincal.imports.recording import Column
 from skincal.imports.series import Cut, Rejected, Series, Span
 
 
 def cut_numbered(series: Series, rules: CutRules, file: str, findings: Findings) -> Cut:
-    """Return one press per number; a number that recurs later is an error.
-
-    Args:
-        series: series with numbers, and perhaps words of phases.
-        rules: rules of the hold, if no column gives the phase.
-        file: name of the file in errors.
-        findings: collects the errors.
-    """
+    """Return one press per number; a number that recurs later is an error."""
     assert series.press is not None
     changes = np.flatnonzero((np.diff(series.press) != 0) | (np.diff(series.part) != 0)) + 1
     edges = np.concatenate([[0], changes, [len(series)]]).astype(np.int64)

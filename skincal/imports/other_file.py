@@ -6,19 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from skincal.dataset.findings import Findings
-from skincal.imports.mapping import CsvFormat, Mapping
+from skincal.imports.mapping import Mapping
+from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.text_table import column_names
 
 
 def explain_missing(paths: Sequence[Path], form: CsvFormat, mapping: Mapping, findings: Findings) -> None:
-    """Replace the errors of missing columns by one error if another file holds them.
-
-    Args:
-        paths: the files.
-        form: their layout.
-        mapping: mapping with the required columns.
-        findings: errors so far; replaced if the files come from several devices.
-    """
+    """Replace the errors of missing columns by one error if another file holds them."""
     held = {path: column_names(path, form) for path in paths}
     taxels = next((path for path in paths if set(mapping.taxels.names) <= set(held[path])), None)
     if taxels is None:

@@ -8,30 +8,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skincal.covariates import NORMAL, POSITION, TARGET
-from skincal.imports.mapping import Placement
+from skincal.imports.mapping_file import Frame
 from skincal.imports.recording import FloatArray, Recording
 
 if TYPE_CHECKING:
     from skincal.model import Surface
 
 
-def placed(recording: Recording, placement: Placement, surface: Surface | None) -> Recording:
-    """Return the recording with its positions, targets and normals in the fingertip frame.
-
-    Args:
-        recording: recording as read.
-        placement: rotation, translation, and whether to project positions onto the surface.
-        surface: surface; needed only for the projection.
-    """
+def placed(recording: Recording, frame: Frame, surface: Surface | None) -> Recording:
+    """Return the recording with its positions, targets and normals in the fingertip frame."""
     columns = dict(recording.columns)
-    rotation = np.asarray(placement.rotation)
+    rotation, translation = frame.rotation, np.asarray(frame.translation_m)
+    moves = translation.any() or not np.array_equal(rotation, np.eye(3))
     for names, shift in ((POSITION, True), (TARGET, True), (NORMAL, False)):
         if not any(name in columns for name in names):
             continue
         points = recording.vector(names)
-        if placement.moves:
-            points = points @ rotation.T + (np.asarray(placement.translation_m) if shift else 0.0)
-        if shift and placement.project and surface is not None:
+        if moves:
+            points = points @ rotation.T + (translation if shift else 0.0)
+        if shift and frame.project and surface is not None:
             points = _projected(surface, points)
         columns |= dict(zip(names, points.T, strict=True))
     return replace(recording, columns=columns)

@@ -9,19 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from skincal.imports.mapping import CutRules
+from skincal.imports.mapping_file import CutRules
 from skincal.imports.recording import FloatArray
 from skincal.imports.series import Cut, Rejected, Series, Span, runs
 
 
 def cut_plateaus(series: Series, rules: CutRules, contacts: list[tuple[int, int]]) -> Cut:
-    """Return the plateaus of every contact.
-
-    Args:
-        series: the time series.
-        rules: slope, window and shortest length.
-        contacts: stretches of contact ``[start, stop)``, in order.
-    """
+    """Return the plateaus of every contact."""
     spans: list[Span] = []
     rejected: list[Rejected] = []
     for start, stop in contacts:

@@ -2,61 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset import Frames, Presses
+from skincal.dataset.columns import repeated
 from skincal.dataset.findings import Findings, listed
 from skincal.imports import targets
 from skincal.imports.activity import cut_by_taxels, in_contact
-from skincal.imports.alignment import JoinedClock
-from skincal.imports.csv_source import summed
 from skincal.imports.cutting import cut
 from skincal.imports.dataset_tables import presses_of_rows, tables_of_series
-from skincal.imports.mapping import CutRules, Mapping
+from skincal.imports.mapping import Mapping
+from skincal.imports.mapping_file import CutRules
 from skincal.imports.numbered import check_phases, cut_numbered
-from skincal.imports.recording import Dropped, FloatArray, ReadFile, Recording
+from skincal.imports.recording import Dropped, FloatArray, Recording, summed
 from skincal.imports.resting import rested
 from skincal.imports.series import Cut, Series
 
 
-@dataclass(frozen=True, eq=False)
-class Session:
-    """Content of a recording.
+def presses_and_frames(
+    recording: Recording, mapping: Mapping, findings: Findings
+) -> tuple[Presses, Frames | None, tuple[Dropped, ...]] | None:
+    """Return the presses of a recording in the fingertip frame, its frames, and what was left out.
 
-    Attributes:
-        presses: one row per press.
-        frames: one row per sample; None if each row of the source is a press.
-        read: the files.
-        dropped: samples that were left out, with reasons.
-        notes: repairs.
-        clocks: alignment of the clocks of other files with that of the taxels.
+    None, with errors, if it cannot be cut. There are no frames if each row of the source is a press.
     """
-
-    presses: Presses
-    frames: Frames | None
-    read: tuple[ReadFile, ...]
-    dropped: tuple[Dropped, ...]
-    notes: tuple[str, ...] = ()
-    clocks: tuple[JoinedClock, ...] = ()
-
-
-def session_of(recording: Recording, mapping: Mapping, findings: Findings) -> Session | None:
-    """Return presses and frames of a recording in the fingertip frame; None, with errors, if it cannot be cut."""
     _check_numbers(recording, mapping, findings)
     if findings.errors:
         return None
     if mapping.rows == targets.PRESSES:
         presses = presses_of_rows(recording)
         _check_unique(recording, presses.press, findings)
-        return Session(presses, None, recording.files, recording.dropped)
+        return presses, None, recording.dropped
     series = _series(recording, mapping, findings)
     if findings.errors:
         return None
-    file = _file_names(recording)
-    rules = mapping.cut
+    file, rules = _file_names(recording), mapping.cut
     if rules.by == "taxels":
         found = cut_by_taxels(series, recording.counts, rules)
         series = replace(series, force_n=in_contact(series.force_n, found, mapping))
@@ -69,9 +52,8 @@ def session_of(recording: Recording, mapping: Mapping, findings: Findings) -> Se
         findings.error(file, "at least one press", _why_none(series, found), hint)
     if findings.errors:
         return None
-    presses, frames = tables_of_series(recording, series, found)
     dropped = summed((*recording.dropped, *_rejections(found)))
-    return Session(presses, frames, recording.files, dropped, recording.notes, recording.clocks)
+    return *tables_of_series(recording, series, found), dropped
 
 
 def _check_numbers(recording: Recording, mapping: Mapping, findings: Findings) -> None:
@@ -88,13 +70,12 @@ def _check_numbers(recording: Recording, mapping: Mapping, findings: Findings) -
 
 
 def _check_unique(recording: Recording, press: NDArray[np.int64], findings: Findings) -> None:
-    first = np.zeros(len(press), dtype=bool)
-    first[np.unique(press, return_index=True)[1]] = True
-    if not first.all():
-        again = press[~first]
+    twice = repeated(press)
+    if twice.any():
+        again = press[twice]
         got = f"{listed(again[:3].tolist(), len(again))} again"
         fix = "The same press twice? Without [columns.press] presses are counted."
-        findings.error(f"{_where(recording, ~first)}, press", "each number once", got, fix)
+        findings.error(f"{_where(recording, twice)}, press", "each number once", got, fix)
 
 
 def _series(recording: Recording, mapping: Mapping, findings: Findings) -> Series:

@@ -7,35 +7,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
-
 from skincal.dataset.columns import NO_FORCE
 from skincal.dataset.companions import read_meshes, read_positions
 from skincal.dataset.findings import Findings, did_you_mean
 from skincal.dataset.schema import load_toml, read_table
 from skincal.dataset.schema_errors import Translator
 from skincal.imports import targets
-from skincal.imports.mapping import (
-    FORMAT,
-    BagFormat,
-    CutRules,
-    JoinedFile,
-    Mapping,
-    Placement,
-    Quantity,
-    TopicRules,
-)
+from skincal.imports.mapping import JoinedFile, Mapping, Quantity
 from skincal.imports.mapping_columns import read_columns, read_quantities, si_name
-from skincal.imports.mapping_file import BagMapping, CsvMapping, Frame
+from skincal.imports.mapping_file import FORMAT, BagMapping, CsvMapping, CutRules, JoinedFormat
 from skincal.imports.mapping_taxels import read_taxels
 
 
 def read_mapping(path: Path, source: str) -> Mapping:
-    """Read a mapping file.
-
-    Args:
-        path: the file.
-        source: kind of source: ``csv`` or ``bag``.
+    """Read a mapping file of a kind of source, ``csv`` or ``bag``.
 
     Raises:
         InputError: the file has violations; ``problems`` holds all of them.
@@ -62,7 +47,7 @@ def _mapping(path: Path, values: Map[str, Any], source: str, findings: Findings)
     report = Translator(findings, name)
     rows = targets.SERIES if isinstance(file, BagMapping) else file.csv.rows
     quantities = read_columns(file.columns, rows, name, report) if rows else ()
-    form, joined = _sources(file, report, name)
+    joined = _joined(file, report, name)
     cut = _cut(file, values.get("series"), quantities, rows, report) if rows else CutRules()
     if rows:
         _check_required(file, quantities, joined, rows, report)
@@ -71,12 +56,11 @@ def _mapping(path: Path, values: Map[str, Any], source: str, findings: Findings)
     timed = isinstance(file, CsvMapping) and file.csv.rate_hz
     return Mapping(
         path=path,
+        file=file,
         meta=file.meta(created=file.created, source=file.source, assumed=file.assumed),
         quantities=quantities,
         taxels=read_taxels(file.taxels, file.sensor, name, heard),
-        placement=_placement(file.frame, report),
         cut=replace(cut, own_clocks=True) if timed else cut,
-        source=form,
         joined=joined,
         positions=read_positions(path.parent, name, file.sensor, findings),
         meshes=read_meshes(path.parent, name, file.surface, file.indenter, findings),
@@ -93,53 +77,16 @@ def _in_full(columns: Any) -> Any:
     }
 
 
-def _sources(
-    file: CsvMapping | BagMapping, report: Translator, name: str
-) -> tuple[Any, tuple[JoinedFile, ...]]:
-    """Return the options of the recording, and the files that are joined."""
-    if isinstance(file, CsvMapping):
-        return file.csv, tuple(
-            JoinedFile(
-                table,
-                f"{name}, [files.{table}]",
-                form,
-                None
-                if form.time is None
-                else read_quantities(form.time, "time_s", ("files", table, "time"), name, report)[0],
-            )
-            for table, form in file.files.items()
-        )
-    bag, joints = file.bag, file.joints
-    default = TopicRules(bag.clock, bag.resample, bag.max_age_s)
-    topics = {
-        topic: TopicRules(
-            own.clock or default.clock,
-            own.resample or default.resample,
-            default.max_age_s if own.max_age_s is None else own.max_age_s,
-            own.lag_s,
-        )
-        for topic, own in file.topics.items()
+def _joined(file: CsvMapping | BagMapping, report: Translator, name: str) -> tuple[JoinedFile, ...]:
+    files: Map[str, JoinedFormat] = file.files if isinstance(file, CsvMapping) else {}
+    times = {
+        table: read_quantities(form.time, "time_s", ("files", table, "time"), name, report)[0]
+        for table, form in files.items()
+        if form.time is not None
     }
-    topic, names = ("", ()) if joints is None else (joints.topic, joints.names)
-    return BagFormat(default, bag.files, topics, bag.definitions, topic, names), ()
-
-
-def _placement(frame: Frame, report: Translator) -> Placement:
-    from scipy.spatial.transform import Rotation
-
-    matrix = np.eye(3) if frame.matrix is None else np.array(frame.matrix)
-    if frame.rotation_deg is not None:
-        matrix = Rotation.from_euler("xyz", frame.rotation_deg, degrees=True).as_matrix()
-    elif frame.quaternion_xyzw is not None:
-        matrix = Rotation.from_quat(frame.quaternion_xyzw).as_matrix()
-    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3):
-        expected = "a rotation: rows of length 1, at right angles"
-        report.violation(("frame", "matrix"), expected, "something else")
-    elif np.linalg.det(matrix) < 0:
-        fix = "Is an axis of the source left-handed?"
-        report.violation(("frame", "matrix"), "a rotation", "a reflection (determinant -1)", fix)
-    a, b, c = ((x, y, z) for x, y, z in matrix.tolist())
-    return Placement((a, b, c), frame.translation_m, frame.project)
+    return tuple(
+        JoinedFile(table, f"{name}, [files.{table}]", form, times.get(table)) for table, form in files.items()
+    )
 
 
 def _cut(

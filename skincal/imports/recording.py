@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -75,7 +76,35 @@ class Recording:
             dropped=(*self.dropped, *dropped),
         )
 
+    def without(self, what: str, bad: Mapping[str, NDArray[np.bool_]]) -> Recording:
+        """Return the recording without the rows of some masks, by the reason; the first reason of a row counts."""
+        kept = np.ones(len(self), dtype=bool)
+        dropped: list[Dropped] = []
+        for why, rows in bad.items():
+            dropped.append(Dropped(int((rows & kept).sum()), what, why))
+            kept &= ~rows
+        return self if kept.all() else self.select(kept, summed(dropped))
+
     def vector(self, names: tuple[str, ...]) -> FloatArray:
         """Return three columns side by side, shape (M, 3); NaN if a column is not mapped."""
         nothing = np.full(len(self), np.nan)
         return np.column_stack([self.columns.get(name, nothing) for name in names])
+
+
+def joined(parts: Sequence[Recording]) -> Recording:
+    """Return recordings joined one after the other."""
+    return Recording(
+        {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns},
+        np.concatenate([part.counts for part in parts]),
+        np.concatenate([part.part for part in parts]),
+        tuple(file for part in parts for file in part.files),
+        summed([dropped for part in parts for dropped in part.dropped]),
+    )
+
+
+def summed(dropped: Iterable[Dropped]) -> tuple[Dropped, ...]:
+    """Return the dropped samples, with equal reasons added up."""
+    counts: Counter[tuple[str, str]] = Counter()
+    for item in dropped:
+        counts[item.what, item.why] += item.count
+    return tuple(Dropped(count, what, why) for (what, why), count in counts.items() if count)

@@ -21,16 +21,7 @@ TRIES, SMALLER = 6, 0.7
 def rested(
     found: Cut, series: Series, recording: Recording, mapping: Mapping, file: str, findings: Findings
 ) -> Cut:
-    """Return the cut with every hold shortened to where the contact rests, if ``slides`` of ``[series]`` says so.
-
-    Args:
-        found: the presses.
-        series: the series that they were cut from.
-        recording: recording with positions in the fingertip frame.
-        mapping: mapping with the largest motion of a contact that rests.
-        file: name of the file in a warning.
-        findings: collects the warning or error.
-    """
+    """Return the cut with every hold shortened to where the contact rests, if ``slides`` of ``[series]`` says so."""
     sigma = mapping.meta.position.sigma_m
     still = mapping.cut.still_m if mapping.cut.still_m is not None else sigma
     if not np.isfinite(still):

@@ -17,7 +17,7 @@ from skincal.imports.array_files import read_arrow, read_hdf5, read_json, read_m
 from skincal.imports.columns_of import Columns, chosen
 from skincal.imports.frame_text import read_blocks, read_labelled
 from skincal.imports.layout_hints import layout_hint, units_row
-from skincal.imports.mapping import CsvFormat
+from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.text_table import TextTable, read_text_table
 
 FOREIGN: Final = (read_hdf5, read_json, read_matlab, read_arrow)
@@ -58,15 +58,7 @@ READ: Final = "text, JSON, .mat, .npz, .npy, HDF5, Parquet or Feather"
 def read_source_table(
     path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
 ) -> TextTable | None:
-    """Read the required columns; None, with errors, if the file does not hold them.
-
-    Args:
-        path: the file.
-        form: its layout, if it is text.
-        numbers: columns that hold numbers.
-        texts: columns that hold words or dates.
-        findings: collects the errors.
-    """
+    """Read the required columns; None, with errors, if the file does not hold them."""
     try:
         with open_input(path) as file:
             head = file.read(4096)

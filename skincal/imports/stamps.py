@@ -26,7 +26,8 @@ from skincal.imports.clock import (
     usual_step,
     with_missing,
 )
-from skincal.imports.mapping import CsvFormat, Quantity
+from skincal.imports.mapping import Quantity
+from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.recording import FloatArray
 from skincal.imports.text_table import TextTable
 

@@ -6,11 +6,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skincal.dataset.findings import Findings
 from skincal.imports import targets
 from skincal.imports.fields import FieldError, NotHereError, Step, array_at, number_at, parse_path, value_at
-from skincal.imports.mapping import BagFormat, Mapping, Quantity, TopicRules
+from skincal.imports.mapping import Mapping, Quantity
+from skincal.imports.mapping_file import BagMapping, BagTaxels, TopicRules
 from skincal.imports.recording import FloatArray
 
 
@@ -36,30 +38,31 @@ class Stream:
         passed = np.array([stamp - zero_ns for stamp in self.stamps_ns], dtype=np.float64)
         return passed * 1e-9 - self.rules.lag_s
 
+    def ordered(self, zero_ns: int) -> tuple[FloatArray, NDArray[np.intp]]:
+        """Return ascending times [s], and the order of the samples."""
+        time = self.times_s(zero_ns)
+        order = np.argsort(time, kind="stable")
+        return time[order], order
+
 
 class Collector:
-    """Collector of the samples of all topics in a mapping.
-
-    Args:
-        mapping: the mapping.
-        findings: collects the errors; each kind is reported once.
-    """
+    """Collector of the samples of all topics in a mapping."""
 
     def __init__(self, mapping: Mapping, findings: Findings) -> None:
-        form = mapping.source
-        assert isinstance(form, BagFormat)
-        self._form = form
+        file = mapping.file
+        assert isinstance(file, BagMapping) and isinstance(file.taxels, BagTaxels)
+        self._joints_topic = "" if file.joints is None else file.joints.topic
         self._findings = findings
         self._reported: set[str] = set()
         self._taxels = mapping.taxels
         self._readers: dict[str, list[tuple[str, str, tuple[Step, ...], str]]] = {}
-        self._joints = form.joints
+        self._joints = () if file.joints is None else file.joints.names
         self.places = {q.topic: q.place for q in mapping.quantities if q.topic}
-        self.places[self._taxels.topic] = self._taxels.place
-        if form.joints_topic:
-            self.places[form.joints_topic] = f"{mapping.path.name}, [joints]"
-        self.streams = {topic: Stream(topic, form.rules(topic)) for topic in self.places}
-        self._add(self._taxels.topic, self._taxels.field, self._taxels.place, "array")
+        self.places[file.taxels.topic] = self._taxels.place
+        if self._joints_topic:
+            self.places[self._joints_topic] = f"{mapping.path.name}, [joints]"
+        self.streams = {topic: Stream(topic, file.rules(topic)) for topic in self.places}
+        self._add(file.taxels.topic, file.taxels.field, self._taxels.place, "array")
         for quantity in mapping.quantities:
             for path in quantity.sources:
                 self._add(quantity.topic, path, quantity.place, _kind(quantity))
@@ -76,7 +79,7 @@ class Collector:
         try:
             for path, place, steps, kind in self._readers.get(topic, []):
                 sample[path] = self._read(path, place, steps, kind, message)
-            if topic == self._form.joints_topic:
+            if topic == self._joints_topic:
                 sample |= self._joint_values(message)
         except NotHereError:
             return
@@ -146,7 +149,7 @@ class Collector:
         if not all(hasattr(message, name) for name in ("name", "position", "effort")):
             expected = "sensor_msgs/JointState"
             self._report(
-                self.places[self._form.joints_topic], expected, getattr(message, "__msgtype__", "another")
+                self.places[self._joints_topic], expected, getattr(message, "__msgtype__", "another")
             )
             raise NotHereError
         names = list(message.name)

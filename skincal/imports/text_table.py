@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any, cast
 
@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.bounded import UnreadableError, parse_csv, read_bytes
 from skincal.dataset.findings import SHOWN, Findings, Sheet, did_you_mean
+from skincal.dataset.table_file import read_rows, report_ragged
 from skincal.errors import text_of
 from skincal.files import reason
-from skincal.imports.mapping import CsvFormat
+from skincal.imports.mapping_file import CsvFormat
 
 Column = NDArray[Any]
 
@@ -46,13 +47,7 @@ class SourceSheet(Sheet):
 
 
 class TextTable:
-    """A text file that has been read.
-
-    Args:
-        sheet: names of places in it.
-        columns: the required columns: float64 if every cell is a number, else text.
-        decimal: the decimal mark.
-    """
+    """A text file that has been read: float64 columns where every cell is a number, else text."""
 
     def __init__(self, sheet: SourceSheet, columns: dict[str, Column], rows: int, decimal: str) -> None:
         self.sheet = sheet
@@ -82,15 +77,7 @@ class TextTable:
 def read_text_table(
     path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
 ) -> TextTable | None:
-    """Read the required columns; None, with errors, if the file does not have this layout.
-
-    Args:
-        path: the file.
-        form: its layout.
-        numbers: columns that hold numbers.
-        texts: columns that hold words or dates.
-        findings: collects the errors.
-    """
+    """Read the required columns; None, with errors, if the file does not have this layout."""
     lines = text_lines(path, form, findings)
     if lines is None:
         return None
@@ -117,13 +104,7 @@ def read_text_table(
 
 
 def _elements(sheet: SourceSheet, columns: dict[str, Column], lists: dict[str, str]) -> dict[str, Column]:
-    """Return the elements of columns whose cells are lists of numbers.
-
-    Args:
-        sheet: collects an error for every cell that is none.
-        columns: columns that were read.
-        lists: column of each element by the element's name.
-    """
+    """Return the elements of columns whose cells are lists of numbers; ``lists`` names the column of each element."""
     found: dict[str, Column] = {}
     for name in dict.fromkeys(lists.values()):
         cells = [re.findall(r"[^\s,;\[\]()]+", cell) for cell in columns[name].tolist()]
@@ -230,40 +211,33 @@ def _parse(
     import pyarrow.csv as arrow_csv  # pyright: ignore[reportMissingTypeStubs]
 
     pa, pcsv = cast("Any", arrow), cast("Any", arrow_csv)
-    bad: list[Any] = []
+    # Only a single thread knows the line numbers of bad rows.
+    options = pcsv.ReadOptions(column_names=names, use_threads=False, block_size=1 << 24)
 
-    def skip(row: Any) -> str:
-        bad.append(row)
-        return "skip"
-
-    def read(kinds: dict[str, Any]) -> Any:
-        bad.clear()
-        return pcsv.read_csv(
-            pa.BufferReader(body.encode("utf-8")),
-            # Only a single thread knows the line numbers of bad rows.
-            pcsv.ReadOptions(column_names=names, use_threads=False, block_size=1 << 24),
-            pcsv.ParseOptions(
-                delimiter=" " if form.delimiter == "whitespace" else form.delimiter, invalid_row_handler=skip
-            ),
-            pcsv.ConvertOptions(
-                column_types=kinds,
-                include_columns=list(types),
-                null_values=list(form.blanks),
-                strings_can_be_null=True,
-                decimal_point=form.decimal,
-            ),
+    def read(kinds: dict[str, Any]) -> tuple[Any, list[Any]]:
+        cells = pcsv.ConvertOptions(
+            column_types=kinds,
+            include_columns=list(types),
+            null_values=list(form.blanks),
+            strings_can_be_null=True,
+            decimal_point=form.decimal,
         )
+        delimiter = " " if form.delimiter == "whitespace" else form.delimiter
+        return read_rows(pa.BufferReader(body.encode("utf-8")), options, cells, delimiter)
 
+    kinds = {name: pa.float64() if kind == "number" else pa.string() for name, kind in types.items()}
     try:
         try:
-            table = read({n: pa.float64() if kind == "number" else pa.string() for n, kind in types.items()})
+            table, ragged = read(kinds)
         except pa.ArrowInvalid:
-            table = read(dict.fromkeys(types, pa.string()))
+            table, ragged = read(dict.fromkeys(types, pa.string()))
     except pa.ArrowException as error:
         sheet.findings.error(sheet.file, "rows of cells", text_of(error))
         return None
-    if bad:
-        _report_ragged(sheet, bad, lines)
+    if ragged:
+        fix = "Was the file cut short, or are there lines to skip (skip_rows, skip_after_header, comment)?"
+        numbered = [int(lines[row.number - 1]) for row in ragged]
+        report_ragged(sheet.file, ragged, numbered, sheet.findings, fix)
         return None
     if table.num_rows != len(lines):
         got = f"{table.num_rows} rows in {len(lines)} lines"
@@ -308,12 +282,3 @@ def _other_mark(cells: NDArray[Any], decimal: str) -> bool:
     return any(
         other in cell and not _parsed(np.array([cell], dtype=object), other)[1][0] for cell in cells[:SHOWN]
     )
-
-
-def _report_ragged(sheet: SourceSheet, bad: Sequence[Any], lines: NDArray[np.int64]) -> None:
-    named = ", ".join(str(lines[row.number - 1]) for row in bad[:SHOWN])
-    more = f" and {len(bad) - SHOWN} more" if len(bad) > SHOWN else ""
-    got = ", ".join(str(row.actual_columns) for row in bad[:SHOWN])
-    fix = "Was the file cut short, or are there lines to skip (skip_rows, skip_after_header, comment)?"
-    expected = f"{bad[0].expected_columns} cells as in the header"
-    sheet.findings.error(f"{sheet.file}, line {named}{more}", expected, f"{got} cells", fix)

@@ -33,13 +33,7 @@ def abstaining(on: CalibratedSkin, dataset: Dataset) -> dict[str, tuple[str, ...
 def abstaining_problems(
     calibration: Calibration, dataset: Dataset, lacking: Mapping[str, tuple[str, ...]]
 ) -> tuple[Problem, ...]:
-    """Return warnings about effects that abstain, and about hand poses that the calibration does not know.
-
-    Args:
-        calibration: the calibration.
-        dataset: the predicted dataset.
-        lacking: effects that abstain, with their missing covariates.
-    """
+    """Return warnings about effects that abstain, and about hand poses that the calibration does not know."""
     place = "the dataset" if dataset.folder is None else str(dataset.folder)
     found = [
         Problem(f"{place}, for the effect {name}", _columns(missing), "none", _LEFT_OUT)

@@ -66,11 +66,8 @@ def images_with_effects(
     frames: list[Floats | None] = [None for _ in ends]
     held = np.zeros(count, dtype=np.bool_)
     if dataset.frames is not None:
-        touches = Touches.of_frames(on, dataset)
-        owner, contact = frame_presses(dataset), touching(dataset)
-        if slack_m is not None:
-            touches = touches.moved(np.where(contact[:, None], slack_m[owner], 0.0))
-        own = np.flatnonzero(contact & (dataset.frames.phase == HOLD))
+        touches, owner = Touches.of_frames(on, dataset, slack_m), frame_presses(dataset)
+        own = np.flatnonzero(touching(dataset) & (dataset.frames.phase == HOLD))
         samples = frame_samples(touches, dataset, poses)
         for k, values in enumerate(_values(on.full, ends, samples, progress)):
             clipped = readout(values) if readout else values
@@ -79,8 +76,7 @@ def images_with_effects(
     others = press_order(dataset)
     others = others[~held[others]]
     if len(others):
-        touches = Touches.of_presses(on, dataset)
-        touches = touches if slack_m is None else touches.moved(slack_m)
+        touches = Touches.of_presses(on, dataset, slack_m)
         played = played_presses(touches.taken(others), dataset, others, poses)
         samples = played.samples
         if dataset.frames is not None and len(dataset.frames) and samples.time_s is not None:
@@ -97,15 +93,7 @@ def images_with_effects(
 def _values(
     skin: EffectSkin, ends: tuple[EffectSkin, ...], samples: Samples, progress: Progress | None, each: int = 0
 ) -> list[FloatArray]:
-    """Return the values (K, J) of a session for each end, computed in pieces.
-
-    Args:
-        skin: skin for the stages up to the contact.
-        ends: skins for the stages after it.
-        samples: the session.
-        progress: progress callback.
-        each: number of samples after which memory is reset; 0: never.
-    """
+    """Return the values (K, J) of a session for each end, in pieces; memory ends after ``each`` samples, 0: never."""
     out = [np.empty((len(samples), skin.skin.patch.layout.taxels)) for _ in ends]
     each = each if any(end.has_memory for end in ends) else 0
     step = each * max(1, CHUNK // each) if each else CHUNK

@@ -36,12 +36,7 @@ def _readout(dataset: Dataset) -> Readout:
 
 
 def observed_images(dataset: Dataset, left_counts: Floats | float = 0.0) -> Observed:
-    """Return the measured images as unclipped values above rest; the level at rest comes from idle frames if enough.
-
-    Args:
-        dataset: dataset with the images.
-        left_counts: (J,) mean residual of touches in idle frames, which is not part of the level at rest [counts].
-    """
+    """Return the measured images as unclipped values above rest; the level at rest comes from idle frames if enough."""
     idle = idle_means(dataset)
     return observe(dataset.presses.counts, _readout(dataset), None if idle is None else idle - left_counts)
 

@@ -92,14 +92,18 @@ def predict_dataset(
     slack_m = best_slack(on, dataset, seen, _of("slack", progress)) if slack else None
     images = (_with_effects if on.has_effects else _base)(on, dataset, slack_m, progress)
     level = rest_level(on, dataset) if on.has_effects else 0.0
-    presses = _moved(dataset.presses, Touches.of_presses(on, dataset), slack_m, images.presses)
+    presses = replace(dataset.presses, counts=images.presses)
+    if slack_m is not None:
+        presses = _moved(presses, Touches.of_presses(on, dataset, slack_m), slack_m)
     measured, pressed = dataset.presses.counts, dataset.presses.force_n > 0
     of_presses = mismatch(dataset, measured, presses.counts, pressed, seen, level)
     frames, of_frames = None, None
     if dataset.frames is not None and images.frames is not None:
         contact = touching(dataset)
-        moves = None if slack_m is None else np.where(contact[:, None], slack_m[frame_presses(dataset)], 0.0)
-        frames = _moved(dataset.frames, Touches.of_frames(on, dataset), moves, images.frames)
+        frames = replace(dataset.frames, counts=images.frames)
+        if slack_m is not None:
+            moves = np.where(contact[:, None], slack_m[frame_presses(dataset)], 0.0)
+            frames = _moved(frames, Touches.of_frames(on, dataset, slack_m), moves)
         of_frames = mismatch(dataset, dataset.frames.counts, frames.counts, contact, seen, level)
     lacking = abstaining(on, dataset)
     added = [one.effect.name for one in on.full.effects if not one.neutral and one.effect.name not in lacking]
@@ -124,25 +128,17 @@ def _with_effects(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, 
 
 def _base(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress: Progress) -> Images:
     """Return images by the base model, each press and each frame independently."""
-    touches = Touches.of_presses(on, dataset)
-    touches = touches if slack_m is None else touches.moved(slack_m)
-    presses = within_range(dataset, touches.values(_of("presses", progress)))
+    presses = Touches.of_presses(on, dataset, slack_m).values(_of("presses", progress))
     if dataset.frames is None:
-        return Images(presses, None)
-    touches = Touches.of_frames(on, dataset)
-    if slack_m is not None:
-        contact = touching(dataset)[:, None]
-        touches = touches.moved(np.where(contact, slack_m[frame_presses(dataset)], 0.0))
-    return Images(presses, within_range(dataset, touches.values(_of("frames", progress))))
+        return Images(within_range(dataset, presses), None)
+    frames = Touches.of_frames(on, dataset, slack_m).values(_of("frames", progress))
+    return Images(within_range(dataset, presses), within_range(dataset, frames))
 
 
-def _moved(table: Table, touches: Touches, slack_m: Floats | None, counts: Floats) -> Table:
-    """Return a table of presses or frames with predicted values, and with moved positions if there is slack."""
-    if slack_m is not None:
-        moved = (slack_m != 0).any(axis=1)[:, None]
-        points = touches.moved(slack_m).points_m
-        table = replace(table, position_m=np.where(moved, points, table.position_m))
-    return replace(table, counts=counts)
+def _moved(table: Table, touches: Touches, slack_m: Floats) -> Table:
+    """Return a table of presses or frames whose rows with slack (N, 2) [m] are where they touch."""
+    moved = (slack_m != 0).any(axis=1)[:, None]
+    return replace(table, position_m=np.where(moved, touches.points_m, table.position_m))
 
 
 def _meta(calibration: Calibration, dataset: Dataset, added: list[str], slack: bool) -> DatasetMeta:

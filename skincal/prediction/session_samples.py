@@ -2,6 +2,9 @@
 
 A frame has its own covariates; missing ones come from its press, and at rest from the press before. In a dataset
 without frames a standard press is simulated for each press (:func:`skincal.effects.hold_session`).
+
+Here ``touches`` are the contacts of the rows at hand, ``rows`` (H,) rows of the table of presses, and ``poses`` the
+names of the hand poses in the order of their numbers.
 """
 
 from __future__ import annotations
@@ -33,12 +36,7 @@ def pose_names(dataset: Dataset) -> tuple[str, ...]:
 
 
 def pose_numbers(column: NDArray[Any], poses: Sequence[str]) -> Ints:
-    """Return the numbers of poses by their names; -1 for an empty name.
-
-    Args:
-        column: (N,) names.
-        poses: names in the order of their numbers.
-    """
+    """Return the numbers of poses by their names (N,); -1 for an empty name."""
     number = {name: i for i, name in enumerate(poses)}
     names, which = np.unique(_names(column), return_inverse=True)
     return np.array([number.get(name, UNKNOWN) for name in names.tolist()], dtype=np.intp)[which.reshape(-1)]
@@ -50,13 +48,7 @@ def _names(column: NDArray[Any]) -> NDArray[np.str_]:
 
 
 def frame_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> Samples:
-    """Return one sample per frame.
-
-    Args:
-        touches: contacts of all frames.
-        dataset: dataset of the frames.
-        poses: names of the hand poses in the order of their numbers.
-    """
+    """Return one sample per frame."""
     frames, touch = dataset.frames, touching(dataset)
     assert frames is not None
     owner = last_press(frame_presses(dataset), touch)
@@ -75,13 +67,7 @@ def frame_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> S
 
 
 def frame_column(dataset: Dataset, owner: Ints, name: str) -> NDArray[Any] | None:
-    """Return a column of the frames (M,), completed by that of their presses.
-
-    Args:
-        dataset: dataset with frames.
-        owner: (M,) row of each frame's press, from :func:`last_press`.
-        name: name of the column.
-    """
+    """Return a column of the frames (M,), completed by that of their presses, whose rows :func:`last_press` gives."""
     assert dataset.frames is not None
     own, of = dataset.frames.column(name), dataset.presses.column(name)
     if own is None or of is None:
@@ -106,15 +92,7 @@ def last_press(owner: Ints, touch: NDArray[np.bool_]) -> Ints:
 def hold_samples(
     touches: Touches, dataset: Dataset, rows: Ints, poses: Sequence[str], **more: Any
 ) -> Samples:
-    """Return one sample per press, in its hold.
-
-    Args:
-        touches: contacts of the presses ``rows``.
-        dataset: dataset of the presses.
-        rows: (H,) rows of presses.
-        poses: names of the hand poses in the order of their numbers.
-        more: further columns of :meth:`skincal.effects.Samples.of`.
-    """
+    """Return one sample per press, in its hold; ``more`` are further columns of :meth:`skincal.effects.Samples.of`."""
 
     def column(name: str) -> NDArray[Any] | None:
         of = dataset.presses.column(name)
@@ -133,14 +111,7 @@ def hold_samples(
 
 
 def played_presses(touches: Touches, dataset: Dataset, rows: Ints, poses: Sequence[str]) -> HoldSession:
-    """Return standard presses for the holds of a dataset. Without a clock, samples have neither times nor phases.
-
-    Args:
-        touches: contacts of the presses ``rows``.
-        dataset: dataset of the presses.
-        rows: (H,) rows of presses, all or some, in the order of :func:`press_order`.
-        poses: names of the hand poses in the order of their numbers.
-    """
+    """Return standard presses for the holds of a dataset. Without a clock, samples have neither times nor phases."""
     given, clock = press_times(dataset)
     times = hold_times(len(rows), *((g[rows] for g in given) if clock else ()))
     branch = dataset.presses.column("branch")
@@ -165,13 +136,7 @@ def press_times(dataset: Dataset) -> tuple[list[Floats], bool]:
 
 
 def session_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> Samples:
-    """Return the samples of a dataset: its frames, or the steps of standard presses.
-
-    Args:
-        touches: contacts of all frames, or of all presses without frames.
-        dataset: dataset of the contacts.
-        poses: names of the hand poses in the order of their numbers.
-    """
+    """Return the samples of a dataset: its frames, or the steps of standard presses."""
     if dataset.frames is not None:
         return frame_samples(touches, dataset, poses)
     rows = press_order(dataset)
@@ -186,12 +151,7 @@ def _samples(
 
 
 def recorded_covariates(column: Column, poses: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Return the covariates that columns hold, as :meth:`skincal.effects.Samples.of` takes them.
-
-    Args:
-        column: returns a column by its name, None where there is none.
-        poses: names of the hand poses in the order of their numbers.
-    """
+    """Return the covariates that columns hold, as :meth:`skincal.effects.Samples.of` takes them."""
     found: dict[str, NDArray[Any]] = {}
     for covariate in NUMBERS:
         parts = {name: values for name in covariate.columns if (values := column(name)) is not None}

@@ -37,10 +37,6 @@ def met_forces(dataset: Dataset, rows: Ints) -> Floats | None:
 
     None if touches are not counted, or if no press has an earlier one at its site: without targets, measured positions
     mostly all differ.
-
-    Args:
-        dataset: dataset with all presses of the session.
-        rows: (M,) rows of the table of presses.
     """
     cycle = _cycles(dataset)
     if cycle is None:

@@ -21,14 +21,7 @@ Ints = NDArray[np.intp]
 def best_slack(
     on: CalibratedSkin, dataset: Dataset, seen: Observed, progress: Callable[[int, int], None]
 ) -> Floats:
-    """Return the best slack of the presses (P, 2); a press of unknown position or without force stays.
-
-    Args:
-        on: the skin.
-        dataset: the presses.
-        seen: their images above the level at rest.
-        progress: callback at start and end of the work.
-    """
+    """Return the best slack of the presses (P, 2); a press of unknown position or without force stays."""
     progress(0, 1)
     known = np.isfinite(dataset.presses.position_m).all(axis=1) & (dataset.presses.force_n > 0)
     free = np.flatnonzero(known)

@@ -48,11 +48,6 @@ class CalibratedSkin:
     def of(cls, calibration: Calibration, dataset: Dataset, poses: Sequence[str] = ()) -> Self:
         """Return the skin of a calibration, with the indenters of a dataset.
 
-        Args:
-            calibration: the calibration.
-            dataset: dataset with the indenters.
-            poses: names of the dataset's hand poses, in the order of their numbers.
-
         Raises:
             InputError: effects or parameters are unknown.
             WorkError: the skin cannot be simulated.
@@ -100,27 +95,28 @@ class Touches:
     indenter: Ints
 
     @classmethod
-    def of_presses(cls, on: CalibratedSkin, dataset: Dataset) -> Self:
-        """Return the presses of a dataset at their measured positions."""
+    def of_presses(cls, on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None = None) -> Self:
+        """Return the presses of a dataset, moved from their measured positions by slacks (P, 2) [m], None: 0."""
         presses = dataset.presses
         points = _on_surface(on, presses.position_m, unknown=not np.isfinite(dataset.meta.position.sigma_m))
         force = presses.force_n * borne(dataset, MARGIN_M)
-        return cls(on, points, presses.normals, force, radius_keys(dataset.indenter_radii_m()))
+        made = cls(on, points, presses.normals, force, radius_keys(dataset.indenter_radii_m()))
+        return made if slack_m is None else made.moved(slack_m)
 
     @classmethod
-    def of_frames(cls, on: CalibratedSkin, dataset: Dataset) -> Self:
-        """Return the frames of a dataset at their measured positions; an idle frame has no force."""
+    def of_frames(cls, on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None = None) -> Self:
+        """Return the frames of a dataset, moved with their presses by slacks (P, 2) [m]; an idle one has no force."""
         frames = dataset.frames
         assert frames is not None
         points = _on_surface(on, frames.position_m, unknown=not np.isfinite(dataset.meta.position.sigma_m))
-        share = borne(dataset, MARGIN_M)[frame_presses(dataset)]
-        force = np.where(touching(dataset), frames.force_n * share, 0.0)
-        normals = frame_normals(dataset)
-        radii = dataset.indenter_radii_m()[frame_presses(dataset)]
+        owner, contact = frame_presses(dataset), touching(dataset)
+        force = np.where(contact, frames.force_n * borne(dataset, MARGIN_M)[owner], 0.0)
+        radii = dataset.indenter_radii_m()[owner]
         column = frames.column("indenter_radius_m")
         if column is not None and dataset.meta.indenter.radius_m is not None:
             radii = np.where(np.isnan(column), radii, column)
-        return cls(on, points, normals, force, radius_keys(radii))
+        made = cls(on, points, frame_normals(dataset), force, radius_keys(radii))
+        return made if slack_m is None else made.moved(np.where(contact[:, None], slack_m[owner], 0.0))
 
     def __len__(self) -> int:
         return len(self.force_n)
@@ -187,11 +183,7 @@ def touching(dataset: Dataset) -> NDArray[np.bool_]:
 
 def frame_presses(dataset: Dataset) -> Ints:
     """Return the row (M,) of each frame's press in the table of presses; 0 for a frame without press."""
-    frames, press = dataset.frames, dataset.presses.press
-    assert frames is not None
-    order = np.argsort(press)
-    place = np.minimum(np.searchsorted(press[order], frames.press), len(press) - 1)
-    return np.where(frames.press >= 0, order[place], 0).astype(np.intp)
+    return np.maximum(dataset.frame_presses(), 0)
 
 
 def frame_normals(dataset: Dataset) -> Floats | None:
@@ -208,13 +200,7 @@ def frame_normals(dataset: Dataset) -> Floats | None:
 
 
 def _on_surface(on: CalibratedSkin, position_m: Floats, *, unknown: bool) -> Floats:
-    """Return the measured positions (N, 3) moved to the surface.
-
-    Args:
-        on: the skin.
-        position_m: (N, 3) measured positions [m].
-        unknown: whether the data declare positions unknown; a missing one is then the patch's centre.
-    """
+    """Return the measured positions (N, 3) on the surface; a missing one is the patch's centre if ``unknown``."""
     points = np.array(position_m, dtype=np.float64)
     given = np.isfinite(points).all(axis=1)
     points[given] = on.surface.project(points[given])

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skincal.imports.cutting import contacts, cut, hold_of, kept_level
-from skincal.imports.mapping import CutRules
+from skincal.imports.mapping_file import CutRules
 from skincal.imports.plateaus import slopes
 from skincal.imports.series import Series, runs
 

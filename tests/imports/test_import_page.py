@@ -13,7 +13,7 @@ import pytest
 
 from skincal.dataset import read_dataset
 from skincal.dataset.schema import keys_of
-from skincal.imports.mapping import CutRules
+from skincal.imports.mapping_file import CutRules
 from skincal.imports.units import FACTORS
 
 ROOT = Path(__file__).parents[2]

@@ -12,8 +12,16 @@ import pytest
 from skincal.dataset.schema import keys_of
 from skincal.errors import InputError
 from skincal.imports import template
-from skincal.imports.mapping import CsvFormat, CsvSource, JoinedFormat
-from skincal.imports.mapping_file import BagTable, BagTaxels, CsvTaxels, Frame, TopicTable
+from skincal.imports.mapping_file import (
+    BagTable,
+    BagTaxels,
+    CsvFormat,
+    CsvSource,
+    CsvTaxels,
+    Frame,
+    JoinedFormat,
+    TopicTable,
+)
 from skincal.imports.read_mapping import read_mapping
 from skincal.imports.units import FACTORS, unit_of
 from tests.imports.foreign import PRESS_ROWS, SERIES, mapping, write_mapping

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from skincal.imports.fields import FieldError, NotHereError, array_at, number_at, parse_path, value_at
-from skincal.imports.mapping import TopicRules
 from skincal.imports.resample import resampled
 
 TIME = np.array([0.0, 1.0, 2.0, 5.0])
@@ -17,19 +16,17 @@ VALUES = np.array([10.0, 20.0, 40.0, 70.0])
 
 
 def test_previous_takes_the_last_that_is_not_later():
-    rules = TopicRules("header", "previous", max_age_s=1.5)
-    found = resampled(TIME, VALUES, np.array([-0.1, 0.0, 0.9, 1.0, 3.4, 3.6, 5.0, 6.4, 6.6]), rules)
+    found = resampled(TIME, VALUES, np.array([-0.1, 0.0, 0.9, 1.0, 3.4, 3.6, 5.0, 6.4, 6.6]), "previous", 1.5)
     np.testing.assert_array_equal(found, [np.nan, 10, 10, 20, 40, np.nan, 70, 70, np.nan])
 
 
 def test_linear_lies_between_and_bridges_no_gap():
-    rules = TopicRules("header", "linear", max_age_s=1.5)
-    found = resampled(TIME, VALUES, np.array([-0.1, 0.0, 0.25, 1.5, 2.0, 3.0, 5.0, 5.1]), rules)
+    found = resampled(TIME, VALUES, np.array([-0.1, 0.0, 0.25, 1.5, 2.0, 3.0, 5.0, 5.1]), "linear", 1.5)
     np.testing.assert_allclose(found, [np.nan, 10, 12.5, 30, 40, np.nan, 70, np.nan])
 
 
 def test_stream_without_samples_says_nothing():
-    assert np.isnan(resampled(TIME[:0], VALUES[:0], TIME, TopicRules("header"))).all()
+    assert np.isnan(resampled(TIME[:0], VALUES[:0], TIME, "previous", 0.1)).all()
 
 
 @dataclass
