@@ -98,7 +98,7 @@ class _Table:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the constructor: a read-only view of a mapping is none that pickle knows."""
-        values = (getattr(self, item.name) for item in fields(self))
+        values = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
         return type(self), tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
 
     def to_pandas(self, taxels: Sequence[str]) -> pd.DataFrame:
