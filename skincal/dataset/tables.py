@@ -96,10 +96,15 @@ class _Table:
                 changes[item.name] = {name: column[index] for name, column in value.items()}
         return replace(self, **changes)  # type: ignore[type-var]
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by the constructor: a read-only view of a mapping is none that pickle knows."""
-        values = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
-        return type(self), tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what pickle can write; columns that are read on use stay in their file."""
+        return {k: dict(v) if isinstance(v, MappingProxyType) else v for k, v in vars(self).items()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make all of it read-only again."""
+        for name, value in state.items():
+            own = MappingProxyType(value) if isinstance(value, dict) else value
+            vars(self)[name] = _read_only(own) if isinstance(own, np.ndarray) else own
 
     def to_pandas(self, taxels: Sequence[str]) -> pd.DataFrame:
         """Return the table as a file has it: a column for each quantity, NaN or '' where nothing was measured.

@@ -142,7 +142,8 @@ def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
         # The second part adds less than the steps of the first: seconds and nanoseconds.
         factors = time.parts or (1.0,)
         columns = (table.numbers(name) for name in time.sources)
-        return sum((f * c for f, c in zip(factors, columns, strict=True)), np.zeros(table.rows)), "number"
+        stamps = sum((f * c for f, c in zip(factors, columns, strict=True)), np.zeros(table.rows))
+        return np.where(np.isfinite(stamps), stamps, np.nan), "number"
     import pandas as pd
 
     cells = pd.Series(table.text(name), dtype=object).astype(str).str.strip()

@@ -19,7 +19,7 @@ from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds
 from skincal.fitting.problem import FitProblem, PressTable, pose_problem
 from skincal.fitting.result import FitResult
-from skincal.fitting.solve import SCALES, default_steps, plan_fit, solve
+from skincal.fitting.solve import default_steps, plan_fit, solve
 from skincal.fitting.tasks import ClimbTask, Neighbourhood, run_climb
 from skincal.model import Contacts, Cylinder, Plane
 from tests.fitting.conftest import BOX, QUICK, RADIUS, Truth, make_session, rig, skin
@@ -264,9 +264,9 @@ class TestTable:
         assert (got == all_.value[keep]).all()
 
 
-def _bounds(box: SearchBox) -> Bounds:
+def _bounds(box: SearchBox, scales: tuple[float, float]) -> Bounds:
     low, high = np.array([box.across_m, box.y_m, box.alpha_rad]).T
-    edges = np.log([box.elasticity_pa_per_m, SCALES])
+    edges = np.log([box.elasticity_pa_per_m, scales])
     return Bounds(np.r_[low, edges[:, 0]], np.r_[high, edges[:, 1]])
 
 
@@ -276,8 +276,8 @@ def test_a_climb_ends_where_that_of_the_fast_way_does(
     start = _macro(truth) + np.array([0.2e-3, -0.2e-3, 0.03, 0.1, 0.0])
     # On cells of 0.5 mm tabled every 0.3 mm the centre is 0.6 sigma off, and E and S 0.5.
     tabled = _tabled(problem, _macro(truth), replace(REACH, step_m=0.2e-3, resolution_m=0.25e-3))
-    general = run_climb(ClimbTask(problem, _bounds(BOX), start, table=tabled))
-    fast = run_climb(ClimbTask(pose_problem(rig(), table, min_active=2), _bounds(BOX), start))
+    general = run_climb(ClimbTask(problem, _bounds(BOX, problem.scales), start, table=tabled))
+    fast = run_climb(ClimbTask(pose_problem(rig(), table, min_active=2), _bounds(BOX, problem.scales), start))
     sigma = np.sqrt(np.diag(fast.covariance))
     assert abs(general.log_density - fast.log_density) < 2.0
     off, width = np.abs(general.macro - fast.macro) / sigma, np.sqrt(np.diag(general.covariance)) / sigma
