@@ -7,7 +7,8 @@ reference hands with that same skin, everything else drawn, through the driver a
 hands for all. The table gives error and drops, what (a) loses to (c), and how much of it (b) recovers.
 
 Everything is kept in DIR, and what is there is not done again: the command goes on where it was interrupted, and with
-more steps, runs, seeds or effects it adds to what there is. ``--from none`` trains from scratch.
+more steps, runs, seeds or effects it adds to what there is. ``--from RUN`` goes on from a training run with its critics
+and its memory; ``--from none`` trains from scratch.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from skincal.ranges import Parameter, Ranges, from_calibration, preset, write_ra
 from skincal.train import Task, policy_path, read_policy
 from skincal.train.evaluate import Trial
 from skincal.train.fare import settled_m
-from skincal.train.training_run import CHECKPOINT, MARKER
+from skincal.train.training_run import CHECKPOINT, MARKER, POLICY
 
 FloatArray = NDArray[np.float64]
 
@@ -183,7 +184,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--steps", type=int, default=40_000, help="of each training")
     parser.add_argument(
-        "--from", dest="start", default="marble-tactile-1", help="policy to go on from, or none"
+        "--from",
+        dest="start",
+        default="marble-tactile-1",
+        help="training run or policy to go on from, or none",
     )
     parser.add_argument("--backend", default="sb3", choices=("sb3", "sbx"))
     parser.add_argument("--train-engine", default="pybullet", choices=("pybullet", "mujoco"))
@@ -198,7 +202,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             folder = asked.out / f"{effect.replace('=', '-')}-{seed}"
             calibrate(folder, effect, seed)
             truth, added = ranges_of(folder, "c"), named(folder)
-            policies: dict[str, str | Path] = {} if asked.start == "none" else {"before": asked.start}
+            before = Path(asked.start) / POLICY if Path(asked.start).is_dir() else asked.start
+            policies: dict[str, str | Path] = {} if asked.start == "none" else {"before": before}
             policies |= {variant: train(folder, variant, seed, asked) for variant in VARIANTS}
             for engine in asked.engines:
                 found = {

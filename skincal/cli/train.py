@@ -24,7 +24,7 @@ Engine = Literal["pybullet", "mujoco"]
 EPILOG = example(
     "skincal train marble --policy tactile --ranges ranges.toml --seed 1 --out run",
     "skincal train marble --out run --resume",
-    "skincal train marble --from marble-tactile-1 --ranges ranges.toml --steps 50000 --out tuned",
+    "skincal train marble --from run --ranges ranges.toml --steps 50000 --out tuned",
     "skincal train estimator --ranges ranges.toml --out estimator.npz",
 )
 
@@ -37,7 +37,10 @@ _TASK = (
 )
 _OUT = "Folder of the run: curve, checkpoint, policy; of an estimator its file (.npz)."
 _STEPS = "Total steps of all environments, rounded up to whole rounds."
-_FROM = "Continue learning from this policy (a file, or the name of a bundled one)."
+_FROM = (
+    "Continue learning from an earlier run (its folder: critics and memory are taken over, too), or from a policy "
+    "alone (a file, or the name of a bundled one)."
+)
 _RESUME = "Continue from the last checkpoint, exactly as if the run had not stopped."
 
 
@@ -69,7 +72,7 @@ def train(
         bool, option("Run each environment in its own process; for many cores.", "--processes")
     ] = False,
     start: Annotated[
-        str | None, option(_FROM, "--from", metavar="POLICY", show_default="random networks")
+        str | None, option(_FROM, "--from", metavar="RUN|POLICY", show_default="random networks")
     ] = None,
     engine: Annotated[Engine | None, option("Physics to learn in.", show_default="pybullet")] = None,
     resume: Annotated[bool, option(_RESUME, "--resume")] = False,
@@ -83,6 +86,7 @@ def train(
     and a description, and no code.
 
     With `--from`, the critics alone learn for the first 6000 steps, then the policy too; its normalisation continues.
+    From a policy alone the critics know too little by then: it forgets most of what it could, and learns it anew.
 
     An estimator finds the marble's place from one tactile image; it is learned in about a minute and needs no torch.
     """
@@ -96,7 +100,7 @@ def train(
         _train_estimator(out, others, ranges, seed or 0, as_json=as_json, force=force)
         return
     from skincal.train import begin, policy_path, read_policy, read_run
-    from skincal.train.training_run import CHECKPOINT
+    from skincal.train.training_run import CHECKPOINT, MARKER, POLICY
 
     task = Task(learned)
     if resume:
@@ -107,10 +111,15 @@ def train(
         if not work.environment:
             say(f"{out}: an older run without the environment's numbers; it continues with today's")
     else:
-        first = None if start is None else read_policy(policy_path(start))
+        run = Path(start) if start is not None and (Path(start) / MARKER).exists() else None
+        first = None if start is None else read_policy(policy_path(start if run is None else run / POLICY))
         work = _work(task, given, first)
+        if run is not None:
+            before, _ = read_run(run)
+            _check_like(run, work, before)
+            work = replace(work, settings=before.settings)
         inputs = [*([ranges] if ranges else []), *([Path(first.file)] if first else [])]
-        begin(work, _ranges(task, ranges), out, *inputs, start=first, force=force)
+        begin(work, _ranges(task, ranges), out, *inputs, start=first, run=run, force=force)
         work, used = read_run(out)
     _report(_trained(out, work, used, steps or work.steps, processes=processes), as_json)
 
@@ -135,6 +144,20 @@ def _work(task: Task, given: dict[str, Any], first: Policy | None) -> Work:
     )
     # A round of proximal policy optimisation is as long as many of the others.
     return replace(work, rounds_per_checkpoint=1) if task is Task.pellets else work
+
+
+def _check_like(run: Path, work: Work, before: Work) -> None:
+    """Check that a run can take over the memory of another one.
+
+    Raises:
+        InputError: it is learned by another library, or in another number of environments.
+    """
+    for name, own, other in (
+        ("--backend", work.backend, before.backend),
+        ("--envs", work.settings.environments, before.settings.environments),
+    ):
+        if own != other:
+            raise input_error(f"{run}, {name}", f"{other}, with which that run was made", str(own))
 
 
 def _ranges(task: Task, file: Path | None) -> Ranges:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -52,6 +53,28 @@ def save_checkpoint(learner: Learner, progress: Progress, folder: Path) -> None:
         np.savez(temporary / ARRAYS, **learner.arrays())  # type: ignore[arg-type]
         state = {"progress": asdict(progress), "random": learner.random_state()}
         (temporary / STATE).write_text(json.dumps(state), encoding="utf-8")
+
+
+def fork_checkpoint(source: Path, folder: Path) -> None:
+    """Write the last checkpoint of a run as one at step 0: networks, memory and normalisation stay.
+
+    Raises:
+        InputError: there is none, or it is damaged.
+    """
+    try:
+        state: dict[str, Any] = parse_json(read_text(source / STATE, within=source), bits=128)
+        arrays = read_arrays(source / ARRAYS, source)
+        arrays["counters"] = np.zeros_like(arrays["counters"])
+        (weights,) = source.glob("weights.*")
+        check_input(weights, source)
+    except Exception as error:
+        got = f"none, or one with a fault ({text_of(error, 100)})"
+        raise input_error(str(source), "a whole checkpoint of a run", got) from error
+    folder.mkdir()
+    shutil.copyfile(weights, folder / weights.name)
+    np.savez(folder / ARRAYS, **arrays)  # type: ignore[arg-type]
+    state["progress"] = asdict(Progress())
+    (folder / STATE).write_text(json.dumps(state), encoding="utf-8")
 
 
 def load_checkpoint(learner: Learner, folder: Path) -> Progress:

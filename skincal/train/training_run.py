@@ -17,7 +17,14 @@ from skincal.dataset.schema import load_toml, read_table
 from skincal.errors import WorkError, input_error
 from skincal.files import alone, recover, refuse_existing, whole_folder
 from skincal.ranges import Ranges, read_ranges, write_ranges
-from skincal.train.checkpoint import ARRAYS, STATE, Progress, load_checkpoint, save_checkpoint
+from skincal.train.checkpoint import (
+    ARRAYS,
+    STATE,
+    Progress,
+    fork_checkpoint,
+    load_checkpoint,
+    save_checkpoint,
+)
 from skincal.train.curve import Curve
 from skincal.train.describe import describe
 from skincal.train.environments import Make, end, in_full, parallel, segment_seed
@@ -67,6 +74,7 @@ def begin(
     out: Path,
     *inputs: Path,
     start: Policy | None = None,
+    run: Path | None = None,
     force: bool = False,
 ) -> None:
     """Make the folder of a run: what it is, the environment's numbers included, and the ranges it randomises over.
@@ -77,6 +85,7 @@ def begin(
         out: the folder.
         inputs: files that were read, and are not to be replaced.
         start: the policy that the run goes on from; None: it begins with random networks.
+        run: folder of the run that learned ``start``; its critics and its memory are taken over, too.
         force: whether an earlier run there is replaced.
 
     Raises:
@@ -86,13 +95,15 @@ def begin(
     work = in_full(work, ranges)
     if start is not None:
         _check_start(start, work)
-        work = replace(work, start=Path(start.file).stem)
+        work = replace(work, start=(Path(start.file) if run is None else run.resolve()).stem)
     with whole_folder(out, force=force, marker=MARKER, later=LATER) as temporary:
         content = {"format": FORMAT, **work.as_table()}
         (temporary / MARKER).write_text(tomli_w.dumps(content), encoding="utf-8")
         write_ranges(ranges, temporary / RANGES)
         if start is not None:
             write_policy(start.network, start.description, temporary / START)
+        if run is not None:
+            fork_checkpoint(run / CHECKPOINT, temporary / CHECKPOINT)
 
 
 def _check_start(start: Policy, work: Work) -> None:

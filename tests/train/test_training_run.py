@@ -73,6 +73,34 @@ def test_a_run_goes_on_from_a_policy(tmp_path, backend):
     assert all(np.array_equal(a, b) for a, b in zip(straight, twice, strict=True))
 
 
+@pytest.mark.parametrize("backend", ["sb3", "ppo", JAX])
+def test_a_run_goes_on_from_another_run(tmp_path, backend):
+    """It begins at step 0 with all that the other has learned and remembers."""
+    first = small_runs.run(tmp_path / "first", small_runs.CHECKPOINT_STEPS, backend)
+    start = read_policy(first.policy)
+    begin(small_runs.work(backend), preset("icra26"), tmp_path / "tuned", start=start, run=tmp_path / "first")
+    (weights,) = (tmp_path / "first/checkpoint").glob("weights.*")
+    assert (tmp_path / "tuned/checkpoint" / weights.name).read_bytes() == weights.read_bytes()
+    before, after = (np.load(tmp_path / name / "checkpoint/arrays.npz") for name in ("first", "tuned"))
+    assert before["counters"][0] == small_runs.CHECKPOINT_STEPS
+    assert not after["counters"].any()
+    assert all(np.array_equal(before[name], after[name]) for name in before if name != "counters")
+    tuned = train(tmp_path / "tuned", small_runs.make, small_runs.CHECKPOINT_STEPS)
+    assert tuned.description.steps == small_runs.CHECKPOINT_STEPS
+    assert tuned.description.start == "first"
+
+
+def test_a_run_without_a_checkpoint_is_no_start(tmp_path):
+    first = small_runs.run(tmp_path / "first", small_runs.CHECKPOINT_STEPS)
+    (tmp_path / "first/checkpoint/arrays.npz").unlink()
+    with pytest.raises(InputError, match="a whole checkpoint of a run"):
+        begin(
+            small_runs.work(), preset("iros24"), tmp_path / "tuned",
+            start=read_policy(first.policy), run=tmp_path / "first",
+        )  # fmt: skip
+    assert not (tmp_path / "tuned").exists()
+
+
 def test_a_run_does_not_go_on_from_another_kind_of_policy(tmp_path):
     first = read_policy(small_runs.run(tmp_path / "first", small_runs.CHECKPOINT_STEPS).policy)
     work = replace(small_runs.work(), settings=Settings())
