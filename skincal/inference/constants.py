@@ -36,6 +36,16 @@ class Constants:
     alike: float = 2.0  # T  standard errors within which two effects are not told apart
     most: int = 4  # T  effects that are named at most
     rounds: int = 8  # T  in which they are found: one effect may be found taxel by taxel
+    # T  of a first step
+    scales: tuple[float, ...] = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.1, 0.06, 1.5, 2.0, 3.0)
+    trapped: float = 1.5  # T  of what the middle press leaves: a press that leaves more is looked for anew
+    # T  of the same: a press that leaves more, whatever its place, is no press like the others
+    wild: float = 5.0
+    # T  errors of images that are tried, over ``image``
+    images: tuple[float, ...] = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0)
+    like_none: float = 2.5  # T  standard deviations from which on a contact law is none of a layer
+    # T  by how much logarithms of E are then less where a fit begins again
+    softer: tuple[float, ...] = (0.7, 1.5)
     smooth: float = 0.5  # T  of a step: noise from which on rounding leaves no more than 0.2 % of a step
     least_slope: float = 1e-3  # T  of the converter, where it clips
     least_variance: float = 0.05  # T  of the usual one, where it clips

@@ -39,10 +39,6 @@ from skincal.inference.slopes import Slopes
 from skincal.inference.start import placed
 from skincal.model.arrays import FloatArray, IntArray
 
-_SCALES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.1, 0.06, 1.5, 2.0, 3.0)
-_LIKE_NONE, _SOFTER = 2.5, (0.7, 1.5)
-"""Standard deviations from which on a contact law is none of a layer, and by how much logarithms of E are then less."""
-
 
 @dataclass(frozen=True, eq=False)
 class Tried:
@@ -341,8 +337,8 @@ class Search:
         sd = np.sqrt(np.diag(fit.covariance)[:4])
         if (np.abs(self.fitter.off(fit.state)[:4]) >= C.alike * sd).any():
             begin.append(start.log_e)
-        if (np.abs(fit.state.law) > _LIKE_NONE * np.array([C.law_power, C.law_blur, C.law_radius])).any():
-            begin += [fit.state.log_e - much for much in _SOFTER]
+        if (np.abs(fit.state.law) > C.like_none * np.array([C.law_power, C.law_blur, C.law_radius])).any():
+            begin += [fit.state.log_e - much for much in C.softer]
         for log_e in begin:
             at = replace(fit.state, pose=start.pose, log_e=log_e, law=np.zeros(3), move=start.move)
             again = self._settled(at, fit.free)
@@ -357,7 +353,7 @@ class Search:
         wanted = c.columns.times(tried.coefficients)
         _, slope = f.noise.written(fit.seen.values + fit.state.rest)
         best: tuple[float, dict[str, FloatArray]] | None = None
-        for scale in _SCALES:
+        for scale in C.scales:
             values = begun(tried.name, c.start, scale * tried.coefficients, before)
             does = f.mean @ (
                 (f.with_effects(fit.seen, {**fit.state.effects, tried.name: values}) - fit.seen.values)

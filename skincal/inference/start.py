@@ -15,13 +15,7 @@ from skincal.model.arrays import FloatArray, IntArray
 
 _TURNS = (-0.2, 0.0, 0.2)
 """Angles that the search begins at, about the start's own [rad]."""
-_IMAGES = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0)
-"""Errors of images that are tried, over what is known of them."""
 _LATTICE = np.linspace(-0.8, 0.8, 9)
-_WILD = 5.0
-"""A press that leaves so many times as much as the middle one, whatever its place, is no press like the others."""
-_TRAPPED = 1.5
-"""A press that leaves so many times as much as the middle one is looked for anew."""
 
 
 def base_fit(fitter: Fitter, *, known: bool) -> Fitted:
@@ -98,7 +92,7 @@ def wild_presses(fitter: Fitter, state: State) -> IntArray:
     known = left > 0
     if not known.any():
         return np.zeros(0, dtype=np.int64)
-    found = np.flatnonzero(left > _WILD * np.median(left[known]) + 0.5)
+    found = np.flatnonzero(left > C.wild * np.median(left[known]) + 0.5)
     return found if len(found) <= max(1, int(known.sum()) // 10) else np.zeros(0, dtype=np.int64)
 
 
@@ -116,7 +110,7 @@ def with_image_error(fitter: Fitter, state: State) -> Fitter:
     w = fitter.whitened(seen, none, own)
     others = [
         Fitter(fitter.forward, fitter.counts, replace(fitter.before, image=x))
-        for x in C.image * np.array(_IMAGES)
+        for x in C.image * np.array(C.images)
     ]
     return min(others, key=lambda one: one.blocks(w, state.move).loss.sum())
 
@@ -125,7 +119,7 @@ def placed(fitter: Fitter, state: State) -> State:
     """A state whose presses that leave far more than others stand at the best place of a lattice within the slack."""
     left = left_of(fitter, state)
     bad = (
-        np.flatnonzero(left > _TRAPPED * np.median(left[left > 0]) + 0.2)
+        np.flatnonzero(left > C.trapped * np.median(left[left > 0]) + 0.2)
         if (left > 0).any()
         else np.zeros(0, int)
     )
