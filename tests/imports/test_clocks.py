@@ -167,7 +167,7 @@ def test_no_finite_stamp(tmp_path: Path, nothing: float):
     """In a table of numbers, which may hold what no text is read as."""
     TABLE.assign(t=nothing).to_parquet(tmp_path / "a.parquet")
     content = mapping(PLANE, ONE_FILE, columns={"time_s": {"column": "t", "unit": "s"}})
-    with pytest.raises(InputError, match="expected stamps; got none in any row|a finite number; got -?inf"):
+    with pytest.raises(InputError, match=r"expected stamps; got none in any row|a finite number; got -?inf"):
         import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.parquet"])
 
 
