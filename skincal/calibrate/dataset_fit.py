@@ -83,7 +83,7 @@ def calibrate(
         options: settings; None for the defaults.
         box: ranges to search; None for those of the dataset's ``[mount]``.
         seed: of the draws.
-        workers: processes; None for one a core; or an open :func:`skincal.calibrate.workers.mapper`. The result does
+        workers: processes; None for one a core; or an open ``skincal.calibrate.workers.mapper``. The result does
             not depend on it.
         scheduler: address of a Dask scheduler whose workers are used instead; None: none.
         checkpoint: folder that keeps what has been evaluated until the fit is done; None for none.

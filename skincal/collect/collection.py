@@ -92,7 +92,7 @@ def collect(
     again after an interruption of any kind, the session resumes with the press that was not finished.
 
     Args:
-        plan: the plan; for a stage, from :func:`~skincal.collect.stage.stage_plan`.
+        plan: the plan; for a stage, from ``skincal.collect.stage.stage_plan``.
         rig: the hand, or the stage.
         make_driver: creates a driver for every connection.
         out: folder of the dataset; created when the session is complete.

@@ -61,7 +61,7 @@ class Ranges(Mapping[str, Parameter]):
     names, which stay as the box around them.
 
     Attributes:
-        parameters: by full name, in the order of :data:`skincal.ranges.NAMES`.
+        parameters: by full name, in the order of ``NAMES``.
         joint: parameters that are drawn together, or None.
         provenance: where the ranges come from: preset, dataset, version.
         warnings: warnings from their making; not written to files.
