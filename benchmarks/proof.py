@@ -1,4 +1,4 @@
-"""Does it pay to find an effect? ``python -m benchmarks.proof --out DIR [--steps 40000] [--runs 100] [--seeds 2]``.
+"""Does it pay to find an effect? ``python -m benchmarks.proof --out DIR --from RUN [--steps 40000] [--seeds 2]``.
 
 A simulated hand has an effect hidden in its skin. It is calibrated (`collect`, `fit`) and diagnosed (`diagnose`), and
 policies are trained over three kinds of ranges: (a) those of the calibration, (b) those of the calibration with what
@@ -186,7 +186,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--from",
         dest="start",
-        default="marble-tactile-1",
+        required=True,
         help="training run or policy to go on from, or none",
     )
     parser.add_argument("--backend", default="sb3", choices=("sb3", "sbx"))

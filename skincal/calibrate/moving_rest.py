@@ -9,7 +9,7 @@ import numpy as np
 
 from skincal.calibration import Calibration, Finding
 from skincal.dataset import Dataset, rest_levels
-from skincal.dataset.rest_shifts import rest_shifts
+from skincal.dataset.rest_drift import rest_drift
 
 REST_MOVES: Final = "rest_moves"
 """Code of the finding."""
@@ -20,7 +20,7 @@ _MATTERS: Final = 0.005
 
 def with_moving_rest(calibration: Calibration, dataset: Dataset) -> Calibration:
     """The calibration, with a note where the level at rest moves by enough to matter."""
-    shifts = rest_shifts(dataset)
+    shifts = rest_drift(dataset)
     if shifts is None or not shifts.any():
         return calibration
     size = float(np.median(np.sqrt((shifts**2).mean(axis=0))))

@@ -12,7 +12,7 @@ from skincal.calibrate.way import Way, choose_way
 from skincal.calibration.parts import ELASTICITY_PA_PER_M
 from skincal.dataset import Dataset, Presses, idle_means
 from skincal.dataset.refusal import refusal
-from skincal.dataset.rest_shifts import rest_shifts
+from skincal.dataset.rest_drift import rest_drift
 from skincal.dataset.uniform_pressure import UNIFORM, uniform_pressure
 from skincal.errors import InputError, Problem
 from skincal.fitting.fit_options import FitOptions, SearchBox
@@ -45,7 +45,7 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
     presses = dataset.presses
     beta = dataset.meta.mount.beta_deg
     across, along = unroll(rig.arc_radius_m, presses.position_m, rad(beta or 0.0))
-    shifts = rest_shifts(dataset)
+    shifts = rest_drift(dataset)
     table = PressTable(
         presses.press.astype(np.intp),
         across,

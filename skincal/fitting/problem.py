@@ -33,7 +33,7 @@ Set by eye: of four sessions with 5 to 20 such presses and a noise of one count,
 and S without those with one, and all were right with them. Where hold means are better than half a count,
 presses with one make E too sharp."""
 
-_PARAMETERS, _COORDINATES = 5, 2
+_PARAMETERS, COORDINATES = 5, 2
 
 _ARITHMETIC = 1e-12
 """Part of a reading that rounding of double precision leaves."""
@@ -163,7 +163,7 @@ class FitProblem:
     @property
     def _telling(self) -> Bools:
         """(K,) presses with as many lit taxels as they have coordinates, or more; others tell no parameter alone."""
-        return np.asarray(self.lit.sum(axis=1) >= _COORDINATES, dtype=np.bool_)
+        return np.asarray(self.lit.sum(axis=1) >= COORDINATES, dtype=np.bool_)
 
     @property
     def readings(self) -> int:
@@ -173,12 +173,12 @@ class FitProblem:
     @property
     def unknowns(self) -> int:
         """What they have to tell: the five parameters, and both coordinates of every one of these presses."""
-        return _PARAMETERS + _COORDINATES * int(self._telling.sum())
+        return _PARAMETERS + COORDINATES * int(self._telling.sum())
 
     @property
     def lone(self) -> Bools:
         """(K,) presses with fewer active taxels than coordinates: their image alone does not tell their place."""
-        return np.asarray(self.active[self.rows] < _COORDINATES, dtype=np.bool_)
+        return np.asarray(self.active[self.rows] < COORDINATES, dtype=np.bool_)
 
     @property
     def on_grid(self) -> FitProblem:
@@ -283,7 +283,7 @@ def pose_problem(
     copies = _copies(presses)
     if min_active is None:
         placed = np.isfinite(presses.across_m + presses.along_m) & (presses.force_n > 0) & ~copies
-        min_active = _COORDINATES if (placed & (active >= _COORDINATES)).sum() >= MANY_PRESSES else 1
+        min_active = COORDINATES if (placed & (active >= COORDINATES)).sum() >= MANY_PRESSES else 1
     status = [
         COPY if copies[k] else _status(k, presses, read, int(active[k]), min_active, threshold)
         for k in range(len(presses.press))

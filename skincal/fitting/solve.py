@@ -25,7 +25,7 @@ from skincal.fitting.grid import GridSlab, MacroGrid, span
 from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds, Peak
-from skincal.fitting.problem import FEW_PRESSES, FitProblem
+from skincal.fitting.problem import COORDINATES, FEW_PRESSES, FitProblem
 from skincal.fitting.result import FitResult
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
 from skincal.fitting.sampling import Density, Draws, Lacking, sample, walk
@@ -370,7 +370,7 @@ def _drawn(
     lone = problem.lone
     if draws.effective < worth and lone.any() and (~lone).sum() >= FEW_PRESSES:
         problem = problem.subset(~lone, "1 active taxel, beside presses of more that tell far more")
-        problem = replace(problem, min_active=2)
+        problem = replace(problem, min_active=COORDINATES)
         task = ClimbTask(problem, bounds, peak.macro, table=around.table, sigmas=peak.sigmas)
         peak = run_climb(task)
         problem = problem.with_shared(peak.theta)

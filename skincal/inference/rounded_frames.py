@@ -53,13 +53,11 @@ class RoundedNoise:
     """Noise before rounding.
 
     Attributes:
-        sigma: at rest [counts].
         grows: part of the lift that is added to it, in quadrature.
-        own: (J,) of each taxel, where it is much larger than that of the others.
-        within: relative standard deviation of ``sigma``.
+        own: (J,) at rest, of each taxel [counts]: alike, but for those that are much noisier than the others.
+        within: relative standard deviation of what is alike.
     """
 
-    sigma: float
     grows: float
     own: FloatArray
     within: float
@@ -173,7 +171,7 @@ def noise_of_rounded(
         mine = each[best][taxel == j].sum(axis=0)
         if mine.max() > mine[i] + _OWN and (noisy := _top(logs, mine)[0]) > 1.5 * sigma:
             own[j] = noisy
-    return RoundedNoise(sigma * step, float(_GROWS[best]), own * step, within)
+    return RoundedNoise(float(_GROWS[best]), own * step, within)
 
 
 def _unmoved(logs: FloatArray, resting: FloatArray, pressed: FloatArray) -> FloatArray:

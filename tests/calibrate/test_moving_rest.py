@@ -11,7 +11,7 @@ import pytest
 from skincal.calibrate import fit_problem
 from skincal.calibrate.moving_rest import with_moving_rest
 from skincal.dataset import IDLE, Dataset
-from skincal.dataset.rest_shifts import rest_shifts
+from skincal.dataset.rest_drift import rest_drift
 from skincal.fitting.fit_options import FitOptions
 from tests.calibrations import make_calibration
 
@@ -58,7 +58,7 @@ def test_drift_with_rezeroing_is_taken_off(session: Session) -> None:
     still = session(40)
     drift = 12.0 * (np.arange(40) % EACH) / EACH
     moving = drifting(still, drift)
-    shifts = rest_shifts(moving)
+    shifts = rest_drift(moving)
     assert shifts is not None
     assert shifts == pytest.approx(np.repeat((drift - drift.mean())[:, None], 16, axis=1), abs=0.5)
     seen, plain = (fit_problem(d, FitOptions()) for d in (moving, drifting(still, 0.0 * drift)))
@@ -69,14 +69,14 @@ def test_drift_with_rezeroing_is_taken_off(session: Session) -> None:
 
 
 def test_nothing_is_taken_off_where_nothing_drifts(session: Session) -> None:
-    shifts = rest_shifts(drifting(session(40), np.zeros(40)))
+    shifts = rest_drift(drifting(session(40), np.zeros(40)))
     assert shifts is not None
     assert shifts.std() < 0.03
 
 
 def test_clipped_levels_are_left_alone(session: Session) -> None:
     dataset = session(40)
-    assert rest_shifts(session(12, frames_per_press=0)) is None
+    assert rest_drift(session(12, frames_per_press=0)) is None
     moving = drifting(dataset, np.linspace(0.0, 5.0, 40))
     assert moving.frames is not None
     sensor = replace(moving.meta.sensor, value_min=40.0)
@@ -85,7 +85,7 @@ def test_clipped_levels_are_left_alone(session: Session) -> None:
         meta=replace(moving.meta, sensor=sensor),
         frames=replace(moving.frames, counts=np.maximum(moving.frames.counts, 40.0)),
     )
-    shifts = rest_shifts(clipped)
+    shifts = rest_drift(clipped)
     assert shifts is not None
     assert not shifts.any()
 

@@ -17,7 +17,7 @@ _FEWEST, _CLEAR = 5, 3.0
 """Presses that a variance needs; standard deviations above the lower bound from which nothing is clipped."""
 
 
-def rest_shifts(dataset: Dataset) -> NDArray[np.float64] | None:
+def rest_drift(dataset: Dataset) -> NDArray[np.float64] | None:
     """Return by how much the level at rest of each taxel has moved when each press begins.
 
     The mean of the idle frames right before a press, less that of all presses (less 0, where the level has been
@@ -35,7 +35,7 @@ def rest_shifts(dataset: Dataset) -> NDArray[np.float64] | None:
     if frames is None:
         return None
     idle = frames.phase == IDLE
-    spans = [_before(idle, frames.press, number) for number in presses.press]
+    spans = _idle_before(idle, frames.press, presses.press)
     known = np.array([len(rows) > 1 for rows in spans])
     if known.sum() < _FEWEST:
         return None
@@ -58,13 +58,17 @@ def rest_shifts(dataset: Dataset) -> NDArray[np.float64] | None:
     return shifts
 
 
-def _before(idle: NDArray[np.bool_], press: NDArray[np.int64], number: int) -> NDArray[np.intp]:
-    """Return the last idle frames in a row before a press; none where other frames lie between."""
-    own = np.flatnonzero((press == number) & ~idle)
-    if not len(own):
-        return own
-    begin = int(own[0])
-    part = idle[max(begin - NEAREST, 0) : begin]
-    gaps = np.flatnonzero(~part)
-    first = begin - len(part) + (int(gaps[-1]) + 1 if len(gaps) else 0)
-    return np.arange(first, begin)
+def _idle_before(
+    idle: NDArray[np.bool_], press: NDArray[np.int64], numbers: NDArray[np.int64]
+) -> list[NDArray[np.intp]]:
+    """Return for each press the last idle frames in a row before it; none where other frames lie between."""
+    touched = np.flatnonzero(~idle)
+    known, first = np.unique(press[touched], return_index=True)
+    begins = dict(zip(known.tolist(), touched[first].tolist(), strict=True))
+    spans: list[NDArray[np.intp]] = []
+    for number in numbers.tolist():
+        begin = begins.get(number, 0)
+        part = idle[max(begin - NEAREST, 0) : begin]
+        gaps = np.flatnonzero(~part)
+        spans.append(np.arange(begin - len(part) + (int(gaps[-1]) + 1 if len(gaps) else 0), begin))
+    return spans
