@@ -76,7 +76,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Machine:
 def prove(tmp_path: Path) -> Callable[..., None]:
     def go(*more: str) -> None:
         given = ("--effects", "spread=2", "--seeds", "1", "--runs", "10", "--steps", "1000", *more)
-        proof.main(["--out", str(tmp_path / "proof"), *given])
+        proof.main(["--out", str(tmp_path / "proof"), "--from", "marble-tactile-1", *given])
 
     return go
 
