@@ -18,6 +18,8 @@ from skincal.units import rad
 
 IMAGE_S = 0.3
 """Images are averaged over so much time before places are told from them: noise bends what is told of one image [s]."""
+COMMAND_S = 0.2
+"""Commanded angles are averaged over so much time before: links follow steps of 0.1 s late, and smoothly [s]."""
 SMOOTH_S = 1.5
 """Places are averaged over so much time, half before and half after: a run is drawn when it is over [s]."""
 _LEAST_COUNTS = 10.0
@@ -41,9 +43,10 @@ def estimated_places(record: Record, estimator: Estimator, pinch: Pinch, width_m
     places = np.full((len(felt), 2), np.nan)
     if not felt.any():
         return places
-    time_s = np.array([state.time_s for state in record.states])[felt]
-    images = _mean(record.images_counts[felt], time_s, IMAGE_S)
-    seen, rolled = estimator(images), _rolled(record, pinch, width_m)[felt]
+    every_s = np.array([state.time_s for state in record.states])
+    time_s = every_s[felt]
+    seen = estimator(_mean(record.images_counts[felt], time_s, IMAGE_S))
+    rolled = _mean(_rolled(record, pinch, width_m), every_s, COMMAND_S, after_s=0.0)[felt]
     # How much of what was commanded happened, by this run's own images.
     x, y = (way - _mean(way, time_s, 2 * SMOOTH_S) for way in (rolled, _mean(seen, time_s, SMOOTH_S / 4)))
     weight = len(x) * _PRIOR_M**2 * np.eye(2)
@@ -76,10 +79,13 @@ def _rolled(record: Record, pinch: Pinch, width_m: float) -> FloatArray:
     return np.array(way)
 
 
-def _mean(values: FloatArray, time_s: FloatArray, width_s: float) -> FloatArray:
-    """Return the mean of values (T, n) over a window about each time (T,)."""
-    low = np.searchsorted(time_s, time_s - width_s / 2)
-    high = np.searchsorted(time_s, time_s + width_s / 2, side="right")
+def _mean(
+    values: FloatArray, time_s: FloatArray, width_s: float, *, after_s: float | None = None
+) -> FloatArray:
+    """Return the mean of values (T, n) over a window about each time (T,), half of it after unless told."""
+    after = width_s / 2 if after_s is None else after_s
+    low = np.searchsorted(time_s, time_s + after - width_s)
+    high = np.searchsorted(time_s, time_s + after, side="right")
     total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
     return (total[high] - total[low]) / (high - low)[:, None]
 

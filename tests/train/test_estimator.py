@@ -13,13 +13,16 @@ import numpy as np
 import pytest
 from commands import run
 
+from skincal.deploy import deploy, marble_targets
 from skincal.deploy.estimate import estimate_error_m, estimated_places
 from skincal.deploy.record import Record
 from skincal.envs.needed import ranges_for
 from skincal.envs.pinch import read_pinch
+from skincal.envs.reference_hand import ReferenceHand
 from skincal.errors import InputError
 from skincal.hand.driver import HandState
 from skincal.ranges import preset, write_ranges
+from skincal.train import policy_path, read_policy
 from skincal.train.bundled import estimator_path
 from skincal.train.estimator import (
     SPAN_M,
@@ -138,6 +141,16 @@ def test_a_way_is_estimated_where_something_is_felt(bundled: Estimator) -> None:
     assert error is not None and error < 4e-3
     unseen = replace(record, places_m=np.full((35, 2), np.nan))
     assert estimate_error_m(unseen, places) is None
+
+
+def test_a_way_follows_commands_late(bundled: Estimator) -> None:
+    policy = read_policy(policy_path("marble-tactile-1"))
+    found = deploy(
+        policy, ReferenceHand(seed=1), PINCH, marble_targets("circle", 8.0),
+        object_width_m=0.012, speed_rad_per_s=0.3,
+    )  # fmt: skip
+    error = estimate_error_m(found.record, estimated_places(found.record, bundled, PINCH, 0.012))
+    assert error is not None and error < 0.52e-3
 
 
 def test_the_verb(
