@@ -14,7 +14,6 @@ from skincal.calibrate.moving_rest import with_moving_rest
 from skincal.calibrate.order import in_order, with_other_order
 from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import Method, Way, choose_way
-from skincal.calibrate.workers import mapper
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
@@ -28,6 +27,7 @@ from skincal.fitting.solve import FEWEST_PRESSES, Progress, default_steps, plan_
 from skincal.fitting.tasks import Mapper
 from skincal.fitting.wiring import order_of_problem
 from skincal.shown import Shown
+from skincal.workers.processes import mapper
 
 PRESS_MORE = (
     "Press harder or nearer the taxels, so that more of them answer, or lower --active-counts or --min-active; "
@@ -83,7 +83,7 @@ def calibrate(
         options: settings; None for the defaults.
         box: ranges to search; None for those of the dataset's ``[mount]``.
         seed: of the draws.
-        workers: processes; None for one a core; or an open ``skincal.calibrate.workers.mapper``. The result does
+        workers: processes; None for one a core; or an open ``skincal.workers.processes.mapper``. The result does
             not depend on it.
         scheduler: address of a Dask scheduler whose workers are used instead; None: none.
         checkpoint: folder that keeps what has been evaluated until the fit is done; None for none.

@@ -17,7 +17,6 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from skincal.calibrate.workers import mapper
 from skincal.calibration import Calibration, Effect, Finding, Loss, ModelParameters, Provenance
 from skincal.dataset import (
     Dataset,
@@ -45,6 +44,7 @@ from skincal.report.fit_residuals import Residuals, residuals_figure, scatter_fi
 from skincal.report.fit_slack import slack_figure
 from skincal.report.fit_valley import valley_figure
 from skincal.report.style import GREEN, RED
+from skincal.workers.processes import mapper
 
 RADIUS_M = 0.0115
 BEST = {

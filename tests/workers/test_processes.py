@@ -6,7 +6,7 @@ import time
 import pytest
 
 from skincal import compiling
-from skincal.calibrate.workers import mapper
+from skincal.workers.processes import mapper
 
 
 def _says(_: int) -> tuple[int, bool]:
