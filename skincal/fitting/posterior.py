@@ -16,10 +16,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.optimize import minimize
 
-from skincal.fitting.places import Places, find_places, mirrored, settled_twice, starting_nuisance
-from skincal.fitting.presses import PressStates, settle
+from skincal.fitting.places import (
+    Places,
+    best_of_each,
+    find_places,
+    mirrored,
+    settled_twice,
+    starting_nuisance,
+)
+from skincal.fitting.presses import PressStates, half_inverse, settle
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.seen import Images
 from skincal.fitting.shared import integral
@@ -48,6 +54,9 @@ _SEARCHES_FAR, _SEARCHES_NEAR = (3, 6, 10, 15), (2, 5)
 """Steps of a climb before which places are searched anew: from afar, and from a peak nearby."""
 _WIDE, _BEYOND, _SIGMAS_REST = 6, 1.6, 5e-3
 """So many steps the sigmas only follow; then they go so much further than told, until they change by no more."""
+
+_SCORINGS, _SCORED = 30, 1e-5
+"""Steps for the sigmas of the readings at most, and change of their logarithms that is none."""
 
 _FAR_NOISE = 0.02
 """A climb from afar starts with this part of the usual signal for the noise, and as much for the misfit."""
@@ -157,14 +166,9 @@ def press_evidence(
 
 def _log_scatter(problem: FitProblem, sigmas: Floats) -> Floats:
     """Sum of the logarithms of the standard deviations of all readings (W,)."""
-    presses, used = np.arange(len(problem)), problem.used
-    many = np.ones(len(problem))
-    return np.array(
-        [
-            0.5 * float(np.log(problem.observation.variance(s[2] * many, s[3] * many, presses)[used]).sum())
-            for s in sigmas
-        ]
-    )
+    own, grown = problem.observation.parts(problem.used)
+    variance = sigmas[:, 2:3] ** 2 * own + sigmas[:, 3:4] ** 2 * grown
+    return 0.5 * np.log(variance).sum(axis=1)
 
 
 def _shared_integral(
@@ -172,7 +176,7 @@ def _shared_integral(
 ) -> Floats:
     count, spots = chance.shape
     shape = (count, spots)
-    root = np.linalg.cholesky(np.linalg.inv(state.hessian))
+    root = half_inverse(state.hessian)[0]
     off = state.nuisance.reshape(*shape, 3) - problem.centre[press]
     stiff = sigmas[:, None, [0, 0, 1]] ** -2
     return integral(
@@ -303,24 +307,20 @@ def _at(
     problem: FitProblem, images: Images, places: Places, macro: Floats, sigmas: Floats
 ) -> tuple[PressStates, Ints]:
     """Presses settled at one macro point, and the best place of each press."""
-    count = len(places.press)
-    many = np.broadcast_to(macro, (count, 5)).copy()
+    spots, count = len(places.press), len(problem)
+    many = np.broadcast_to(macro, (spots, 5)).copy()
     start = starting_nuisance(problem, places, many, places.press, 1)
     state = settle(
         problem,
         images,
         many,
-        np.broadcast_to(sigmas, (count, len(sigmas))).copy(),
+        np.broadcast_to(sigmas, (spots, len(sigmas))).copy(),
         places.press,
         start,
         iterations=6,
     )
-    score = state.objective + np.linalg.slogdet(state.hessian)[1]
-    best = [
-        int(rows[np.argmin(score[rows])])
-        for rows in (np.flatnonzero(places.press == k) for k in range(len(problem)))
-    ]
-    return state, np.array(best, dtype=np.intp)
+    score = state.objective - 2 * half_inverse(state.hessian)[1]
+    return state, best_of_each(places.press, score, count)
 
 
 def _trust(state: PressStates, rows: Ints) -> Floats:
@@ -409,12 +409,12 @@ def _estimated_sigmas(
     A press that fits far worse than the others counts no more than the bound of :func:`_trust`.
     """
     centres = np.exp(_log_centres(problem))
-    inverse = np.linalg.inv(state.hessian[rows])
-    second = (state.nuisance[rows] - problem.centre) ** 2 + np.einsum("nii->ni", inverse)
+    root = half_inverse(state.hessian[rows])[0]
+    second = (state.nuisance[rows] - problem.centre) ** 2 + (root**2).sum(axis=2)
     second = np.minimum(second, _TRUSTED * np.median(second, axis=0))
     position = _shrunk(second[:, :2].sum(), second[:, :2].size, centres[0], SPREADS[0])
     force = _shrunk(second[:, 2].sum(), len(second), centres[1], SPREADS[1])
-    noise, misfit = _estimated_noise(problem, state, rows, sigmas, inverse, trimmed=not shared)
+    noise, misfit = _estimated_noise(problem, state, rows, sigmas, root, trimmed=not shared)
     told = np.array([position, force, noise, misfit, *sigmas[4:]])
     if shared:
         theta, taxels = problem.shared.theta, problem.rig.layout.taxels
@@ -431,7 +431,7 @@ def _estimated_noise(
     state: PressStates,
     rows: Ints,
     sigmas: Floats,
-    inverse: Floats,
+    root: Floats,
     *,
     trimmed: bool,
 ) -> tuple[float, float]:
@@ -441,32 +441,49 @@ def _estimated_noise(
         # From afar presses that lie are still among the others, and a misfit that explains them hides them.
         squares = (state.residual[rows] ** 2).mean(axis=1)
         used = used & (squares <= _TRIMMED * np.median(squares))[:, None]
-    model, presses = problem.observation, np.arange(len(problem))
-    many = np.ones(len(problem))
-    variance = model.variance(sigmas[2] * many, sigmas[3] * many, presses)
-    slope = state.nuisance_slope[rows]
-    squares = state.residual[rows] ** 2 + np.einsum("njd,nde,nje->nj", slope, inverse, slope)
-    trust = _trust(state, rows)[:, None]
-    squares = (trust * squares * variance)[used]
-    own, grown = (model.share[used]) ** 2, model.signal[used] ** 2
+    model = problem.observation
+    own, grown = model.parts(used)
+    variance = sigmas[2] ** 2 * own + sigmas[3] ** 2 * grown
+    spread = np.matmul(state.nuisance_slope[rows], root)
+    squares = state.residual[rows] ** 2 + np.einsum("njd,njd->nj", spread, spread)
+    squares = (_trust(state, rows)[:, None] * squares)[used] * variance
     centres = _log_centres(problem)[2:4]
-
-    def loss(x: Floats) -> tuple[float, Floats]:
-        first, second = np.exp(2 * x[0]) * own, np.exp(2 * x[1]) * grown
-        total = first + second
-        away = (x - centres) / SPREADS[2:4]
-        value = 0.5 * float((squares / total + np.log(total)).sum()) + 0.5 * float(away @ away)
-        rate = (1.0 - squares / total) / total
-        return value, np.array([rate @ first, rate @ second]) + away / SPREADS[2:4]
-
     # Noise and misfit explain the same squares, each in a valley of its own: the better one is gone into.
     grown_only = 0.5 * float(np.log(squares.sum() / max(float(grown.sum()), 1e-300)))
-    near: Floats = np.log(sigmas[2:4])
-    far: Floats = np.array([centres[0], max(float(centres[1]), grown_only)])
-    start = far if loss(far)[0] < loss(near)[0] else near
-    found = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 30})
-    noise, misfit = np.exp(np.asarray(found.x, dtype=np.float64))
+    parts = np.array([own, grown])
+    starts = np.log(sigmas[2:4]), np.array([centres[0], max(float(centres[1]), grown_only)])
+    start = min(starts, key=lambda x: _scatter_loss(squares, parts, centres, x)[0])
+    noise, misfit = np.exp(_scored(squares, parts, centres, start))
     return max(float(noise), model.floor_counts * 1.05), float(misfit)
+
+
+def _scatter_loss(squares: Floats, parts: Floats, centres: Floats, x: Floats) -> tuple[float, Floats, Floats]:
+    """Minus the log posterior of log sigma_n and log tau (2,), its slope (2,), and its expected curvature (2, 2)."""
+    each = np.exp(2 * x)[:, None] * parts
+    total = each.sum(axis=0)
+    away = (x - centres) / SPREADS[2:4]
+    value = 0.5 * float((squares / total + np.log(total)).sum()) + 0.5 * float(away @ away)
+    share = each / total
+    slope = share @ (1.0 - squares / total) + away / SPREADS[2:4]
+    return value, slope, 2.0 * share @ share.T + np.diag(SPREADS[2:4] ** -2.0)
+
+
+def _scored(squares: Floats, parts: Floats, centres: Floats, x: Floats) -> Floats:
+    """The least of :func:`_scatter_loss` by Fisher scoring, from ``x`` (2,) downhill."""
+    value, slope, curvature = _scatter_loss(squares, parts, centres, x)
+    for _ in range(_SCORINGS):
+        step = -np.linalg.solve(curvature, slope)
+        step *= min(1.0, 1.0 / float(np.abs(step).max()))
+        tried = _scatter_loss(squares, parts, centres, x + step)
+        while tried[0] > value and np.abs(step).max() > _SCORED:
+            step *= 0.3
+            tried = _scatter_loss(squares, parts, centres, x + step)
+        if tried[0] > value:
+            break
+        x, (value, slope, curvature) = x + step, tried
+        if np.abs(step).max() < _SCORED:
+            break
+    return x
 
 
 def _shrunk(squares: float, count: int, centre: float, spread: float) -> float:
