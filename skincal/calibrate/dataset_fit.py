@@ -25,7 +25,7 @@ from skincal.fitting.problem import FEW_PRESSES, NO_POSITION, USED, FitProblem
 from skincal.fitting.result import FitResult
 from skincal.fitting.solve import FEWEST_PRESSES, Progress, default_steps, plan_fit, solve
 from skincal.fitting.tasks import Mapper
-from skincal.fitting.wiring import order_of_problem
+from skincal.fitting.wiring import TaxelOrder, order_of_problem
 from skincal.shown import Shown
 from skincal.workers.processes import mapper
 
@@ -104,12 +104,12 @@ def calibrate(
     sha = dataset.sha256 or ""
     kept = None if checkpoint is None else Checkpoint(checkpoint, fit_key(sha, way.method, options, box))
     slabs = {} if kept is None else kept.load()
-    order = order_of_problem(problem, box)
-    try:
-        plan = plan_fit(problem, box, options)
-        with mapper(workers, scheduler) as spread:
+    result, failure = None, None
+    with mapper(workers, scheduler) as spread:
+        orders = spread(_order, [(problem, box)])  # looked for while the grid is evaluated
+        try:
             result = solve(
-                plan,
+                plan_fit(problem, box, options),
                 box,
                 options,
                 np.random.default_rng(seed),
@@ -119,15 +119,19 @@ def calibrate(
                 tables=NO_STORE if kept is None else kept,
                 progress=progress,
             )
-    except FitError as error:
+        except FitError as error:
+            failure = error
+        [order] = orders
+    if failure is not None:
         if order is None:
-            raise refusal(dataset, _reason(error, problem, dataset)) from error
+            raise refusal(dataset, _reason(failure, problem, dataset)) from failure
         # Images in the wrong order may fit no pose at all; in the right one they say at least what is meant.
         mended = calibrate(
             in_order(dataset, order), options=options, box=box, seed=seed, workers=workers, scheduler=scheduler,
             command=command, method=method, progress=progress,
         )  # fmt: skip
         return replace(mended, calibration=with_other_order(mended.calibration, order))
+    assert result is not None
     settings = {"method": way.method} | asdict(options) | {"box": asdict(box)}
     settings = {key: value for key, value in settings.items() if value is not None}
     provenance = provenance_of(dataset, command, seed, settings)
@@ -135,6 +139,11 @@ def calibrate(
     if order is not None:
         calibration = with_other_order(calibration, order)
     return Outcome(calibration, result, len(slabs), way)
+
+
+def _order(of: tuple[FitProblem, SearchBox]) -> TaxelOrder | None:
+    """Return what :func:`order_of_problem` does, of one argument for a mapper."""
+    return order_of_problem(*of)
 
 
 def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
