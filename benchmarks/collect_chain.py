@@ -35,7 +35,6 @@ from benchmarks.coverage_store import SCHEDULER, Store, finished
 from benchmarks.coverage_tables import wilson
 from benchmarks.interval_coverage import COARSE, strict_json
 from skincal.calibrate import calibrate
-from skincal.calibrate.workers import available_cores
 from skincal.collect import PROTOCOLS, Collected, Mount, Need, Progress, collect, full_plan, paper_plan
 from skincal.dataset import Dataset, active_taxels
 from skincal.dataset.rest import active_threshold
@@ -43,6 +42,7 @@ from skincal.errors import SkincalError
 from skincal.fitting.fit_options import FitOptions
 from skincal.hand.sim import SimDriver
 from skincal.version import __version__
+from skincal.workers.processes import available_cores
 
 Record = dict[str, Any]
 Floats = NDArray[np.float64]

@@ -21,9 +21,9 @@ from typing import Any
 from benchmarks.coverage_kept import as_shipped
 from benchmarks.coverage_store import SCHEDULER, finished
 from benchmarks.interval_coverage import COARSE, LEVELS, QUANTILES, Job, run_job
-from skincal.calibrate.workers import available_cores
 from skincal.fitting.fit_options import FitOptions
 from skincal.fitting.result import PARAMETERS
+from skincal.workers.processes import available_cores
 
 Record = dict[str, Any]
 

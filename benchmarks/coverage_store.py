@@ -10,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-from skincal.calibrate.workers import mapper
+from skincal.workers.processes import mapper
 
 SCHEDULER = "address of a Dask scheduler, whose workers (each started in a checkout) are used instead"
 Record = dict[str, Any]

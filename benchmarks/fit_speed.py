@@ -22,7 +22,7 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
-from skincal.calibrate.workers import available_cores
+from skincal.workers.processes import available_cores
 
 SAMPLE = "data/paper-like"
 

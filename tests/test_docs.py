@@ -20,7 +20,7 @@ from skincal.diagnosis import session_findings
 from skincal.fitting import fit_findings
 from skincal.fitting.fit_options import FitOptions, GridSteps
 from skincal.fitting.places import MOST
-from skincal.fitting.posterior import FIELD_PART, FORCE_SIGMA, GAIN_SIGMA, MISFIT, SPREADS
+from skincal.fitting.sigmas import FIELD_PART, FORCE_SIGMA, GAIN_SIGMA, MISFIT, SPREADS
 from skincal.inference.constants import CONSTANTS
 from skincal.inference.twins import THICKNESSES_M
 

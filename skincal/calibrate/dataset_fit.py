@@ -14,7 +14,6 @@ from skincal.calibrate.moving_rest import with_moving_rest
 from skincal.calibrate.order import in_order, with_other_order
 from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import Method, Way, choose_way
-from skincal.calibrate.workers import mapper
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
@@ -26,8 +25,9 @@ from skincal.fitting.problem import FEW_PRESSES, NO_POSITION, USED, FitProblem
 from skincal.fitting.result import FitResult
 from skincal.fitting.solve import FEWEST_PRESSES, Progress, default_steps, plan_fit, solve
 from skincal.fitting.tasks import Mapper
-from skincal.fitting.wiring import order_of_problem
+from skincal.fitting.wiring import TaxelOrder, order_of_problem
 from skincal.shown import Shown
+from skincal.workers.processes import mapper
 
 PRESS_MORE = (
     "Press harder or nearer the taxels, so that more of them answer, or lower --active-counts or --min-active; "
@@ -83,7 +83,7 @@ def calibrate(
         options: settings; None for the defaults.
         box: ranges to search; None for those of the dataset's ``[mount]``.
         seed: of the draws.
-        workers: processes; None for one a core; or an open ``skincal.calibrate.workers.mapper``. The result does
+        workers: processes; None for one a core; or an open ``skincal.workers.processes.mapper``. The result does
             not depend on it.
         scheduler: address of a Dask scheduler whose workers are used instead; None: none.
         checkpoint: folder that keeps what has been evaluated until the fit is done; None for none.
@@ -104,12 +104,12 @@ def calibrate(
     sha = dataset.sha256 or ""
     kept = None if checkpoint is None else Checkpoint(checkpoint, fit_key(sha, way.method, options, box))
     slabs = {} if kept is None else kept.load()
-    order = order_of_problem(problem, box)
-    try:
-        plan = plan_fit(problem, box, options)
-        with mapper(workers, scheduler) as spread:
+    result, failure = None, None
+    with mapper(workers, scheduler) as spread:
+        orders = spread(_order, [(problem, box)])  # looked for while the grid is evaluated
+        try:
             result = solve(
-                plan,
+                plan_fit(problem, box, options),
                 box,
                 options,
                 np.random.default_rng(seed),
@@ -119,15 +119,19 @@ def calibrate(
                 tables=NO_STORE if kept is None else kept,
                 progress=progress,
             )
-    except FitError as error:
+        except FitError as error:
+            failure = error
+        [order] = orders
+    if failure is not None:
         if order is None:
-            raise refusal(dataset, _reason(error, problem, dataset)) from error
+            raise refusal(dataset, _reason(failure, problem, dataset)) from failure
         # Images in the wrong order may fit no pose at all; in the right one they say at least what is meant.
         mended = calibrate(
             in_order(dataset, order), options=options, box=box, seed=seed, workers=workers, scheduler=scheduler,
             command=command, method=method, progress=progress,
         )  # fmt: skip
         return replace(mended, calibration=with_other_order(mended.calibration, order))
+    assert result is not None
     settings = {"method": way.method} | asdict(options) | {"box": asdict(box)}
     settings = {key: value for key, value in settings.items() if value is not None}
     provenance = provenance_of(dataset, command, seed, settings)
@@ -135,6 +139,11 @@ def calibrate(
     if order is not None:
         calibration = with_other_order(calibration, order)
     return Outcome(calibration, result, len(slabs), way)
+
+
+def _order(of: tuple[FitProblem, SearchBox]) -> TaxelOrder | None:
+    """Return what :func:`order_of_problem` does, of one argument for a mapper."""
+    return order_of_problem(*of)
 
 
 def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:

@@ -109,22 +109,22 @@ def fit(
     Writes a calibration: best parameters, intervals, the evaluated grid, posterior draws, the slack of every press, and
     a report. An interrupted fit continues when the same command is given again.
     """
-    from skincal import api
-    from skincal.calibrate import Outcome, choose_way
-    from skincal.calibrate.dataset_fit import why_dropped
-    from skincal.calibrate.workers import mapper
-    from skincal.calibration import write_calibration
-    from skincal.dataset import read_dataset
-    from skincal.dataset.uniform_pressure import uniform_pressure
     from skincal.files import refuse_existing
     from skincal.units import in_unit
+    from skincal.workers.processes import mapper
 
     bound_counts2 = _bound(bound)
     refuse_existing(out, dataset, *([effects] if effects else []), force=force, marker="calibration.toml")
-    with mapper(workers, scheduler) as spread:  # workers start while the dataset is read
+    with mapper(workers, scheduler) as spread:  # workers start while this process imports and reads
         here = map if scheduler is not None else spread  # a cluster need not have what draws
-        if report:
-            here(import_module, ["skincal.report.fit"])
+        here(import_module, ["skincal.report.fit" if report else "skincal.calibrate"])
+        from skincal import api
+        from skincal.calibrate import Outcome, choose_way
+        from skincal.calibrate.dataset_fit import why_dropped
+        from skincal.calibration import write_calibration
+        from skincal.dataset import read_dataset
+        from skincal.dataset.uniform_pressure import uniform_pressure
+
         data = read_dataset(dataset)
         warn(data.warnings)
         box, steps, known = None, None, None

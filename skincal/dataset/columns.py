@@ -44,10 +44,16 @@ def is_number(values: FloatArray) -> BoolArray:
 
 
 def repeated(rows: NDArray[Any]) -> BoolArray:
-    """Return which rows (n,) or (n, m) have come before; NaN equals NaN."""
-    import pandas as pd
-
-    return pd.DataFrame(rows).duplicated().to_numpy()
+    """Return which rows (n,) or (n, m) of numbers have come before; NaN equals NaN."""
+    again = np.ones(len(rows), dtype=np.bool_)
+    if not rows.size:
+        return ~again
+    plain = np.ascontiguousarray(rows.reshape(len(rows), -1))
+    if plain.dtype.kind == "f":  # one kind of zero, one of NaN
+        plain = np.where(np.isnan(plain), np.nan, plain + 0.0)
+    whole = plain.view(np.dtype((np.void, plain.itemsize * plain.shape[1]))).reshape(-1)
+    again[np.unique(whole, return_index=True)[1]] = False
+    return again
 
 
 _HOLDS: dict[str, Callable[[FloatArray], BoolArray]] = {
@@ -213,10 +219,11 @@ class ColumnReader:
 
 def _converted(column: NDArray[Any], convert: Callable[[Any], Any]) -> NDArray[Any]:
     """Return a column with every cell converted; a column of a million rows has few distinct words."""
-    import pandas as pd
-
-    codes, distinct = pd.factorize(column, use_na_sentinel=False)
-    return np.array([*map(convert, np.asarray(distinct).tolist()), None], dtype=object)[codes]
+    cells: list[Any] = column.tolist()
+    converted = {cell: convert(cell) for cell in dict.fromkeys(cells)}
+    out = np.empty(len(cells), dtype=object)
+    out[:] = [converted[cell] for cell in cells]
+    return out
 
 
 def _word(cell: object) -> str:

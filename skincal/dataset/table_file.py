@@ -193,18 +193,50 @@ def write_table(path: Path, columns: Mapping[str, Column] | pd.DataFrame) -> Non
     Raises:
         OSError: the disk is full, or not writable.
     """
-    import pandas as pd
     import pyarrow as pa
     import pyarrow.csv as pcsv
     import pyarrow.parquet as pq
 
-    table = pa.Table.from_pandas(pd.DataFrame(columns), preserve_index=False).replace_schema_metadata()
+    table = pa.Table.from_arrays(
+        [_arrow(column) for _, column in columns.items()], names=[*map(str, columns)]
+    )
     if path.suffix == ".parquet":
         pq.write_table(table, path)
         return
     with path.open("wb") as file:
         file.write((",".join(map(_quoted, table.column_names)) + "\n").encode())
         pcsv.write_csv(table, file, pcsv.WriteOptions(include_header=False, quoting_style="needed"))
+
+
+def _arrow(column: Any) -> pa.Array:
+    """Return a column as Arrow has it, NaN as null.
+
+    Of plain columns it is made from their bytes: ``pyarrow.array`` imports pandas, which takes as long as reading and
+    writing all of a small dataset.
+    """
+    import pyarrow as pa
+
+    values = np.ascontiguousarray(column) if isinstance(getattr(column, "dtype", None), np.dtype) else column
+    kind = values.dtype.kind if isinstance(values, np.ndarray) else ""
+    if kind == "O" and all(type(word) is str for word in values):
+        words = [word.encode() for word in values]
+        ends = np.cumsum([0, *map(len, words)])
+        if ends[-1] < 1 << 31:
+            content = pa.py_buffer(ends.astype(np.int32)), pa.py_buffer(b"".join(words))
+            return pa.StringArray.from_buffers(len(words), *content)
+    if kind == "b":
+        return pa.Array.from_buffers(pa.bool_(), len(values), [None, _bits(values)])
+    if kind and kind in "iuf":
+        missing = np.isnan(values) if kind == "f" else np.zeros(0, dtype=np.bool_)
+        parts = [_bits(~missing) if missing.any() else None, pa.py_buffer(values)]
+        return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), parts)
+    return pa.array(column, from_pandas=True)
+
+
+def _bits(flags: NDArray[np.bool_]) -> pa.Buffer:
+    import pyarrow as pa
+
+    return pa.py_buffer(np.packbits(flags, bitorder="little"))
 
 
 def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
@@ -284,9 +316,9 @@ def _to_numpy(column: pa.ChunkedArray, sheet: Sheet, name: str) -> Column:
     if pa.types.is_null(kind):
         return np.full(len(column), np.nan)
     if pa.types.is_integer(kind) and not column.null_count:
-        return column.to_numpy().astype(np.int64, copy=False)
+        return _plain(column).astype(np.int64, copy=False)
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
-        return column.cast(pa.float64(), safe=False).to_numpy().astype(np.float64, copy=False)
+        return _plain(column.cast(pa.float64(), safe=False)).astype(np.float64, copy=False)
     if pa.types.is_boolean(kind) and not column.null_count:
         return column.to_numpy()
     try:
@@ -294,6 +326,14 @@ def _to_numpy(column: pa.ChunkedArray, sheet: Sheet, name: str) -> Column:
     except (pa.ArrowException, UnicodeDecodeError):
         sheet.findings.error(sheet.column(name), "single numbers or texts", kind, "Remove the column.")
         return np.full(len(column), "", dtype=object)
+
+
+def _plain(column: pa.ChunkedArray) -> Column:
+    """Return a column of numbers; where none is missing without pandas, which ``to_numpy`` would import."""
+    if column.null_count or not len(column):
+        return column.to_numpy()
+    parts = [np.from_dlpack(chunk) for chunk in column.chunks]
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def _quoted(name: str) -> str:

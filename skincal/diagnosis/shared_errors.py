@@ -14,8 +14,8 @@ import numpy as np
 from skincal.calibrate.problem import joint_angles
 from skincal.dataset import Dataset
 from skincal.effects import InputEffect, LawEffect, effect
-from skincal.fitting.posterior import GAIN_SIGMA
 from skincal.fitting.shared import smooth_field
+from skincal.fitting.sigmas import GAIN_SIGMA
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.forward import Seen

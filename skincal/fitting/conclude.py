@@ -12,7 +12,7 @@ from skincal.fitting.fit_findings import find
 from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.grid import GridSlab, MacroGrid
 from skincal.fitting.law import LawSpread
-from skincal.fitting.places import starting_nuisance
+from skincal.fitting.places import best_of_each, starting_nuisance
 from skincal.fitting.posterior import Peak
 from skincal.fitting.presses import settle
 from skincal.fitting.problem import FitProblem
@@ -185,13 +185,7 @@ def _press_fit(
     stiff = np.broadcast_to(sigmas, (count, len(sigmas))).copy()
     stiff[:, 1] = 1e-7
     state = settle(problem, images, many, stiff, peak.places.press, start, iterations=20, room=1.0)
-    best = np.array(
-        [
-            (rows := np.flatnonzero(peak.places.press == k))[np.argmin(state.objective[rows])]
-            for k in range(len(problem))
-        ],
-        dtype=np.intp,
-    )
+    best = best_of_each(peak.places.press, state.objective, len(problem))
     model, presses = problem.observation, np.arange(len(problem))
     many = np.ones(len(problem))
     spread = np.sqrt(model.variance(sigmas[2] * many, sigmas[3] * many, presses))

@@ -86,8 +86,11 @@ class KernelImages:
         low, part = _bracket(log_ratio, self.table.log_ratios)
         shares = self.table.shares[:, :, alpha]
         part = part.astype(np.float32)[:, None, None, None]
-        between = shares[indenter, :, low] * (1 - part) + shares[indenter, :, low + 1] * part
-        return Level(between.astype(np.float32, copy=False))
+        between, above = shares[indenter, :, low], shares[indenter, :, low + 1]
+        between *= 1 - part
+        above *= part
+        between += above
+        return Level(between)
 
 
 def _first_and_step(knots: Floats) -> tuple[float, float]:

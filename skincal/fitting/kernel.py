@@ -14,7 +14,9 @@ from the same surfaces and indenters, by the same rays.
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -84,7 +86,7 @@ def build_table(
         The table. Its lattice is just large enough for the largest contact.
     """
     ratios = np.exp(log_ratios)
-    reach = max(contact_reach(surface, indenter, float(ratios[-1])) for indenter in indenters) + 3 * spread_m
+    reach = max(_reach(pickle.dumps((surface, one, float(ratios[-1])))) for one in indenters) + 3 * spread_m
     half = reach + float(np.max(taxel_sizes_m)) / 2
     step = max(step_m, 2 * half / (MAX_NODES - 8))
     count = int(np.ceil(half / step)) + 2
@@ -158,6 +160,12 @@ def contact_reach(surface: Surface, indenter: Indenter, ratio_m3: float) -> floa
             return half * radius / count
         half *= 1.5
     return half
+
+
+@lru_cache(maxsize=64)
+def _reach(asked: bytes) -> float:
+    """What :func:`contact_reach` gives; all turns of a grid ask for the same, each with copies of its own."""
+    return contact_reach(*pickle.loads(asked))
 
 
 @inlined

@@ -81,6 +81,12 @@ def _with_mirrors(
     return distinct(np.tile(press, 2), both, len(problem), MOST, MARGIN)
 
 
+def best_of_each(press: Ints, score: Floats, count: int) -> Ints:
+    """For each of ``count`` presses the place (of N) whose score (N,) is least; every press has one."""
+    order = np.lexsort((score, press))
+    return order[np.searchsorted(press[order], np.arange(count))]
+
+
 def settled_twice(press: Ints, uv_m: Floats, fold: Fold) -> Bools:
     """Which places have run into an earlier place of the same press, and would count twice.
 

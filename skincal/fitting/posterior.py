@@ -16,41 +16,29 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.optimize import minimize
 
-from skincal.fitting.places import Places, find_places, mirrored, settled_twice, starting_nuisance
-from skincal.fitting.presses import PressStates, settle
+from skincal.fitting.places import (
+    Places,
+    best_of_each,
+    find_places,
+    mirrored,
+    settled_twice,
+    starting_nuisance,
+)
+from skincal.fitting.presses import PressStates, half_inverse, settle
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.seen import Images
 from skincal.fitting.shared import integral
+from skincal.fitting.sigmas import SPREADS, estimated_sigmas, far_sigmas, log_centres, log_prior, trust_of
 from skincal.fitting.types import Floats, Ints
 from skincal.fitting.volume import fold_of, log_volume, untracked
 
 SETTLE = 12
 
-FORCE_SIGMA, MISFIT, GAIN_SIGMA, FIELD_PART = 0.005, 0.01, 0.015, 0.03
-"""Middles of the priors of sigma_f, tau and sigma_g, and that of sigma_b as a part of the position's sigma."""
-
-SPREADS = np.array([0.6, 1.0, 0.2, 1.2, 1.2, 1.0])
-"""Standard deviations of the priors of the sigmas, in their logarithm, in the order of ``HYPER``.
-
-Those of sigma_p and sigma_n are of what a rig declares and of what untouched taxels show; the others say that nobody
-knows more than the order of magnitude.
-"""
-
-_TRUSTED = 16.0
-"""A press whose mean square is more than this many times the usual is trusted less."""
-
-_TRIMMED = 9.0
-"""Presses whose mean square is so many times the usual say nothing of the noise in a climb from afar."""
-
 _SEARCHES_FAR, _SEARCHES_NEAR = (3, 6, 10, 15), (2, 5)
 """Steps of a climb before which places are searched anew: from afar, and from a peak nearby."""
 _WIDE, _BEYOND, _SIGMAS_REST = 6, 1.6, 5e-3
 """So many steps the sigmas only follow; then they go so much further than told, until they change by no more."""
-
-_FAR_NOISE = 0.02
-"""A climb from afar starts with this part of the usual signal for the noise, and as much for the misfit."""
 
 _UNITS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])
 
@@ -101,7 +89,7 @@ def log_posterior(
     """Unnormalised log posterior (W,) of points (W, 11): five macro variables and the logarithms of six sigmas."""
     inside = ((points[:, :5] >= bounds.low) & (points[:, :5] <= bounds.high)).all(axis=1)
     inside &= points[:, 7] > np.log(problem.observation.floor_counts)
-    inside &= (np.abs(points[:, 5:] - _log_centres(problem)) < _FARTHEST * SPREADS).all(axis=1)
+    inside &= (np.abs(points[:, 5:] - log_centres(problem)) < _FARTHEST * SPREADS).all(axis=1)
     out = np.full(len(points), -np.inf)
     if inside.any():
         out[inside] = _log_density(problem, images, places, points[inside])
@@ -116,7 +104,7 @@ def _log_density(problem: FitProblem, images: Images, places: Places, points: Fl
     total, chance, state = press_evidence(problem, images, places, points)
     each = np.exp(points[:, 5:])
     total = total - _log_scatter(problem, each) + _shared_integral(problem, state, places.press, chance, each)
-    return total + _log_prior(problem, points[:, 5:])
+    return total + log_prior(problem, points[:, 5:])
 
 
 def press_evidence(
@@ -157,14 +145,9 @@ def press_evidence(
 
 def _log_scatter(problem: FitProblem, sigmas: Floats) -> Floats:
     """Sum of the logarithms of the standard deviations of all readings (W,)."""
-    presses, used = np.arange(len(problem)), problem.used
-    many = np.ones(len(problem))
-    return np.array(
-        [
-            0.5 * float(np.log(problem.observation.variance(s[2] * many, s[3] * many, presses)[used]).sum())
-            for s in sigmas
-        ]
-    )
+    own, grown = problem.observation.parts(problem.used)
+    variance = sigmas[:, 2:3] ** 2 * own + sigmas[:, 3:4] ** 2 * grown
+    return 0.5 * np.log(variance).sum(axis=1)
 
 
 def _shared_integral(
@@ -172,7 +155,7 @@ def _shared_integral(
 ) -> Floats:
     count, spots = chance.shape
     shape = (count, spots)
-    root = np.linalg.cholesky(np.linalg.inv(state.hessian))
+    root = half_inverse(state.hessian)[0]
     off = state.nuisance.reshape(*shape, 3) - problem.centre[press]
     stiff = sigmas[:, None, [0, 0, 1]] ** -2
     return integral(
@@ -190,23 +173,6 @@ def _shared_integral(
         problem.shared.precision(sigmas[:, 4], sigmas[:, 5]),
         problem.alive,
     )
-
-
-def _log_centres(problem: FitProblem) -> Floats:
-    """(6,) middles of the priors of the sigmas, in their logarithm."""
-    position = _position_scale(problem)
-    noise = problem.noise_sigma_counts
-    return np.log([position, FORCE_SIGMA, noise, MISFIT, GAIN_SIGMA, FIELD_PART * position])
-
-
-def _log_prior(problem: FitProblem, log_sigma: Floats) -> Floats:
-    """Of the sigmas (W,); it is flat in the macro variables, E and S by their logarithm."""
-    return -0.5 * (((log_sigma - _log_centres(problem)) / SPREADS) ** 2).sum(axis=1)
-
-
-def _position_scale(problem: FitProblem) -> float:
-    sigma = problem.rig.position_sigma_m
-    return sigma if np.isfinite(sigma) and sigma > 0 else problem.rig.slack_m
 
 
 def climb(
@@ -232,14 +198,14 @@ def climb(
     macro = np.clip(start, bounds.low, bounds.high)
     far = sigmas is None
     if sigmas is None:
-        sigmas = _far_sigmas(problem)
+        sigmas = far_sigmas(problem)
     damping, places = 1e-3, None
     searches = _SEARCHES_FAR if far else _SEARCHES_NEAR
     for step_number in range(iterations):
         if places is None or step_number in searches:
             places = find_places(problem, images, macro, sigmas)
         states, best = _at(problem, images, places, macro, sigmas)
-        trust = _trust(states, best)
+        trust = trust_of(states, best)
         value = _value(problem, states, best, sigmas, trust)
         system = _reduced(problem, states, best, sigmas, trust, shared=not far)
         damped = system.curvature + np.diag(damping * np.diag(system.curvature) + 1e-9)
@@ -256,7 +222,8 @@ def climb(
             places = _moved(places, states)
         else:
             converged, damping = False, max(damping, 1e-4) * 10
-        told = _estimated_sigmas(problem, states, best, sigmas, system, shared=not far)
+        known = None if far else np.diag(_inverse(system.curvature))[5:]
+        told = estimated_sigmas(problem, states, best, sigmas, known)
         step = np.log(told / sigmas)
         # Expectation-maximisation closes in on the sigmas by a quarter a step; beyond its point it goes faster.
         sigmas = sigmas * np.exp(step if far and step_number <= _WIDE else _BEYOND * step)
@@ -266,7 +233,7 @@ def climb(
     assert places is not None
     macro, problem = _scale_of_the_mean(problem, macro)
     states, best = _at(problem, images, places, macro, sigmas)
-    curvature = _reduced(problem, states, best, sigmas, _trust(states, best)).curvature
+    curvature = _reduced(problem, states, best, sigmas, trust_of(states, best)).curvature
     # What the presses do not tell is still known to lie in the box: as well as an even spread over it.
     curvature[range(5), range(5)] += 12.0 / (bounds.high - bounds.low) ** 2
     way = block_diag(np.eye(5), problem.shared.directions(problem.alive))
@@ -287,14 +254,6 @@ def _scale_of_the_mean(problem: FitProblem, macro: Floats) -> tuple[Floats, FitP
     return macro + mean * np.array([0.0, 0.0, 0.0, 0.0, 1.0]), problem.with_shared(theta)
 
 
-def _far_sigmas(problem: FitProblem) -> Floats:
-    """Sigmas (6,) that find the way from afar: wide, and without shared errors."""
-    sigmas = np.exp(_log_centres(problem))
-    wide = _FAR_NOISE * problem.observation.typical_counts
-    sigmas[:4] = [0.7 * sigmas[0], 0.01, max(wide, problem.noise_sigma_counts), _FAR_NOISE]
-    return sigmas
-
-
 def _moved(places: Places, states: PressStates) -> Places:
     return Places(places.press, states.uv_m.copy(), states.nuisance[:, 2].copy())
 
@@ -303,30 +262,20 @@ def _at(
     problem: FitProblem, images: Images, places: Places, macro: Floats, sigmas: Floats
 ) -> tuple[PressStates, Ints]:
     """Presses settled at one macro point, and the best place of each press."""
-    count = len(places.press)
-    many = np.broadcast_to(macro, (count, 5)).copy()
+    spots, count = len(places.press), len(problem)
+    many = np.broadcast_to(macro, (spots, 5)).copy()
     start = starting_nuisance(problem, places, many, places.press, 1)
     state = settle(
         problem,
         images,
         many,
-        np.broadcast_to(sigmas, (count, len(sigmas))).copy(),
+        np.broadcast_to(sigmas, (spots, len(sigmas))).copy(),
         places.press,
         start,
         iterations=6,
     )
-    score = state.objective + np.linalg.slogdet(state.hessian)[1]
-    best = [
-        int(rows[np.argmin(score[rows])])
-        for rows in (np.flatnonzero(places.press == k) for k in range(len(problem)))
-    ]
-    return state, np.array(best, dtype=np.intp)
-
-
-def _trust(state: PressStates, rows: Ints) -> Floats:
-    """Weight of each press (K,): less than one where it is matched far worse than the others."""
-    squares = (state.residual[rows] ** 2).mean(axis=1)
-    return np.minimum(1.0, _TRUSTED * max(float(np.median(squares)), 1.0) / np.maximum(squares, 1e-30))
+    score = state.objective - 2 * half_inverse(state.hessian)[1]
+    return state, best_of_each(places.press, score, count)
 
 
 def _value(problem: FitProblem, state: PressStates, rows: Ints, sigmas: Floats, trust: Floats) -> float:
@@ -393,86 +342,3 @@ def _inverse(matrix: Floats) -> Floats:
     """The inverse of a positive matrix whose rows have different units; directions it does not hold stay at zero."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     return np.linalg.pinv(matrix * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
-
-
-def _estimated_sigmas(
-    problem: FitProblem,
-    state: PressStates,
-    rows: Ints,
-    sigmas: Floats,
-    system: _System,
-    *,
-    shared: bool,
-) -> Floats:
-    """One step of expectation-maximisation for the sigmas (6,), with the priors of :func:`_log_prior`.
-
-    A press that fits far worse than the others counts no more than the bound of :func:`_trust`.
-    """
-    centres = np.exp(_log_centres(problem))
-    inverse = np.linalg.inv(state.hessian[rows])
-    second = (state.nuisance[rows] - problem.centre) ** 2 + np.einsum("nii->ni", inverse)
-    second = np.minimum(second, _TRUSTED * np.median(second, axis=0))
-    position = _shrunk(second[:, :2].sum(), second[:, :2].size, centres[0], SPREADS[0])
-    force = _shrunk(second[:, 2].sum(), len(second), centres[1], SPREADS[1])
-    noise, misfit = _estimated_noise(problem, state, rows, sigmas, inverse, trimmed=not shared)
-    told = np.array([position, force, noise, misfit, *sigmas[4:]])
-    if shared:
-        theta, taxels = problem.shared.theta, problem.rig.layout.taxels
-        spread = theta**2 + np.diag(_inverse(system.curvature))[5:]
-        told[4] = _shrunk(spread[:taxels].sum(), taxels, centres[4], SPREADS[4])
-        field = spread[2 * taxels :]
-        if len(field):
-            told[5] = _shrunk(field.sum(), len(field), centres[5], SPREADS[5])
-    return told
-
-
-def _estimated_noise(
-    problem: FitProblem,
-    state: PressStates,
-    rows: Ints,
-    sigmas: Floats,
-    inverse: Floats,
-    *,
-    trimmed: bool,
-) -> tuple[float, float]:
-    """The most probable sigma_n and tau for the squares of the residuals and of what places leave open."""
-    used = problem.used
-    if trimmed:
-        # From afar presses that lie are still among the others, and a misfit that explains them hides them.
-        squares = (state.residual[rows] ** 2).mean(axis=1)
-        used = used & (squares <= _TRIMMED * np.median(squares))[:, None]
-    model, presses = problem.observation, np.arange(len(problem))
-    many = np.ones(len(problem))
-    variance = model.variance(sigmas[2] * many, sigmas[3] * many, presses)
-    slope = state.nuisance_slope[rows]
-    squares = state.residual[rows] ** 2 + np.einsum("njd,nde,nje->nj", slope, inverse, slope)
-    trust = _trust(state, rows)[:, None]
-    squares = (trust * squares * variance)[used]
-    own, grown = (model.share[used]) ** 2, model.signal[used] ** 2
-    centres = _log_centres(problem)[2:4]
-
-    def loss(x: Floats) -> tuple[float, Floats]:
-        first, second = np.exp(2 * x[0]) * own, np.exp(2 * x[1]) * grown
-        total = first + second
-        away = (x - centres) / SPREADS[2:4]
-        value = 0.5 * float((squares / total + np.log(total)).sum()) + 0.5 * float(away @ away)
-        rate = (1.0 - squares / total) / total
-        return value, np.array([rate @ first, rate @ second]) + away / SPREADS[2:4]
-
-    # Noise and misfit explain the same squares, each in a valley of its own: the better one is gone into.
-    grown_only = 0.5 * float(np.log(squares.sum() / max(float(grown.sum()), 1e-300)))
-    near: Floats = np.log(sigmas[2:4])
-    far: Floats = np.array([centres[0], max(float(centres[1]), grown_only)])
-    start = far if loss(far)[0] < loss(near)[0] else near
-    found = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 30})
-    noise, misfit = np.exp(np.asarray(found.x, dtype=np.float64))
-    return max(float(noise), model.floor_counts * 1.05), float(misfit)
-
-
-def _shrunk(squares: float, count: int, centre: float, spread: float) -> float:
-    """Maximum of the posterior of a sigma with a log-normal prior: a few Newton steps in its logarithm."""
-    x = 0.5 * np.log(squares / count)
-    for _ in range(20):
-        slope = -count + squares * np.exp(-2 * x) - (x - np.log(centre)) / spread**2
-        x += slope / (2 * squares * np.exp(-2 * x) + 1 / spread**2)
-    return float(np.exp(x))

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skincal.fitting.places import Places, starting_nuisance
-from skincal.fitting.presses import settle
+from skincal.fitting.presses import half_inverse, settle
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.seen import Images
 from skincal.fitting.types import Floats, Ints
@@ -170,5 +170,5 @@ def _evidence(
         centre=slacks.centre_m + problem.shared.shift_m[press],
     )
     weight = -0.5 * (slacks.centre_m**2).sum(axis=1) / left - np.log(left) - np.log(sigmas[1])
-    evidence = -0.5 * state.objective - 0.5 * np.linalg.slogdet(state.hessian)[1] + weight
+    evidence = -0.5 * state.objective + half_inverse(state.hessian)[1] + weight
     return evidence, Places(press, state.uv_m, state.nuisance[:, 2])

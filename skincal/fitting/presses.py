@@ -169,3 +169,19 @@ def _bound(problem: FitProblem, room: float) -> Floats:
 def solve_small(matrices: Floats, vectors: Floats) -> Floats:
     """Solves n small systems (n, d, d) for (n, d)."""
     return np.asarray(np.linalg.solve(matrices, vectors[..., None])[..., 0], dtype=np.float64)
+
+
+def half_inverse(hessian: Floats) -> tuple[Floats, Floats]:
+    """L (n, 3, 3) with L L' the inverses of positive matrices (n, 3, 3), and log|L| (n,)."""
+    tiny = 1e-15
+    c00 = np.sqrt(hessian[:, 0, 0])
+    c10, c20 = hessian[:, 1, 0] / c00, hessian[:, 2, 0] / c00
+    c11 = np.sqrt(np.maximum(hessian[:, 1, 1] - c10**2, tiny * hessian[:, 1, 1]))
+    c21 = (hessian[:, 2, 1] - c20 * c10) / c11
+    c22 = np.sqrt(np.maximum(hessian[:, 2, 2] - c20**2 - c21**2, tiny * hessian[:, 2, 2]))
+    out = np.zeros_like(hessian)
+    out[:, 0, 0], out[:, 1, 1], out[:, 2, 2] = 1.0 / c00, 1.0 / c11, 1.0 / c22
+    out[:, 0, 1] = -c10 * out[:, 0, 0] * out[:, 1, 1]
+    out[:, 1, 2] = -c21 * out[:, 1, 1] * out[:, 2, 2]
+    out[:, 0, 2] = -(c20 * out[:, 0, 0] + c21 * out[:, 0, 1]) * out[:, 2, 2]
+    return out, -np.log(c00 * c11 * c22)

@@ -178,6 +178,10 @@ class Readings:
             self, **{name: getattr(self, name)[keep] for name in ("target", "read", "share", "signal")}
         )
 
+    def parts(self, used: Bools) -> tuple[Floats, Floats]:
+        """What sigma_n² and tau² are multiplied by in the variances of some readings (K, J): (n,) each."""
+        return self.share[used] ** 2, self.signal[used] ** 2
+
     def variance(self, noise: Floats, misfit: Floats, press: np.ndarray) -> Floats:
         """Variance (n, J) of readings of presses (n,), for sigma_n (n,) [counts] and tau (n,)."""
         own = self.share[press] * noise[:, None]

@@ -224,30 +224,35 @@ def integral(
     for d in range(2):
         at = slice(2 * taxels + d * m, 2 * taxels + (d + 1) * m)
         hessian[:, at, at] = square
-    root = np.sqrt(p)[..., None]
-    mixed = np.concatenate(
-        [
-            root * np.matmul(gain[..., None] * nuisance_slope, half_inverse),
-            root * np.matmul(level[..., None] * nuisance_slope, half_inverse),
-            *(
-                -root * basis[None, :, :, None] * (stiff[..., None] * half_inverse[:, :, d])[:, :, None]
-                for d in range(2)
-            ),
-        ],
-        axis=2,
-    )
-    flat = mixed.transpose(0, 2, 1, 3).reshape(count, size, -1)
+    root = np.sqrt(p)[..., None]  # (W, N, 1, 1)
+    weighted = root * half_inverse
+    by_own = np.matmul(nuisance_slope, weighted)
+    mixed = np.empty((count, size, len(press), 3))
+    mixed[:, :taxels] = (gain[..., None] * by_own).transpose(0, 2, 1, 3)
+    mixed[:, taxels : 2 * taxels] = (level[..., None] * by_own).transpose(0, 2, 1, 3)
+    for d in range(2):
+        mixed[:, 2 * taxels + d * m : 2 * taxels + (d + 1) * m] = (
+            -basis.T[None, :, :, None] * (stiff[..., None] * weighted[:, :, d])[:, None]
+        )
+    flat = mixed.reshape(count, size, -1)
     # What a press's own place and force would still take up, where they are not quite at rest.
     own = np.einsum("wnjd,wnj->wnd", nuisance_slope, residual) + prior_pull
     taken = np.sqrt(p) * np.einsum("wnde,wnd->wne", half_inverse, own)
     g = g - np.matmul(flat, taken.reshape(count, -1, 1))[..., 0]
     hessian -= np.matmul(flat, flat.transpose(0, 2, 1))
     hessian[:, range(size), range(size)] += precision
-    way = shared.directions(alive)
-    hessian, g = np.matmul(way.T, np.matmul(hessian, way)), g @ way
-    kept = np.einsum("tk,wt->wk", way**2, precision)
+    # With the mean gain held, by the bordered matrix: |V'HV| = |H| a'H⁻¹a for V orthogonal to the unit vector a. Gains
+    # that nothing reads have their own precision alone, and drop out.
+    g[:, :taxels][:, ~alive] = 0.0
+    mean = np.zeros(size)
+    mean[:taxels][alive] = 1.0 / np.sqrt(max(int(alive.sum()), 1))
     sign, log_det = np.linalg.slogdet(hessian)
-    step: Floats = np.asarray(np.linalg.solve(hessian, g[..., None])[..., 0], dtype=np.float64)
-    value = 0.5 * np.einsum("wt,wt->w", g, step) - 0.5 * log_det + 0.5 * np.log(kept).sum(axis=1)
+    right = np.stack([g, np.broadcast_to(mean, g.shape)], axis=2)
+    steps: Floats = np.asarray(np.linalg.solve(hessian, right), dtype=np.float64)
+    own, cross, held = (g * steps[..., 0]).sum(axis=1), steps[..., 0] @ mean, steps[..., 1] @ mean
+    sound = (sign > 0) & (held > 0)
+    held = np.where(sound, held, 1.0)
+    value = 0.5 * (own - cross**2 / held - log_det - np.log(held))
+    value += 0.5 * (np.log(precision).sum(axis=1) - np.log(precision[:, 0]))
     value -= 0.5 * (precision * shared.theta**2).sum(axis=1)
-    return np.where(sign > 0, value, -np.inf)
+    return np.where(sound, value, -np.inf)

@@ -164,14 +164,14 @@ def solve(
     """
     done = _run_grid(plan, mapper, dict(slabs or {}), on_slab, progress)
     bounds = _bounds(box, plan.problem.scales)
-    problem, kept, dead, peak, table = _refine(
+    problem, kept, dead, peak, around = _refine(
         plan, done, bounds, _Tabler(mapper, tables, progress), progress
     )
-    around = Neighbourhood.around(peak.macro, table=table)
     problem, peak, draws = _drawn(problem, peak, around, bounds, options, rng, mapper, progress)
-    law = _weigh_laws(problem, peak, table, bounds, options, mapper, progress)
+    images = around.images(problem)
+    law = _weigh_laws(problem, peak, around, bounds, options, mapper, progress)
     at_best = _grid_loss(plan, draws.mean)
-    found = Evidence(problem, kept, dead, peak, around.images(problem), draws, law, at_best)
+    found = Evidence(problem, kept, dead, peak, images, draws, law, at_best)
     slabs_in_order = [done[t] for t in range(len(plan.grid.alpha_rad))]
     return conclude(plan.grid, slabs_in_order, found, box, options, rng)
 
@@ -244,11 +244,11 @@ def _starts(plan: FitPlan, done: Mapping[int, GridSlab], most: int = 4) -> list[
 
 def _refine(
     plan: FitPlan, done: Mapping[int, GridSlab], bounds: Bounds, tabler: _Tabler, progress: Progress
-) -> tuple[FitProblem, NDArray[np.bool_], NDArray[np.bool_], Peak, SkinTable | None]:
+) -> tuple[FitProblem, NDArray[np.bool_], NDArray[np.bool_], Peak, Neighbourhood]:
     """The highest peak, after glitches and dead taxels have been left out.
 
     Returns:
-        Problem, kept presses, dead taxels, peak, and in the general way the table of images round it.
+        Problem, kept presses, dead taxels, peak, and where images are tabled round it.
     """
     problem, mapper = plan.problem, tabler.mapper
     starts = _starts(plan, done)
@@ -262,30 +262,34 @@ def _refine(
         starts = _local_peaks(strong, bounds, starts, mapper)
         peak = _highest(_climb_tabled(strong, bounds, s, tabler) for s in starts)
         peak, table = _tabled(strong, bounds, peak, tabler)
+    # What follows goes not far from here.
+    around = Neighbourhood.around(peak.macro, table)
     dead = dead_taxels(problem, peak.states)
     if dead.any():
         problem = problem.without_taxels(dead)
     if (dead ^ weak).any():
-        peak = run_climb(ClimbTask(problem, bounds, peak.macro, table=table))
+        peak = run_climb(ClimbTask(problem, bounds, peak.macro, around))
     progress("peak", 1, 2)
     lost = lost_readings(problem, peak)
     if lost.any():
         problem = problem.without_readings(lost)
-        peak = run_climb(ClimbTask(problem, bounds, peak.macro, table=table))
+        peak = run_climb(ClimbTask(problem, bounds, peak.macro, around))
     keep = ~glitches(problem, peak)
     if not keep.all():
         problem = problem.subset(keep, "glitch: its image or force does not fit with the other presses")
-        # A table goes no further than the peak that it was made for.
-        from_here = (peak.macro, starts[0]) if table is None else (peak.macro,)
-        again = [ClimbTask(problem, bounds, s, table=table) for s in from_here]
+        again = [ClimbTask(problem, bounds, peak.macro, around)]
+        if table is None:  # a table goes no further than the peak that it was made for
+            again.append(ClimbTask(problem, bounds, starts[0]))
         peak = _highest(mapper(run_climb, again))
     for _ in range(POLISH):
         problem = problem.with_signal(peak.states.simulated).with_shared(peak.theta)
-        peak = run_climb(ClimbTask(problem, bounds, peak.macro, table=table, sigmas=peak.sigmas))
-    if table is not None and not table.holds(peak.macro):
-        peak, table = _tabled(problem, bounds, peak, tabler)
+        peak = run_climb(ClimbTask(problem, bounds, peak.macro, around, peak.sigmas))
+    if not (around.holds(peak.macro) if table is None else table.holds(peak.macro)):
+        if table is not None:
+            peak, table = _tabled(problem, bounds, peak, tabler)
+        around = Neighbourhood.around(peak.macro, table)
     progress("peak", 2, 2)
-    return problem.with_shared(peak.theta), keep, dead, peak, table
+    return problem.with_shared(peak.theta), keep, dead, peak, around
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,7 +317,8 @@ class _Tabler:
 
 def _climb_tabled(problem: FitProblem, bounds: Bounds, start: Floats, tabler: _Tabler) -> Peak:
     """A climb from a point of the grid, on a table as rough as the grid."""
-    return run_climb(ClimbTask(problem, bounds, start, table=tabler(problem, start, ROUGH)))
+    around = Neighbourhood.around(start, tabler(problem, start, ROUGH))
+    return run_climb(ClimbTask(problem, bounds, start, around))
 
 
 def _local_peaks(problem: FitProblem, bounds: Bounds, starts: list[Floats], mapper: Mapper) -> list[Floats]:
@@ -341,7 +346,8 @@ def _tabled(problem: FitProblem, bounds: Bounds, peak: Peak, tabler: _Tabler) ->
     table, tries = None, 0
     while table is None or (tries < TABLES and not table.holds(peak.macro)):
         table = tabler(problem, peak.macro, reach_of(peak))
-        peak, tries = run_climb(ClimbTask(problem, bounds, peak.macro, table=table)), tries + 1
+        around = Neighbourhood.around(peak.macro, table)
+        peak, tries = run_climb(ClimbTask(problem, bounds, peak.macro, around)), tries + 1
     return peak, table
 
 
@@ -371,8 +377,7 @@ def _drawn(
     if draws.effective < worth and lone.any() and (~lone).sum() >= FEW_PRESSES:
         problem = problem.subset(~lone, "1 active taxel, beside presses of more that tell far more")
         problem = replace(problem, min_active=COORDINATES)
-        task = ClimbTask(problem, bounds, peak.macro, table=around.table, sigmas=peak.sigmas)
-        peak = run_climb(task)
+        peak = run_climb(ClimbTask(problem, bounds, peak.macro, around, peak.sigmas))
         problem = problem.with_shared(peak.theta)
         draws, density = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
     if draws.effective < worth:
@@ -420,7 +425,7 @@ def _sample(
 def _weigh_laws(
     problem: FitProblem,
     peak: Peak,
-    table: SkinTable | None,
+    around: Neighbourhood,
     bounds: Bounds,
     options: FitOptions,
     mapper: Mapper,
@@ -428,7 +433,10 @@ def _weigh_laws(
 ) -> LawSpread:
     spreads = options.law_spreads_m
     progress("contact law", 0, 1)
-    tasks = [ClimbTask(problem, bounds, peak.macro, spread, table, peak.sigmas) for spread in spreads[1:]]
+    tasks = [
+        ClimbTask(problem, bounds, peak.macro, replace(around, spread_m=spread), peak.sigmas)
+        for spread in spreads[1:]
+    ]
     peaks = [peak, *mapper(run_climb, tasks)]
     progress("contact law", 1, 1)
     return weigh_laws(np.array(spreads), peaks)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Protocol
 
@@ -77,10 +77,15 @@ class Neighbourhood:
     table: SkinTable | None = None
 
     @classmethod
-    def around(cls, macro: Floats, spread_m: float = 0.0, table: SkinTable | None = None) -> Neighbourhood:
+    def around(cls, macro: Floats, table: SkinTable | None = None) -> Neighbourhood:
         """Centred at macro variables (5,)."""
         alphas = float(macro[2]) + np.radians([-6.0, 0.0, 6.0])
-        return cls(alphas, float(macro[3]), spread_m=spread_m, table=table)
+        return cls(alphas, float(macro[3]), table=table)
+
+    def holds(self, macro: Floats) -> bool:
+        """Whether macro variables (5,) lie well inside of what the kernels span."""
+        turn, stiffness = abs(macro[2] - self.alphas_rad[1]), abs(macro[3] - self.log_elasticity)
+        return bool(turn <= np.radians(5.0) and stiffness <= 0.6)
 
     def images(self, problem: FitProblem) -> Images:
         """Builds the kernels, or spreads what is tabled."""
@@ -107,33 +112,36 @@ def _kernels(asked: bytes, spread_m: float) -> KernelImages:
 
 @dataclass(frozen=True, eq=False)
 class ClimbTask:
-    """One climb to a peak of the posterior."""
+    """One climb to a peak of the posterior.
+
+    Attributes:
+        problem: the presses.
+        bounds: box of the macro variables.
+        start: (5,) macro variables.
+        around: where images are tabled; None for round the start.
+        sigmas: (6,) of a peak nearby, where there is one.
+    """
 
     problem: FitProblem
     bounds: Bounds
     start: Floats
-    spread_m: float = 0.0
-    table: SkinTable | None = None
+    around: Neighbourhood | None = None
     sigmas: Floats | None = None
 
 
 def run_climb(task: ClimbTask) -> Peak:
     """Climbs; when the peak lies far from where the kernels were tabled, tables them anew there and goes on."""
-    peak = _climb(task, task.start, task.sigmas)
-    if task.problem.contacts is not None:
-        return peak
-    moved = np.abs(peak.macro - task.start)
-    if moved[2] > np.radians(5.0) or moved[3] > 0.6:
-        peak = _climb(task, peak.macro, peak.sigmas)
+    around = task.around
+    if around is None:
+        table = None
+        if task.problem.contacts is not None:
+            table = joined([run_table(part) for part in table_tasks(task.problem, task.start, ROUGH)])
+        around = Neighbourhood.around(task.start, table)
+    peak = climb(task.problem, around.images(task.problem), task.bounds, task.start, sigmas=task.sigmas)
+    if around.table is None and not around.holds(peak.macro):
+        there = replace(Neighbourhood.around(peak.macro), spread_m=around.spread_m)
+        peak = climb(task.problem, there.images(task.problem), task.bounds, peak.macro, sigmas=peak.sigmas)
     return peak
-
-
-def _climb(task: ClimbTask, start: Floats, sigmas: Floats | None) -> Peak:
-    table = task.table
-    if table is None and task.problem.contacts is not None:
-        table = joined([run_table(part) for part in table_tasks(task.problem, start, ROUGH)])
-    images = Neighbourhood.around(start, task.spread_m, table).images(task.problem)
-    return climb(task.problem, images, task.bounds, start, sigmas=sigmas)
 
 
 @dataclass(frozen=True, eq=False)

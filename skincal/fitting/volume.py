@@ -22,7 +22,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from skincal.fitting.presses import PressStates, evaluate, settle, solve_small
+from skincal.fitting.presses import PressStates, evaluate, half_inverse, settle, solve_small
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.seen import Images
 from skincal.fitting.types import Bools, Floats, Ints
@@ -63,11 +63,13 @@ def fold_of(
     problem: FitProblem, images: Images, macro: Floats, sigmas: Floats, press: Ints, state: PressStates
 ) -> Fold:
     """The fold of settled presses; arguments as :func:`skincal.fitting.presses.evaluate`."""
-    inverse = np.linalg.inv(state.hessian)
-    a, b, d = inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 1]
+    root, log_laplace = half_inverse(state.hessian)
+    a, d = (root[:, :2] ** 2).sum(axis=2).T
+    b = (root[:, 0] * root[:, 1]).sum(axis=1)
     angle = 0.5 * np.arctan2(2 * b, a - d)
-    weak = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
-    stiffness = 1.0 / np.einsum("ni,nij,nj->n", weak, inverse, weak)
+    cos, sin = np.cos(angle), np.sin(angle)
+    weak = np.stack([cos, sin, np.zeros_like(angle)], axis=1)
+    stiffness = 1.0 / (a * cos**2 + 2 * b * sin * cos + d * sin**2)
     ahead = evaluate(problem, images, macro, sigmas, press, state.nuisance + _STEP_M * weak)
     behind = evaluate(problem, images, macro, sigmas, press, state.nuisance - _STEP_M * weak)
     bend = np.einsum("njd,nd->nj", ahead.nuisance_slope - behind.nuisance_slope, weak) / (2 * _STEP_M)
@@ -86,7 +88,7 @@ def fold_of(
     offset = np.einsum("nj,nj->n", residual, left) / size
     mirror = state.nuisance[:, :2] - (2 * along / size)[:, None] * weak[:, :2]
     return Fold(
-        -0.5 * np.linalg.slogdet(state.hessian)[1],
+        log_laplace,
         stiffness,
         np.minimum(along**2, stiffness),
         0.5 * size,

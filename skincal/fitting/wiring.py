@@ -296,6 +296,31 @@ class _Search:
         scale = max(float((weight * shares * observed).sum()), 0.0) / max(power, 1e-300)
         return np.sqrt(weight) * (scale * shares - observed)
 
+    def _slopes(self, pose: Floats, slack_m: Floats | None, order: Ints) -> Floats:
+        """Slopes (K J, 5) of the differences by the pose, the scale that suits it included."""
+        shares, (wide, long) = self._predicted(pose, slack_m), self._variances(pose)
+        across, along = self._offsets(pose, slack_m)
+        u, v = self.layout.centres_m.T
+        cos, sin = np.cos(pose[2]), np.sin(pose[2])
+        to_across, to_along = across / wide, along / long
+        growth = np.exp(pose[3:, None]) * self.spread
+        by = shares[..., None] * np.stack(
+            [
+                to_across,
+                to_along,
+                to_along * (u * cos - v * sin) - to_across * (u * sin + v * cos),
+                0.5 * growth[0][:, None] * (to_across**2 - 1.0 / wide),
+                0.5 * growth[1][:, None] * (to_along**2 - 1.0 / long),
+            ],
+            axis=-1,
+        )
+        observed, weight = self.observed[:, order], self.weight[:, order]
+        power = max(float((weight * shares**2).sum()), 1e-300)
+        scale = max(float((weight * shares * observed).sum()), 0.0) / power
+        rise = np.einsum("kj,kja->a", weight * (observed - 2 * scale * shares), by) / power * (scale > 0)
+        slopes = np.sqrt(weight)[..., None] * (scale * by + shares[..., None] * rise)
+        return slopes.reshape(-1, len(pose))
+
     def _matrices(self, pose: Floats, slack_m: Floats | None = None) -> tuple[Floats, Floats]:
         """Products (J, J) of measured with predicted traces, and squares of the predicted ones as measured."""
         shares = self._predicted(pose, slack_m)
@@ -308,6 +333,7 @@ class _Search:
         got = least_squares(
             lambda x: self._differences(self._predicted(x * scale, slack_m), order).ravel(),
             inside / scale,
+            lambda x: self._slopes(x * scale, slack_m, order) * scale,
             bounds=(self.low / scale, self.high / scale),
             max_nfev=12,
         )

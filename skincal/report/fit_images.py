@@ -69,10 +69,12 @@ def images_figure(result: FitResult, dataset: Dataset) -> Figure:
     figure = new_figure(*tiles.size_in, f"Measured | simulated | simulated − measured ({part}, worst first)")
     grid = figure.add_gridspec(2, 2, height_ratios=(0.12, tiles.size_in[1] - 0.12), hspace=0.02)
     axes = figure.add_subplot(grid[1, :])
+    shown = [(pair.observed, pair.simulated, pair.difference) for pair in pairs]
+    for numbers, norm, colours in (((0, 1), counts, COLOURS), ((2,), differences, DIVERGING)):
+        maps = [(place, number) for place in range(len(pairs)) for number in numbers]
+        values = [shown[place][number] for place, number in maps]
+        axes.add_collection(tiles.maps(maps, values, norm, colours), autolim=False)
     for place, pair in enumerate(pairs):
-        for number, values in enumerate((pair.observed, pair.simulated, pair.difference)):
-            norm, colours = (differences, DIVERGING) if number == 2 else (counts, COLOURS)
-            axes.add_collection(tiles.map(place, number, values, norm, colours))
         _frame(axes, tiles, place, pair)
     axes.set_xlim(0, tiles.width)
     axes.set_ylim(-tiles.height, 0)
@@ -161,15 +163,20 @@ class _Tiles:
         top = self.BETWEEN / 2 + row * (self.map_height + self.TITLE + self.BETWEEN) + self.TITLE
         return left, -(top + self.map_height)
 
-    def map(
-        self, place: int, number: int, values: FloatArray, norm: Normalize, colours: str
+    def maps(
+        self, maps: list[tuple[int, int]], values: list[FloatArray], norm: Normalize, colours: str
     ) -> PolyCollection:
-        """Return one map: one rectangle per taxel, u to the right and v up; grey where nothing was read."""
-        left, bottom = self.corner(place)
-        shift = np.array([left + number * (self.map_width + self.GAP), bottom])
-        cmap, corners = mpl.colormaps[colours].with_extremes(bad=UNREAD), list(self.corners + shift)
+        """Return maps, each a tile and its number there, of one colour scale.
+
+        One rectangle per taxel, u to the right and v up; grey where nothing was read.
+        """
+        corners: list[FloatArray] = []
+        for place, number in maps:
+            left, bottom = self.corner(place)
+            corners += list(self.corners + np.array([left + number * (self.map_width + self.GAP), bottom]))
+        cmap = mpl.colormaps[colours].with_extremes(bad=UNREAD)
         look = PolyCollection(corners, norm=norm, cmap=cmap, edgecolors=UNREAD, linewidths=0.3)
-        look.set_array(np.ma.masked_invalid(values))
+        look.set_array(np.ma.masked_invalid(np.concatenate([*values, np.empty(0)])))
         return look
 
 
@@ -179,5 +186,6 @@ def _frame(axes: Axes, tiles: _Tiles, place: int, pair: _Pair) -> None:
     corner, size = (left - pad, bottom - pad), (tiles.tile_width + 2 * pad, tiles.map_height + 2 * pad)
     axes.add_patch(Rectangle(corner, *size, fill=False, edgecolor=colour, linewidth=width))
     top, right = bottom + tiles.map_height + pad + 0.05, left + tiles.tile_width + pad
-    axes.text(left - pad, top, pair.words, fontsize=7, color=BLACK, va="bottom")
-    axes.text(right, top, pair.mark, fontsize=7, color=GREY if pair.good else RED, va="bottom", ha="right")
+    look: Any = {"fontsize": 7, "va": "bottom", "in_layout": False}
+    axes.text(left - pad, top, pair.words, color=BLACK, **look)
+    axes.text(right, top, pair.mark, color=GREY if pair.good else RED, ha="right", **look)

@@ -25,6 +25,7 @@ from skincal.report.style import (
     ORANGE,
     RED,
     equal_axes_mm,
+    lay_out,
     legend_below,
     new_figure,
     styled,
@@ -50,7 +51,7 @@ def slack_figure(result: FitResult, dataset: Dataset) -> Figure:
     _draw_patch(patch, result, view, others)
     _draw_slack(slack, result)
     if len(view.used) <= MOST_NAMED:
-        figure.draw_without_rendering()  # labels need the panels to be laid out
+        lay_out(figure)  # labels need the places of the panels
         names = [str(number) for number in view.press[view.used]]
         start, end = 1e3 * view.measured_uv_m[view.used], 1e3 * view.estimated_uv_m
         on_lines = [start + part * (end - start) for part in np.linspace(0.0, 0.9, 8)]

@@ -17,6 +17,7 @@ import matplotlib as mpl
 from matplotlib import font_manager
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
@@ -187,11 +188,16 @@ def png_bytes(figure: Figure) -> bytes:
     """Return a figure as the bytes of a PNG, for a self-contained page."""
     buffer = io.BytesIO()
     with style():
-        # Laid out by itself: `savefig` would draw all of it for that, and then again.
-        layout = figure.get_layout_engine()
-        if layout is not None and figure.axes:
-            figure.set_dpi(DPI)
-            layout.execute(figure)
-            figure.set_layout_engine("none")
-        figure.savefig(buffer, format="png", dpi=DPI)
+        # `savefig` would draw all of it to lay it out, and then again.
+        figure.set_dpi(DPI)
+        lay_out(figure)
+        figure.set_layout_engine("none")
+        FigureCanvasAgg(figure).print_png(buffer)
     return buffer.getvalue()
+
+
+def lay_out(figure: Figure) -> None:
+    """Give the axes of a figure their places and limits."""
+    layout = figure.get_layout_engine()
+    if layout is not None and figure.axes:
+        layout.execute(figure)

@@ -81,4 +81,5 @@ def _label(axes: Axes, centre: FloatArray, value: float, share: float, colours: 
     # Adding zero turns a rounded −0.00 into 0.00.
     text = f"{round(float(value), digits) + 0.0:.{digits}f}"
     text, colour = text.replace("-", "−"), "white" if dark else BLACK
-    axes.text(centre[0], centre[1], text, ha="center", va="center", fontsize=7, color=colour)
+    look: Any = {"ha": "center", "va": "center", "fontsize": 7, "color": colour}
+    axes.text(centre[0], centre[1], text, **look, in_layout=False)

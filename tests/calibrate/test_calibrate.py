@@ -20,13 +20,13 @@ from skincal.calibrate import calibrate, search_box
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
 from skincal.calibrate.dataset_fit import why_dropped
 from skincal.calibrate.problem import fit_problem, unroll
-from skincal.calibrate.workers import interrupt_afterwards, mapper
 from skincal.calibration import read_calibration, write_calibration
 from skincal.dataset import Dataset
 from skincal.errors import InputError, WorkError
 from skincal.fitting.fit_options import FitOptions
 from skincal.fitting.grid import GridSlab
 from skincal.model import Cylinder, Plane
+from skincal.workers.processes import interrupt_afterwards, mapper
 from tests.fitting.conftest import FEW_DRAWS, QUICK
 
 
@@ -84,7 +84,7 @@ def test_a_result_that_was_half_sent_is_dropped() -> None:
 
 KILLED = """
 import multiprocessing, os, signal, time
-from skincal.calibrate.workers import mapper
+from skincal.workers.processes import mapper
 
 # No guard of __main__: workers do not run the script again.
 with mapper(3) as spread:

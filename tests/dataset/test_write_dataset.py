@@ -10,12 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from skincal.dataset import Dataset, Frames, Presses, dataset_hash, read_dataset, write_dataset
+from skincal.dataset.columns import repeated
 from skincal.dataset.findings import Findings
 from skincal.dataset.table_file import read_table, write_table
 from skincal.errors import InputError
@@ -172,3 +174,32 @@ def test_predicted_counts_are_no_whole_numbers(session: Session, tmp_path: Path)
     sensor = replace(dataset.meta.sensor, integer=False)
     write_dataset(replace(dataset, meta=replace(dataset.meta, sensor=sensor), frames=frames), tmp_path / "d")
     assert_same(read_dataset(tmp_path / "d").frames, frames)
+
+
+def test_small_tables_are_read_and_written_without_pandas(tmp_path: Path) -> None:
+    """It takes as long to import as all the rest."""
+    script = (
+        "import sys; from pathlib import Path; from skincal.dataset import read_dataset\n"
+        "from skincal.dataset.table_file import write_table\n"
+        "import numpy as np; d = read_dataset(Path(sys.argv[1]))\n"
+        "columns = {'x': np.array([1.0, np.nan]), 'used': np.array([True, False]),\n"
+        "           'reason': np.array(['', 'dark'], dtype=object), 'press': np.arange(2)}\n"
+        "[write_table(Path(sys.argv[2]) / f't.{kind}', columns) for kind in ('csv', 'parquet')]\n"
+        "print('pandas' in sys.modules)"
+    )
+    command = [sys.executable, "-c", script, "data/paper-like", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+    assert (tmp_path / "t.csv").read_text() == 'x,used,reason,press\n1,true,"",0\n,false,"dark",1\n'
+
+
+def test_rows_that_have_come_before() -> None:
+    rng = np.random.default_rng(0)
+    for rows in (
+        rng.integers(0, 9, 40),
+        rng.integers(0, 4, (60, 2)),
+        np.where(rng.random((60, 2)) < 0.3, np.nan, 1.0 * rng.integers(0, 3, (60, 2))),
+        np.array([0.0, -0.0, 1.0]),
+        np.zeros((0, 3)),
+    ):
+        assert (repeated(rows) == pd.DataFrame(rows).duplicated().to_numpy()).all()

@@ -212,7 +212,7 @@ class TestTable:
         spread = 0.3e-3
         reach = TableReach(0.2e-3, 0.02, 0.2, levels=3, step_m=0.3e-3)
         tabled = _tabled(few, macro[0], reach)
-        kernels = Neighbourhood.around(macro[0], spread).images(few)
+        kernels = replace(Neighbourhood.around(macro[0]), spread_m=spread).images(few)
         expected = see(kernels, few, macro, press, nuisance).value
         got = see(tabled.spread(spread), few, macro, press, nuisance).value
         plain = see(tabled, few, macro, press, nuisance).value
@@ -276,7 +276,9 @@ def test_a_climb_ends_where_that_of_the_fast_way_does(
     start = _macro(truth) + np.array([0.2e-3, -0.2e-3, 0.03, 0.1, 0.0])
     # On cells of 0.5 mm tabled every 0.3 mm the centre is 0.6 sigma off, and E and S 0.5.
     tabled = _tabled(problem, _macro(truth), replace(REACH, step_m=0.2e-3, resolution_m=0.25e-3))
-    general = run_climb(ClimbTask(problem, _bounds(BOX, problem.scales), start, table=tabled))
+    general = run_climb(
+        ClimbTask(problem, _bounds(BOX, problem.scales), start, Neighbourhood.around(start, tabled))
+    )
     fast = run_climb(ClimbTask(pose_problem(rig(), table, min_active=2), _bounds(BOX, problem.scales), start))
     sigma = np.sqrt(np.diag(fast.covariance))
     assert abs(general.log_density - fast.log_density) < 2.0

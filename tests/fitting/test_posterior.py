@@ -262,10 +262,8 @@ def test_equal_weights_are_worth_their_number() -> None:
 
 def test_contact_law_widens_elasticity_and_scale_only(problem: FitProblem, truth: Truth, peak: Peak) -> None:
     start, wider = _macro(truth), (0.2e-3, 0.4e-3)
-    peaks = [
-        peak,
-        *(climb(problem, Neighbourhood.around(start, s).images(problem), BOUNDS, start) for s in wider),
-    ]
+    tabled = [replace(Neighbourhood.around(start), spread_m=s).images(problem) for s in wider]
+    peaks = [peak, *(climb(problem, images, BOUNDS, start) for images in tabled)]
     law = weigh_laws(np.array([0.0, 0.2e-3, 0.4e-3]), peaks)
     assert law.density.sum() == pytest.approx(1.0)
     assert (law.shift[:, :3] == 0).all()

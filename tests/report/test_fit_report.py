@@ -17,7 +17,6 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from skincal.calibrate.workers import mapper
 from skincal.calibration import Calibration, Effect, Finding, Loss, ModelParameters, Provenance
 from skincal.dataset import (
     Dataset,
@@ -45,6 +44,7 @@ from skincal.report.fit_residuals import Residuals, residuals_figure, scatter_fi
 from skincal.report.fit_slack import slack_figure
 from skincal.report.fit_valley import valley_figure
 from skincal.report.style import GREEN, RED
+from skincal.workers.processes import mapper
 
 RADIUS_M = 0.0115
 BEST = {
@@ -503,13 +503,17 @@ def test_glitches_are_shown_with_what_the_skin_says(fitted: Fitted) -> None:
 def test_maps_are_the_images(fitted: Fitted) -> None:
     result, dataset, _ = fitted
     figure = images_figure(result, dataset)
-    maps = [c.get_array() for c in figure.axes[0].collections]
-    worst = int(np.argmax(result.presses.rmse_counts))
-    np.testing.assert_allclose(maps[0], result.presses.observed[worst])
-    np.testing.assert_allclose(maps[1], result.presses.simulated[worst])
-    np.testing.assert_allclose(maps[2], result.presses.simulated[worst] - result.presses.observed[worst])
-    limits = {(c.norm.vmin, c.norm.vmax) for c in figure.axes[0].collections}
-    assert len(limits) == 2, "one scale for all images, one for all differences"
+    # One collection, and one scale of colours, for all images, one for all differences; the worst press first.
+    images, differences = figure.axes[0].collections
+    taxels, worst = result.problem.rig.layout.taxels, int(np.argmax(result.presses.rmse_counts))
+    observed, simulated = result.presses.observed[worst], result.presses.simulated[worst]
+    np.testing.assert_allclose(images.get_array()[:taxels], observed)
+    np.testing.assert_allclose(images.get_array()[taxels : 2 * taxels], simulated)
+    np.testing.assert_allclose(differences.get_array()[:taxels], simulated - observed)
+    lefts = [
+        c.get_paths()[k].vertices[:, 0].min() for c, k in ((images, 0), (images, taxels), (differences, 0))
+    ]
+    assert lefts == sorted(lefts)
 
 
 def test_slack_is_drawn_from_measured_to_estimated(fitted: Fitted) -> None:

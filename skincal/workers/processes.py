@@ -13,9 +13,10 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from skincal.fitting.tasks import Mapper
+if TYPE_CHECKING:
+    from skincal.fitting.tasks import Mapper
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -44,7 +45,7 @@ def mapper(workers: int | Mapper | None = None, scheduler: str | None = None) ->
         yield workers
         return
     if scheduler is not None:
-        from skincal.calibrate.cluster import cluster_mapper
+        from skincal.workers.cluster import cluster_mapper
 
         with cluster_mapper(scheduler) as spread:
             yield spread

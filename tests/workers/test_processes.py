@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 
 import pytest
 
 from skincal import compiling
-from skincal.calibrate.workers import mapper
+from skincal.workers.processes import mapper
 
 
 def _says(_: int) -> tuple[int, bool]:
@@ -35,3 +37,11 @@ def test_an_error_is_raised_when_it_is_its_turn(workers: int):
         for found in spread(_fails_at_two, range(6)):
             seen.append(found)  # noqa: PERF402 - what came before the error counts
     assert seen == [0, 1]
+
+
+def test_workers_start_before_anything_heavy_is_imported() -> None:
+    script = (
+        "import sys, skincal.workers.processes; print(sorted({'numpy', 'numba', 'scipy'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -16,9 +16,9 @@ import pytest
 from benchmarks.coverage_store import finished
 from benchmarks.sessions import make_session
 from skincal.calibrate import calibrate
-from skincal.calibrate import cluster as cluster_module
-from skincal.calibrate.workers import mapper
 from skincal.errors import InputError
+from skincal.workers import cluster as cluster_module
+from skincal.workers.processes import mapper
 from tests.fitting.conftest import QUICK
 
 pytest.importorskip("distributed")

@@ -1,0 +1,171 @@
+"""The sigmas of a fit: what is known of them beforehand, and how they are estimated along with a climb.
+
+They are those of positions, forces, hold means, misfit, gains and the smooth error of positions, in the order of
+:data:`skincal.fitting.presses.HYPER`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skincal.fitting.presses import PressStates, half_inverse
+from skincal.fitting.problem import FitProblem
+from skincal.fitting.types import Floats, Ints
+
+FORCE_SIGMA, MISFIT, GAIN_SIGMA, FIELD_PART = 0.005, 0.01, 0.015, 0.03
+"""Middles of the priors of sigma_f, tau and sigma_g, and that of sigma_b as a part of the position's sigma."""
+
+SPREADS = np.array([0.6, 1.0, 0.2, 1.2, 1.2, 1.0])
+"""Standard deviations of the priors of the sigmas, in their logarithm, in the order of ``HYPER``.
+
+Those of sigma_p and sigma_n are of what a rig declares and of what untouched taxels show; the others say that nobody
+knows more than the order of magnitude.
+"""
+
+_TRUSTED = 16.0
+"""A press whose mean square is more than this many times the usual is trusted less."""
+
+_TRIMMED = 9.0
+"""Presses whose mean square is so many times the usual say nothing of the noise in a climb from afar."""
+
+_SCORINGS, _SCORED = 30, 1e-5
+"""Steps for the sigmas of the readings at most, and change of their logarithms that is none."""
+
+_FAR_NOISE = 0.02
+"""A climb from afar starts with this part of the usual signal for the noise, and as much for the misfit."""
+
+
+def log_centres(problem: FitProblem) -> Floats:
+    """(6,) middles of the priors of the sigmas, in their logarithm."""
+    position = _position_scale(problem)
+    noise = problem.noise_sigma_counts
+    return np.log([position, FORCE_SIGMA, noise, MISFIT, GAIN_SIGMA, FIELD_PART * position])
+
+
+def log_prior(problem: FitProblem, log_sigma: Floats) -> Floats:
+    """Of the sigmas (W,); it is flat in the macro variables, E and S by their logarithm."""
+    return -0.5 * (((log_sigma - log_centres(problem)) / SPREADS) ** 2).sum(axis=1)
+
+
+def _position_scale(problem: FitProblem) -> float:
+    sigma = problem.rig.position_sigma_m
+    return sigma if np.isfinite(sigma) and sigma > 0 else problem.rig.slack_m
+
+
+def far_sigmas(problem: FitProblem) -> Floats:
+    """Sigmas (6,) that find the way from afar: wide, and without shared errors."""
+    sigmas = np.exp(log_centres(problem))
+    wide = _FAR_NOISE * problem.observation.typical_counts
+    sigmas[:4] = [0.7 * sigmas[0], 0.01, max(wide, problem.noise_sigma_counts), _FAR_NOISE]
+    return sigmas
+
+
+def trust_of(state: PressStates, rows: Ints) -> Floats:
+    """Weight of each press (K,): less than one where it is matched far worse than the others."""
+    squares = (state.residual[rows] ** 2).mean(axis=1)
+    return np.minimum(1.0, _TRUSTED * max(float(np.median(squares)), 1.0) / np.maximum(squares, 1e-30))
+
+
+def estimated_sigmas(
+    problem: FitProblem,
+    state: PressStates,
+    rows: Ints,
+    sigmas: Floats,
+    known: Floats | None,
+) -> Floats:
+    """One step of expectation-maximisation for the sigmas (6,), with the priors of :func:`log_prior`.
+
+    A press that fits far worse than the others counts no more than the bound of :func:`trust_of`.
+
+    Args:
+        problem: the presses.
+        state: settled presses.
+        rows: (K,) the best place of each.
+        sigmas: (6,) the present ones.
+        known: (T,) variances of the errors that all presses share; None where there are none yet, from afar.
+    """
+    centres = np.exp(log_centres(problem))
+    root = half_inverse(state.hessian[rows])[0]
+    second = (state.nuisance[rows] - problem.centre) ** 2 + (root**2).sum(axis=2)
+    second = np.minimum(second, _TRUSTED * np.median(second, axis=0))
+    position = _shrunk(second[:, :2].sum(), second[:, :2].size, centres[0], SPREADS[0])
+    force = _shrunk(second[:, 2].sum(), len(second), centres[1], SPREADS[1])
+    noise, misfit = _estimated_noise(problem, state, rows, sigmas, root, trimmed=known is None)
+    told = np.array([position, force, noise, misfit, *sigmas[4:]])
+    if known is not None:
+        taxels = problem.rig.layout.taxels
+        spread = problem.shared.theta**2 + known
+        told[4] = _shrunk(spread[:taxels].sum(), taxels, centres[4], SPREADS[4])
+        field = spread[2 * taxels :]
+        if len(field):
+            told[5] = _shrunk(field.sum(), len(field), centres[5], SPREADS[5])
+    return told
+
+
+def _estimated_noise(
+    problem: FitProblem,
+    state: PressStates,
+    rows: Ints,
+    sigmas: Floats,
+    root: Floats,
+    *,
+    trimmed: bool,
+) -> tuple[float, float]:
+    """The most probable sigma_n and tau for the squares of the residuals and of what places leave open."""
+    used = problem.used
+    if trimmed:
+        # From afar presses that lie are still among the others, and a misfit that explains them hides them.
+        squares = (state.residual[rows] ** 2).mean(axis=1)
+        used = used & (squares <= _TRIMMED * np.median(squares))[:, None]
+    model = problem.observation
+    own, grown = model.parts(used)
+    variance = sigmas[2] ** 2 * own + sigmas[3] ** 2 * grown
+    spread = np.matmul(state.nuisance_slope[rows], root)
+    squares = state.residual[rows] ** 2 + np.einsum("njd,njd->nj", spread, spread)
+    squares = (trust_of(state, rows)[:, None] * squares)[used] * variance
+    centres = log_centres(problem)[2:4]
+    # Noise and misfit explain the same squares, each in a valley of its own: the better one is gone into.
+    grown_only = 0.5 * float(np.log(squares.sum() / max(float(grown.sum()), 1e-300)))
+    parts = np.array([own, grown])
+    starts = np.log(sigmas[2:4]), np.array([centres[0], max(float(centres[1]), grown_only)])
+    start = min(starts, key=lambda x: _scatter_loss(squares, parts, centres, x)[0])
+    noise, misfit = np.exp(_scored(squares, parts, centres, start))
+    return max(float(noise), model.floor_counts * 1.05), float(misfit)
+
+
+def _scatter_loss(squares: Floats, parts: Floats, centres: Floats, x: Floats) -> tuple[float, Floats, Floats]:
+    """Minus the log posterior of log sigma_n and log tau (2,), its slope (2,), and its expected curvature (2, 2)."""
+    each = np.exp(2 * x)[:, None] * parts
+    total = each.sum(axis=0)
+    away = (x - centres) / SPREADS[2:4]
+    value = 0.5 * float((squares / total + np.log(total)).sum()) + 0.5 * float(away @ away)
+    share = each / total
+    slope = share @ (1.0 - squares / total) + away / SPREADS[2:4]
+    return value, slope, 2.0 * share @ share.T + np.diag(SPREADS[2:4] ** -2.0)
+
+
+def _scored(squares: Floats, parts: Floats, centres: Floats, x: Floats) -> Floats:
+    """The least of :func:`_scatter_loss` by Fisher scoring, from ``x`` (2,) downhill."""
+    value, slope, curvature = _scatter_loss(squares, parts, centres, x)
+    for _ in range(_SCORINGS):
+        step = -np.linalg.solve(curvature, slope)
+        step *= min(1.0, 1.0 / float(np.abs(step).max()))
+        tried = _scatter_loss(squares, parts, centres, x + step)
+        while tried[0] > value and np.abs(step).max() > _SCORED:
+            step *= 0.3
+            tried = _scatter_loss(squares, parts, centres, x + step)
+        if tried[0] > value:
+            break
+        x, (value, slope, curvature) = x + step, tried
+        if np.abs(step).max() < _SCORED:
+            break
+    return x
+
+
+def _shrunk(squares: float, count: int, centre: float, spread: float) -> float:
+    """Maximum of the posterior of a sigma with a log-normal prior: a few Newton steps in its logarithm."""
+    x = 0.5 * np.log(squares / count)
+    for _ in range(20):
+        slope = -count + squares * np.exp(-2 * x) - (x - np.log(centre)) / spread**2
+        x += slope / (2 * squares * np.exp(-2 * x) + 1 / spread**2)
+    return float(np.exp(x))
