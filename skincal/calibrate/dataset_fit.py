@@ -10,8 +10,7 @@ import numpy as np
 
 from skincal.calibrate.assemble import calibration_of, provenance_of
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
-from skincal.calibrate.moving_rest import with_moving_rest
-from skincal.calibrate.order import in_order, with_other_order
+from skincal.calibrate.data_findings import in_order, with_moving_rest, with_other_order
 from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import Method, Way, choose_way
 from skincal.calibrate.workers import mapper

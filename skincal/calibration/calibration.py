@@ -35,7 +35,6 @@ from skincal.model import (
 from skincal.shown import Shown
 from skincal.units import rad
 
-FloatArray = NDArray[np.float64]
 MARGIN_M = 8e-3
 """Margin of a calibrated skin around its taxels [m]."""
 

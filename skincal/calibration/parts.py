@@ -7,12 +7,16 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Annotated, Any, Final, Literal
 
-from skincal.calibration.effects import EFFECT_NAMES
 from skincal.dataset.keys import Key, Names, When, Word
 from skincal.dataset.schema import Table
 from skincal.dataset.spec import Centre
+from skincal.effects import EFFECTS
 from skincal.model import ContactLaw
 from skincal.units import in_unit
+
+EFFECT_NAMES: Final[dict[str, str]] = {name: effect.meaning for name, effect in EFFECTS.items()}
+"""Name and meaning of each effect, in the order of the chain."""
+
 
 Interval = tuple[float, float]
 """Low and high; infinite on a side that the data do not bound."""

@@ -133,7 +133,7 @@ def deploy(
 
 def _speed(policy: Policy, task: Task, most: float) -> float:
     """Return the joint velocity of an action of 1 [rad/s]: the policy's own, if the hand allows it."""
-    from skincal.deploy.deploy_options import SPEEDS_RAD_PER_S
+    from skincal.deploy.motion import SPEEDS_RAD_PER_S
 
     speed = policy.description.environment.get("speed_rad_per_s", SPEEDS_RAD_PER_S[task])
     if isinstance(speed, str) or not 0 < speed <= most:

@@ -221,7 +221,7 @@ def _write(
         write_runs(found, temporary / "runs.csv")
         write_figures(found, trial, temporary)
         if gif:
-            from skincal.report.film import write_film
+            from skincal.report.evaluation import write_film
 
             for one in found:
                 write_film(one.policy, trial, temporary / f"{one.name}.gif", ranges=ranges)

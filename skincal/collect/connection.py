@@ -7,13 +7,13 @@ from typing import Protocol
 import numpy as np
 
 from skincal.collect.journal import Journal
-from skincal.collect.loop import Loop
 from skincal.collect.plan import Plan, PlannedPress
 from skincal.collect.poses import heights
 from skincal.collect.posture import Fingers, Posture
 from skincal.collect.press import Press
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.record import Arrays, press_arrays, rest_arrays
+from skincal.collect.senses import Loop
 from skincal.collect.travel import LOWEST_SHARE, Place, follow, way_over_skin, way_through_joints
 from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray

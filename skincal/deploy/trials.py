@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from skincal.deploy.deploy_options import SPEEDS_RAD_PER_S
+from skincal.deploy.motion import SPEEDS_RAD_PER_S
 from skincal.deploy.policy_run import Deployed, deploy
 from skincal.deploy.targets import marble_targets
 from skincal.envs.pinch import read_pinch

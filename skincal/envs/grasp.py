@@ -9,10 +9,10 @@ import numpy as np
 
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, array, number
-from skincal.envs.grip import Grip, Placed
 from skincal.envs.pinch import Pinch, require_cylinder
 from skincal.envs.postures import Postures
 from skincal.envs.scene import PHYSICS_HZ, Scene
+from skincal.envs.scene_state import Grip, Placed
 from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics
 from skincal.sim.drives import DriveParameters

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-from skincal.errors import InputError, Problem
+from skincal.errors import check_options
 
 
 def falling(x: float, width: float) -> float:
@@ -60,14 +60,7 @@ class RewardScales:
     torque_margin: float = 0.2
 
     def __post_init__(self) -> None:
-        wrong = [item.name for item in fields(self) if not 0 <= getattr(self, item.name) < math.inf]
-        if wrong:
-            raise InputError(
-                [
-                    Problem(f"rewards {name}", "a finite number, 0 or more", str(getattr(self, name)))
-                    for name in wrong
-                ]
-            )
+        check_options(self, "a finite number, 0 or more", lambda value: 0 <= value < math.inf)
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,8 @@ import math
 from abc import ABC, abstractmethod
 from typing import Final
 
-from skincal.envs.grip import Frame, Grip
 from skincal.envs.pinch import Pinch
-from skincal.envs.touching import Touching
+from skincal.envs.scene_state import Frame, Grip, Touching
 from skincal.errors import input_error
 from skincal.model.arrays import FloatArray
 from skincal.sim.drives import Drives

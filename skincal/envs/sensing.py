@@ -9,11 +9,10 @@ import numpy as np
 
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, number, turn_rad
-from skincal.envs.grip import Frame
 from skincal.envs.pinch import Pinch, require_cylinder
 from skincal.envs.scene import Scene, sound
+from skincal.envs.scene_state import Frame, Touching
 from skincal.envs.tactile import Felt
-from skincal.envs.touching import Touching
 from skincal.model import SensorPose
 from skincal.model.arrays import FloatArray
 

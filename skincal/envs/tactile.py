@@ -13,9 +13,8 @@ from skincal.effects import EffectSkin, Samples, SkinStream
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, array, effects_of, number
-from skincal.envs.patches import PatchMould
 from skincal.envs.pinch import Pinch, require_cylinder
-from skincal.model import ContactLaw, Contacts, Cylinder, SensorPose, Skin, SkinParameters
+from skincal.model import ContactLaw, Contacts, Cylinder, Patch, SensorPose, Skin, SkinParameters, TaxelLayout
 from skincal.model.arrays import FloatArray
 
 SESSION_S = 600.0
@@ -160,3 +159,37 @@ class TactileSkin:
         if abs(change) < _STEADY_N_PER_S:
             return HOLD
         return LOAD if change > 0 else UNLOAD
+
+
+_MARGIN_M = 8e-3
+"""How far the skin goes on around the taxels [m]."""
+
+
+class PatchMould:
+    """Lays the same cells on a cylinder at one pose after the other.
+
+    The patches are those of :meth:`skincal.model.Patch.build`; the compact tiles are those found at one pose, as
+    neighbours stay neighbours.
+
+    Args:
+        surface: the fingertip.
+        layout: the taxels.
+        resolution_m: longest edge of a cell [m].
+    """
+
+    def __init__(
+        self,
+        surface: Cylinder,
+        layout: TaxelLayout,
+        resolution_m: float = 0.25e-3,
+    ) -> None:
+        self._surface = surface
+        # Always at the same pose: the order of sums must not depend on what was asked for before.
+        self._first = Patch.build(surface, layout, SensorPose(0.0, 0.0), resolution_m, _MARGIN_M)
+
+    def at(self, pose: SensorPose) -> Patch:
+        """Return the patch at a pose."""
+        first = self._first
+        assert first.uv_m is not None
+        points, normals = self._surface.wrap(pose, first.uv_m)
+        return first.moved(points, normals)

@@ -19,10 +19,9 @@ from skincal.hand.driver import HandDriver
 from skincal.hand.errors import HandError
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.halt import HURRY_S, STOPPED
-from skincal.hand.hands import joint_contact_force
 from skincal.hand.trial import FailedCheckError, SkippedCheckError, Trial
 from skincal.hand.worker import CallExitError, CallTimeoutError
-from skincal.robot import HandDescription
+from skincal.robot import HandDescription, joint_contact_force
 from skincal.signals import held_back
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"

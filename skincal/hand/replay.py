@@ -11,8 +11,8 @@ from skincal.dataset import Frames, read_dataset
 from skincal.errors import input_error
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
-from skincal.hand.hands import hand_named
 from skincal.model.arrays import FloatArray
+from skincal.robot import hand_named
 from skincal.robot.description import HandDescription
 
 

@@ -13,14 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.floating[Any]]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.intp]
+from skincal.fitting.types import Bools, Floats, Ints
 
 Simulate = Callable[[Floats, Ints], Floats]
 """Function from slacks (n, 2) [m] and the indices of their presses (n,) to values (n, J) [counts], not clipped."""

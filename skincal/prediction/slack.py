@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset import Dataset
 from skincal.fitting.observe import Observed
+from skincal.fitting.types import Floats, Ints
 from skincal.prediction.holds import HoldModel, in_time
 from skincal.prediction.places import Places, Seen, Simulate, best_places
 from skincal.prediction.touches import CalibratedSkin, Touches
-
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.intp]
 
 
 def best_slack(

@@ -14,11 +14,10 @@ from skincal.dataset import Dataset
 from skincal.dataset.placement import patch_coordinates
 from skincal.fitting.problem import USED
 from skincal.fitting.result import FitResult
+from skincal.fitting.types import Floats
 from skincal.model import Contacts, Converter, Patch, SensorPose, Skin, SkinParameters
+from skincal.model.arrays import IntArray
 from skincal.prediction import Seen, best_places
-
-FloatArray = NDArray[np.floating[Any]]
-IntArray = NDArray[np.int64]
 
 MOST = 8
 """Most presses that were left out to simulate; a larger number are not outliers."""
@@ -39,8 +38,8 @@ class PressView:
     press: IntArray
     used: IntArray
     unused: IntArray
-    measured_uv_m: FloatArray
-    estimated_uv_m: FloatArray
+    measured_uv_m: Floats
+    estimated_uv_m: Floats
 
     @classmethod
     def of(cls, result: FitResult, dataset: Dataset) -> PressView:
@@ -66,7 +65,7 @@ def why_unused(result: FitResult) -> list[tuple[str, int]]:
     return Counter(status for status in result.problem.status if status != USED).most_common()
 
 
-def chosen_presses(rmse_counts: FloatArray, most: int, few: int = 30) -> IntArray:
+def chosen_presses(rmse_counts: Floats, most: int, few: int = 30) -> IntArray:
     """Return the presses to show, the worst first: all of them, or a selection with the worst and best.
 
     Args:
@@ -98,8 +97,8 @@ class LeftOut:
     """
 
     row: int
-    observed: FloatArray
-    simulated: FloatArray
+    observed: Floats
+    simulated: Floats
     rmse_counts: float
 
 
@@ -132,7 +131,7 @@ def _simulated(result: FitResult, dataset: Dataset, rows: NDArray[np.intp]) -> I
         normal = tilted / np.linalg.norm(tilted) if tilted is not None and np.isfinite(tilted).all() else None
 
         def simulate(
-            slack_m: FloatArray,
+            slack_m: Floats,
             _: Any,
             at: Any = point,
             force: Any = force,

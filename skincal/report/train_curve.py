@@ -6,15 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from skincal.model.arrays import FloatArray
 from skincal.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, as_it_is, new_figure, styled
 
 COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE)
 SMOOTH_STEPS = 10_000
 """Steps over which figures are averaged: a single round holds eight episodes."""
 
-FloatArray = NDArray[np.float64]
 
 _PANELS = (
     ("reward", "reward of a step", 1.0),

@@ -59,11 +59,6 @@ class Kinematics:
         """Return the frames of the fingertip and at the sphere's centre for joint angles (K, n) or (n,) [rad]."""
         return self._pair.frames(self.angles(q_rad))
 
-    def centre_in_tip(self, q_rad: ArrayLike) -> FloatArray:
-        """Return the sphere's centre in the fingertip frame (K, 3) [m], for joint angles (K, n) or (n,) [rad]."""
-        skin, indenter = self.frames(q_rad)
-        return skin.to_tip(indenter.origins_m)
-
     def link_angles(self, q_rad: ArrayLike, tau_nm: ArrayLike) -> FloatArray:
         """Return the link angles (K, n) [rad]: measured angles (K, n) less the give of the drives at torques (K, n)."""
         q = self.angles(q_rad)

@@ -7,9 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.model.arrays import FloatArray
-
-BoolArray = NDArray[np.bool_]
+from skincal.model.arrays import BoolArray, FloatArray
 
 SETTLED_S = (2.0, 8.0)
 """The part of a marble's run that counts as settled [s]: the circle, after the way from the centre to the side."""

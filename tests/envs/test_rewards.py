@@ -63,5 +63,5 @@ def test_each_term_has_its_width(change: dict[str, float], term: str, value: flo
 
 
 def test_a_weight_that_is_none_is_refused() -> None:
-    with pytest.raises(InputError, match="rewards force: expected a finite number, 0 or more"):
+    with pytest.raises(InputError, match=r"RewardScales\.force: expected a finite number, 0 or more"):
         RewardScales(force=-0.1)
