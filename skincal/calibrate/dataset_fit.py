@@ -44,14 +44,7 @@ COLLECT_MORE = f"Collect more presses, {2 * FEW_PRESSES} or more, spread over th
 
 @dataclass(frozen=True, eq=False)
 class Outcome(Shown):
-    """A calibration, and the fit that it comes from.
-
-    Attributes:
-        calibration: what is written.
-        result: what the report draws.
-        resumed: turns of the grid that an earlier, interrupted run had evaluated.
-        way: that was taken.
-    """
+    """A calibration, and the fit that it comes from."""
 
     calibration: Calibration
     result: FitResult

@@ -115,16 +115,7 @@ class Calibration(Shown):
         provenance: Provenance,
         **rest: Any,
     ) -> Self:
-        """Return a calibration of the sensor that a dataset describes.
-
-        Args:
-            dataset: dataset with sensor, surface, indenter, mount, position, and the files that they name.
-            model: best parameters.
-            intervals: low and high of each.
-            loss: quality of the fit.
-            provenance: provenance of the calibration.
-            rest: further attributes.
-        """
+        """Return a calibration of the sensor that a dataset describes."""
         meta = dataset.meta
         return cls(
             sensor=meta.sensor,

@@ -81,12 +81,7 @@ LAW: Final = ("exponent", "spread_m2", "radius_scale")
 
 @dataclass(frozen=True)
 class FittedLaw:
-    """The difference of the contact from the elastic foundation, where the data show it.
-
-    Attributes:
-        law: the best values.
-        intervals: low and high of each number of the law, by name.
-    """
+    """The difference of the contact from the elastic foundation, where the data show it."""
 
     law: ContactLaw
     intervals: Mapping[str, Interval] = field(default_factory=dict[str, Interval])

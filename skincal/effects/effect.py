@@ -92,10 +92,6 @@ class Effect(ABC):
     def checked(self, given: Mapping[str, ArrayLike], taxels: int) -> Values:
         """Return the values of all parameters: given ones, and neutral or default ones for the rest.
 
-        Args:
-            given: numbers by parameter; one number stands for all taxels or poses.
-            taxels: number of taxels J.
-
         Raises:
             InputError: unknown parameters, or values out of bounds.
         """

@@ -50,14 +50,7 @@ _LOOK_STEPS = 4
 
 
 class Grasp:
-    """Lets a hand take an object.
-
-    Args:
-        pinch: the hand.
-        kinematics: the same.
-        nominal: values of an episode without randomization: what the hand takes its drives to be.
-        options: how.
-    """
+    """Lets a hand take an object."""
 
     def __init__(self, pinch: Pinch, kinematics: Kinematics, nominal: Values, options: GraspOptions) -> None:
         self._pinch = pinch

@@ -32,14 +32,7 @@ TASK: Final = ("target", "movement")
 
 @dataclass(frozen=True)
 class Part:
-    """Some numbers of an observation.
-
-    Attributes:
-        name: what they are.
-        size: how many.
-        low: below this they are cut off.
-        high: above this they are cut off.
-    """
+    """Some numbers of an observation."""
 
     name: str
     size: int
@@ -136,21 +129,12 @@ class Seen:
         return tuple({"name": part.name, "size": part.size, "steps_ago": ago} for part, ago in parts)
 
     def begin(self, constant: Mapping[str, Any]) -> None:
-        """Forget what was seen.
-
-        Args:
-            constant: what the critic is told of the new episode.
-        """
+        """Forget what was seen."""
         self._stack.clear()
         self._told = self._constant.fill(constant)
 
     def observe(self, values: Mapping[str, Any], critic: Mapping[str, Any]) -> Observation:
-        """Return the next observation; at the beginning of an episode the first one stands for those before it.
-
-        Args:
-            values: what the policy may see, by part.
-            critic: what the critic sees, by part.
-        """
+        """Return the next observation; at the beginning of an episode the first one stands for those before it."""
         now = self.now.fill(values)
         self._stack.append(now)
         while len(self._stack) < STACKED:

@@ -112,12 +112,7 @@ def _pixel(place_m: FloatArray) -> tuple[int, int]:
 
 
 class Board:
-    """The tactile image as a board of coloured tiles beside the hand, for PyBullet's window.
-
-    Args:
-        scene: the world that it stands in; it has to be put up again in each new one.
-        shown: where the hand is, and the taxels.
-    """
+    """The tactile image as a board of coloured tiles beside the hand, for PyBullet's window."""
 
     def __init__(self, scene: BulletScene, shown: Shown) -> None:
         engine, client = scene.engine, scene.client

@@ -47,9 +47,6 @@ class TactileSkin:
     Args:
         pinch: the hand with the sensor.
         resolution_m: longest edge of a tactile point's cell [m].
-
-    Attributes:
-        layout: the taxels.
     """
 
     def __init__(self, pinch: Pinch, resolution_m: float) -> None:

@@ -78,12 +78,7 @@ class CheckResult:
 
 @dataclass(frozen=True)
 class ContractReport:
-    """Results of all checks of a driver.
-
-    Attributes:
-        driver: its name.
-        results: one per check, in order.
-    """
+    """Results of all checks of a driver."""
 
     driver: str
     results: tuple[CheckResult, ...] = field(default_factory=tuple[CheckResult, ...])

@@ -25,10 +25,6 @@ class ReplayDriver(HandDriver):
 
     Commands have no effect; they are stored in ``commands``, each with the time of the state that it answered.
 
-    Args:
-        dataset: folder of the dataset.
-        hand: the hand that it was recorded with.
-
     Raises:
         InputError: the dataset cannot be read, or has no such frames.
     """

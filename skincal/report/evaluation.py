@@ -139,7 +139,7 @@ def _draw_runs(axes: Axes, runs: Runs) -> None:
             axes.plot(*way[held][-1], "x", color=colour, markersize=6)
 
 
-COLOURS = 128
+FILM_COLOURS = 128
 
 
 def write_film(
@@ -157,6 +157,6 @@ def write_film(
         frames = [Image.fromarray(environment.render()) for _ in episode(policy, environment, trial, number)]  # type: ignore[arg-type]
     finally:
         environment.close()
-    first, *rest = (frame.quantize(COLOURS, dither=Image.Dither.NONE) for frame in frames)
+    first, *rest = (frame.quantize(FILM_COLOURS, dither=Image.Dither.NONE) for frame in frames)
     with whole_file(path, force=force) as temporary:
         first.save(temporary, save_all=True, append_images=rest, duration=round(1e3 / POLICY_HZ), loop=0)

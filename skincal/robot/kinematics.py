@@ -23,11 +23,6 @@ class Kinematics:
     """Forward kinematics of the two tips.
 
     Build it with ``Kinematics(description)``; the URDF is read once.
-
-    Attributes:
-        description: the hand.
-        skin: the finger that carries the skin.
-        indenter: the finger with the indenter.
     """
 
     description: HandDescription

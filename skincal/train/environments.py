@@ -46,13 +46,7 @@ def in_full(work: Work, ranges: Ranges | None) -> Work:
 
 
 def parallel(make: Make, number: int, *, processes: bool = False) -> VecEnv:
-    """Return several environments side by side.
-
-    Args:
-        make: makes one.
-        number: how many.
-        processes: each in a process of its own; else they take turns in this one.
-    """
+    """Return several environments side by side."""
     makers = [make] * number
     return SubprocVecEnv(makers, start_method="forkserver") if processes else DummyVecEnv(makers)
 

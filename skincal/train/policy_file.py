@@ -101,13 +101,7 @@ def _is_plain(value: Any) -> bool:
 
 
 class Policy:
-    """A policy that is ready to act.
-
-    Attributes:
-        network: what it computes.
-        description: what it is for.
-        file: where it was read from.
-    """
+    """A policy that is ready to act."""
 
     def __init__(self, network: Network, description: Description, file: str) -> None:
         self.network, self.description, self.file = network, description, file

@@ -123,12 +123,7 @@ class Rolling:
 
 
 def score(runs: Runs, rng: np.random.Generator) -> Score:
-    """Sum up the tracking errors of a policy.
-
-    Args:
-        runs: its episodes.
-        rng: for the intervals, which are bootstrapped over episodes.
-    """
+    """Sum up the tracking errors of a policy."""
     mean = mean_error_m(runs.error_m, np.ones((1, len(runs))))[0]
     draws = rng.multinomial(len(runs), np.full(len(runs), 1.0 / len(runs)), RESAMPLES)
     resampled = mean_error_m(runs.error_m, draws)
