@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from skincal.envs.bodies import Body, Bolt
 from skincal.envs.drawing import Values, number
-from skincal.envs.episode_options import EpisodeOptions
 from skincal.envs.roll import RollEnv
-from skincal.envs.task import TaskOptions
+from skincal.envs.task_options import EpisodeOptions, TaskOptions
 from skincal.envs.trajectories import BOLT_HZ, ORIENTATIONS_DEG, sine
 from skincal.model.arrays import FloatArray
 

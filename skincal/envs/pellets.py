@@ -13,10 +13,10 @@ import numpy as np
 
 from skincal.envs.bodies import Body, Marble
 from skincal.envs.drawing import EFFECTS_PREFIX, Values, array, number
-from skincal.envs.episode_options import EpisodeOptions
 from skincal.envs.roll import RollEnv
 from skincal.envs.sensing import View, view
 from skincal.envs.tactile import Felt
+from skincal.envs.task_options import EpisodeOptions
 from skincal.errors import input_error
 from skincal.model import Contacts
 from skincal.model.arrays import FloatArray

@@ -16,7 +16,6 @@ from skincal.envs.bodies import Body
 from skincal.envs.bullet_scene import BulletScene
 from skincal.envs.critic import constant_parts, state_parts, state_values
 from skincal.envs.drawing import Drawer, Value, Values, array, check_given, is_chosen
-from skincal.envs.episode_options import EpisodeOptions, read_options
 from skincal.envs.grasp import Grasp
 from skincal.envs.needed import ObjectName, ranges_for
 from skincal.envs.observations import KINDS, Observation, PolicyKind, Seen
@@ -26,7 +25,7 @@ from skincal.envs.rewards import Situation, reward_terms
 from skincal.envs.scene import PHYSICS_HZ, Scene, check_engine, make_scene
 from skincal.envs.sensing import Sensor, View, view
 from skincal.envs.tactile import SESSION_S, Felt, TactileSkin
-from skincal.envs.task import TaskOptions, with_single
+from skincal.envs.task_options import EpisodeOptions, TaskOptions, read_options
 from skincal.envs.trajectories import POLICY_HZ
 from skincal.errors import input_error
 from skincal.model.arrays import FloatArray
@@ -88,7 +87,8 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             )
         self.policy: PolicyKind = policy
         self.engine = engine
-        self.options = with_single(options or self.default_options(), single)
+        own = options or self.default_options()
+        self.options = read_options(TaskOptions, {**vars(own), **single}, "environment")
         self.render_mode = render_mode
         self.ranges = ranges_for(self.object_name, self.preset if ranges is None else ranges)
         self.pinch: Pinch = read_pinch(hand)
@@ -149,7 +149,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             InputError: options that make no sense.
         """
         super().reset(seed=seed)
-        asked = read_options(options)
+        asked = read_options(EpisodeOptions, options or {}, "options")
         check_given(asked.values, self._drawer)
         self._drawer.check_names(asked.randomize or (), "options randomize")
         self._asked = asked

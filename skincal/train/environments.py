@@ -16,7 +16,7 @@ from skincal.train.settings import Work
 from skincal.train.tasks import ENVIRONMENT_IDS
 
 if TYPE_CHECKING:
-    from skincal.envs.task import TaskOptions
+    from skincal.envs.task_options import TaskOptions
 
 Make = Callable[[], "gymnasium.Env[Any, Any]"]
 
