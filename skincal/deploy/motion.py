@@ -11,9 +11,6 @@ from skincal.hand.driver import HandState
 from skincal.hand.guard import GuardedHand
 from skincal.model.arrays import FloatArray
 
-SPEEDS_RAD_PER_S = {"marble": 0.3, "bolt": 0.6}
-"""Joint velocity that an action of 1 commands, unless the policy says otherwise [rad/s]."""
-
 
 @dataclass(frozen=True)
 class DeployOptions:

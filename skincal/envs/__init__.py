@@ -8,6 +8,8 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+from skincal.tasks import JOINT_OFFSETS
+
 if TYPE_CHECKING:
     from skincal.envs.bolt import BoltRollEnv
     from skincal.envs.grasp import GraspOptions
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
     from skincal.envs.registration import ENVIRONMENTS, register_environments
     from skincal.envs.rewards import RewardScales
     from skincal.envs.roll import RollEnv
-    from skincal.envs.task_options import JOINT_OFFSETS, EpisodeOptions, TaskOptions
+    from skincal.envs.task_options import EpisodeOptions, TaskOptions
     from skincal.envs.trajectories import ORIENTATIONS_DEG
 
 if find_spec("gymnasium") is not None:
@@ -32,7 +34,7 @@ _HOMES = {
     "registration": "ENVIRONMENTS register_environments",
     "rewards": "RewardScales",
     "roll": "RollEnv",
-    "task_options": "EpisodeOptions JOINT_OFFSETS TaskOptions",
+    "task_options": "EpisodeOptions TaskOptions",
     "trajectories": "ORIENTATIONS_DEG",
 }
 

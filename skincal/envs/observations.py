@@ -6,24 +6,24 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.model.arrays import FloatArray
+from skincal.tasks import PolicyKind
 
 Observation = dict[str, NDArray[np.float32]]
-PolicyKind = Literal["tactile", "joint-angles", "desired", "ideal"]
 
 STACKED: Final = 5
 """Observations that a policy sees: the present one and four before it (the paper's)."""
-KINDS: Final[dict[str, tuple[str, ...]]] = {
-    "tactile": ("image", "desired"),
-    "joint-angles": ("desired", "measured", "error"),
-    "desired": ("desired",),
-    "ideal": ("truth", "desired"),
+KINDS: Final[dict[PolicyKind, tuple[str, ...]]] = {
+    PolicyKind.tactile: ("image", "desired"),
+    PolicyKind.joint_angles: ("desired", "measured", "error"),
+    PolicyKind.desired: ("desired",),
+    PolicyKind.ideal: ("truth", "desired"),
 }
 """What each policy sees five times, as published; ``ideal`` is what a perfect skin would tell."""
 TASK: Final = ("target", "movement")

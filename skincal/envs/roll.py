@@ -18,7 +18,7 @@ from skincal.envs.critic import constant_parts, state_parts, state_values
 from skincal.envs.drawing import Drawer, Value, Values, array, check_given, is_chosen
 from skincal.envs.grasp import Grasp
 from skincal.envs.needed import ObjectName, ranges_for
-from skincal.envs.observations import KINDS, Observation, PolicyKind, Seen
+from skincal.envs.observations import KINDS, Observation, Seen
 from skincal.envs.picture import Board, Picture, Shown, display_there, picture
 from skincal.envs.pinch import Pinch, read_pinch
 from skincal.envs.rewards import Situation, reward_terms
@@ -31,6 +31,7 @@ from skincal.errors import input_error
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
 from skincal.robot import Kinematics
+from skincal.tasks import PolicyKind
 
 AHEAD: tuple[int, ...] = (5, 10)
 """The critic sees the targets so many steps ahead."""
@@ -68,7 +69,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def __init__(
         self,
-        policy: PolicyKind = "tactile",
+        policy: PolicyKind | str = PolicyKind.tactile,
         ranges: Ranges | str | Path | None = None,
         hand: str | Path | None = None,
         render_mode: str | None = None,
@@ -85,7 +86,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             raise input_error(
                 "environment render_mode", f"None: {engine} makes no pictures", repr(render_mode)
             )
-        self.policy: PolicyKind = policy
+        self.policy = PolicyKind(policy)
         self.engine = engine
         own = options or self.default_options()
         self.options = read_options(TaskOptions, {**vars(own), **single}, "environment")
@@ -102,7 +103,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         state = state_parts(n, self.target_size, len(AHEAD), self.target_limit, self.own_size)
         constant = constant_parts(self._drawer.nominal)
         self._seen = Seen(
-            policy,
+            self.policy,
             n,
             self.skin.taxels,
             self.skin.range_counts,
@@ -165,7 +166,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         values, self._sample = self._drawer.episode(self.np_random, asked.randomize, asked.values)
         age = float(self.np_random.uniform(0.0, SESSION_S))
         self._age_s = age if is_chosen("skin", asked.randomize) else 0.0
-        if self.policy != "tactile":
+        if self.policy is not PolicyKind.tactile:
             self._fix_sensor(values, asked)
         self._values, self._body_now = values, self._body(values)
         self._offset_rad = array(values, "finger.joint_offset_rad")
@@ -178,7 +179,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         places = self._places(values)
         command = self._grasp.take(self._scene, values, self._body_now, rotation, *places)
         self._desired = self._clipped(command)
-        if self.policy == "tactile":
+        if self.policy is PolicyKind.tactile:
             self.skin.begin(values, self._sensor.pose, self._body_now, self._age_s)
         self._seen.begin(values)
 
@@ -323,9 +324,9 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             "target": self._targets[k],
             "movement": self._movements[k],
         }
-        if self.policy == "ideal":
+        if self.policy is PolicyKind.ideal:
             values["truth"] = self._contact_truth()
-        if self.policy == "tactile":
+        if self.policy is PolicyKind.tactile:
             self.image = self.skin.image(
                 self.felt(),
                 k / POLICY_HZ,
@@ -401,7 +402,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return Shown(
             centre_m=self._grasp.centre_m,
             layout=self.skin.layout,
-            image=self.image if self.policy == "tactile" else None,
+            image=self.image if self.policy is PolicyKind.tactile else None,
             target_m=self._target_m(),
             place_m=self._view.position_m,
         )

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from skincal.calibration import MARGIN_M
 from skincal.calibration.parts import LAW
 from skincal.dataset.model_objects import converter_of, layout_of
 from skincal.effects import EffectSkin, Samples, SkinStream
@@ -158,10 +159,6 @@ class TactileSkin:
         return LOAD if change > 0 else UNLOAD
 
 
-_MARGIN_M = 8e-3
-"""How far the skin goes on around the taxels [m]."""
-
-
 class PatchMould:
     """Lays the same cells on a cylinder at one pose after the other.
 
@@ -182,7 +179,7 @@ class PatchMould:
     ) -> None:
         self._surface = surface
         # Always at the same pose: the order of sums must not depend on what was asked for before.
-        self._first = Patch.build(surface, layout, SensorPose(0.0, 0.0), resolution_m, _MARGIN_M)
+        self._first = Patch.build(surface, layout, SensorPose(0.0, 0.0), resolution_m, MARGIN_M)
 
     def at(self, pose: SensorPose) -> Patch:
         """Return the patch at a pose."""

@@ -15,9 +15,8 @@ from skincal.dataset.schema import Table, read_table
 from skincal.envs.grasp import GraspOptions
 from skincal.envs.rewards import RewardScales
 from skincal.envs.trajectories import BOLT_HZ, FIXED
+from skincal.tasks import SPEEDS_RAD_PER_S, Task
 
-JOINT_OFFSETS: Final = ("finger.joint_offset_rad",)
-"""All that the paper randomizes in its evaluation."""
 _TRAJECTORIES: Final = ("random", *FIXED)
 
 
@@ -79,7 +78,7 @@ class TaskOptions(Table, unknown="refuse"):
     """
 
     duration_s: Annotated[float, _Positive()] = 6.0
-    speed_rad_per_s: Annotated[float, _Positive()] = 0.3
+    speed_rad_per_s: Annotated[float, _Positive()] = SPEEDS_RAD_PER_S[Task.marble]
     box_half_m: Annotated[float, _Positive()] = 6e-3
     resolution_m: Annotated[float, _Positive()] = 0.25e-3
     solver_iterations: Annotated[int, _Positive("a whole number > 0, below 10000")] = 20

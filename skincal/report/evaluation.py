@@ -22,10 +22,8 @@ from skincal.report.style import (
     BLACK,
     BLUE,
     GREEN,
-    GREY,
     ORANGE,
-    PURPLE,
-    RED,
+    SEVERAL,
     as_it_is,
     legend_below,
     new_figure,
@@ -89,7 +87,6 @@ def write_runs(found: Sequence[Evaluated], path: Path) -> None:
 
 
 EXAMPLES = 3
-COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, GREY)
 
 
 @styled
@@ -113,7 +110,7 @@ def error_figure(scores: Mapping[str, Score], title: str = "") -> Figure:
     """Draw the mean tracking error over time with its 95 % interval, and the number of runs that last."""
     figure = new_figure(6.4, 3.8, title)
     axes = figure.subplots()
-    for (name, score), colour in zip(scores.items(), COLOURS * len(scores), strict=False):
+    for (name, score), colour in zip(scores.items(), SEVERAL * len(scores), strict=False):
         label = f"{as_it_is(name)} ({score.episodes - score.drops} of {score.episodes} held)"
         axes.plot(score.time_s, 1e3 * score.error_m, color=colour, label=label)
         low, high = 1e3 * score.error_low_m, 1e3 * score.error_high_m

@@ -12,8 +12,8 @@ import numpy as np
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from skincal.ranges import Ranges
+from skincal.tasks import ENVIRONMENT_IDS
 from skincal.train.settings import Work
-from skincal.train.tasks import ENVIRONMENT_IDS
 
 if TYPE_CHECKING:
     from skincal.envs.task_options import TaskOptions

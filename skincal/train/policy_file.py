@@ -17,8 +17,8 @@ from skincal.dataset.schema import Table
 from skincal.dataset.schema_errors import Violation
 from skincal.errors import InputError, WorkError, input_error
 from skincal.files import reason
+from skincal.tasks import PolicyKind, Task
 from skincal.train.network import Network
-from skincal.train.tasks import PolicyKind, Task
 
 FORMAT: Final = "skincal-policy/1"
 DESCRIPTION_KEY: Final = "skincal"
