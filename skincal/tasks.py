@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Final
+from typing import Final, Literal
 
 
 class Task(StrEnum):
@@ -43,6 +43,9 @@ ENVIRONMENT_IDS: Final = {
     Task.pellets: "skincal/PelletSeparate-v0",
 }
 """What gymnasium makes a task by."""
+
+PresetName = Literal["iros24", "icra26"]
+"""Published works whose randomization comes along as a preset."""
 
 PUBLISHED_STEPS: Final = {Task.marble: 800_000, Task.bolt: 600_000, Task.pellets: 8_000_000}
 """Length of a training run [environment steps], Kasolowsky & Bäuml, IROS 2024, section V-E; pellets: ICRA 2026."""

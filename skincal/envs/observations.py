@@ -71,7 +71,7 @@ class Layout:
         return np.minimum(flat, self.high, out=flat)
 
 
-class Seen:
+class ObservationStack:
     """The observation spaces of a policy and its critic, and the stack of what was seen.
 
     Args:
@@ -131,7 +131,7 @@ class Seen:
     def begin(self, constant: Mapping[str, Any]) -> None:
         """Forget what was seen."""
         self._stack.clear()
-        self._told = self._constant.fill(constant)
+        self._constant_values = self._constant.fill(constant)
 
     def observe(self, values: Mapping[str, Any], critic: Mapping[str, Any]) -> Observation:
         """Return the next observation; at the beginning of an episode the first one stands for those before it."""
@@ -142,7 +142,7 @@ class Seen:
         policy = np.concatenate([*self._stack, self.task.fill(values)])
         return {
             "policy": policy.astype(np.float32),
-            "critic": np.concatenate([self.critic.fill(critic), self._told]).astype(np.float32),
+            "critic": np.concatenate([self.critic.fill(critic), self._constant_values]).astype(np.float32),
         }
 
 

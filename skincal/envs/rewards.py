@@ -64,7 +64,7 @@ class RewardScales:
 
 
 @dataclass(frozen=True)
-class Situation:
+class RewardInputs:
     """Inputs of the reward of a step.
 
     Attributes:
@@ -86,9 +86,9 @@ class Situation:
     angle_rad: float | None = None
 
 
-def reward_terms(situation: Situation, scales: RewardScales) -> dict[str, float]:
+def reward_terms(inputs: RewardInputs, scales: RewardScales) -> dict[str, float]:
     """Return all terms of a step's reward, penalties negative; the reward is their sum."""
-    s = situation
+    s = inputs
     terms = {
         "position": scales.position * falling(s.distance_m, scales.position_width_m),
         "force": scales.force * falling(abs(s.force_n - scales.force_n), scales.force_width_n),

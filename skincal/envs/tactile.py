@@ -28,7 +28,7 @@ _NOTHING = Contacts(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.zeros(1))
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
+class SkinContact:
     """A contact as the skin feels it, fingertip frame.
 
     Attributes:
@@ -100,7 +100,7 @@ class TactileSkin:
         """Make the first touch as fast as all others; see :meth:`skincal.model.Skin.prepare`."""
         self._skin.prepare(self._body.indenter)
 
-    def image(self, felt: Felt | None, time_s: float, noise_counts: FloatArray) -> FloatArray:
+    def image(self, felt: SkinContact | None, time_s: float, noise_counts: FloatArray) -> FloatArray:
         """Return the next tactile image (J,) [counts].
 
         Args:
@@ -112,7 +112,7 @@ class TactileSkin:
         # Adding zero turns the converter's -0 into 0; observations make of NaN a 0.
         return self._converter.apply(counts) + 0.0
 
-    def _values(self, felt: Felt | None, time_s: float) -> FloatArray:
+    def _values(self, felt: SkinContact | None, time_s: float) -> FloatArray:
         if self._stream is not None:
             return self._stream.step(self._samples(felt, time_s))[0]
         if felt is None:
@@ -121,7 +121,7 @@ class TactileSkin:
         # Contacts that lie apart press on tactile points of their own.
         return values[0] if len(values) == 1 else values.sum(axis=0)
 
-    def _samples(self, felt: Felt | None, time_s: float) -> Samples:
+    def _samples(self, felt: SkinContact | None, time_s: float) -> Samples:
         """Return the contact with what effects need to know besides.
 
         A skin in use has been touched everywhere before: the cycle is not known, and what fades with it has faded.
@@ -144,7 +144,7 @@ class TactileSkin:
         )
         return replace(samples, start_s=0.0)
 
-    def _phase(self, felt: Felt | None, time_s: float) -> int:
+    def _phase(self, felt: SkinContact | None, time_s: float) -> int:
         """Return whether the force rises, falls or stays."""
         before, self._before = (
             self._before,

@@ -37,7 +37,7 @@ ROOM = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ObservedImages:
     """Images that the positions are to explain.
 
     Attributes:
@@ -71,7 +71,11 @@ class Places:
 
 
 def best_places(
-    simulate: Simulate, seen: Seen, position_sigma_m: float, slack_m: float, start: Places | None = None
+    simulate: Simulate,
+    seen: ObservedImages,
+    position_sigma_m: float,
+    slack_m: float,
+    start: Places | None = None,
 ) -> Places:
     """Find the best slack of every press.
 
@@ -137,7 +141,7 @@ class _Best:
 @dataclass(frozen=True, eq=False)
 class _Problem:
     simulate: Simulate
-    seen: Seen
+    seen: ObservedImages
     stiffness: float
     slack_m: float
 

@@ -10,7 +10,7 @@ from skincal.dataset import Dataset
 from skincal.fitting.observe import Observed
 from skincal.fitting.types import Floats, Ints
 from skincal.prediction.holds import HoldModel, in_time
-from skincal.prediction.places import Places, Seen, Simulate, best_places
+from skincal.prediction.places import ObservedImages, Places, Simulate, best_places
 from skincal.prediction.touches import CalibratedSkin, Touches
 
 
@@ -59,7 +59,7 @@ def _found(
     scatter = seen.rest_sigma_counts if np.isfinite(seen.rest_sigma_counts) else 0.0
     values, weight = np.where(read, seen.values[free], 0.0), np.where(read, seen.slope[free], 0.0)
     lit = read & (values > max(4 * scatter, 0.5))
-    images = Seen(values, weight, seen.saturated[free] & read, lit, max(scatter, 0.05))
+    images = ObservedImages(values, weight, seen.saturated[free] & read, lit, max(scatter, 0.05))
     spec = dataset.meta.position
     bound = spec.slack_m if np.isfinite(spec.slack_m) else _patch_size_m(on)
     return best_places(simulate, images, spec.sigma_m, bound, start)
