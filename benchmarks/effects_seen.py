@@ -20,7 +20,7 @@ from skincal.dataset import read_dataset
 from skincal.diagnosis.audit import audit_dataset, audit_planned
 from skincal.diagnosis.planned_session import plan_session
 from skincal.diagnosis.reasons import EffectAudit
-from skincal.hand.hands import hand_named
+from skincal.robot import hand_named
 from skincal.version import __version__
 
 ROOT = Path(__file__).parent.parent

@@ -17,7 +17,7 @@ import gymnasium
 import numpy as np
 
 import skincal.envs
-from skincal.envs.scene import ENGINES
+from skincal.tasks import Engine
 from skincal.train import Task, bundled_policies, read_policy
 from skincal.train.evaluate import Trial, environment_for, episode
 
@@ -134,7 +134,7 @@ def main() -> None:
         if "tactile" not in name:
             continue
         count = asked.bolt if name.startswith("bolt") else asked.marble
-        for engine in ENGINES:
+        for engine in Engine:
             trials = Trials(name, engine)
             runs = [once(f"{name} {engine} run {k}", trials.run, k) for k in range(count)]
             print(tell(name, engine, runs), flush=True)

@@ -103,7 +103,7 @@ def one(name: str, policy: str, steps: int) -> dict[str, float]:
     if policy == "tactile":
         for method in ("begin", "image"):
             watch.on(env.unwrapped.skin, method)
-        watch.on(env.unwrapped, "felt")
+        watch.on(env.unwrapped, "skin_contact")
     begin = time.process_time()
     done = roll(env, steps)
     used = time.process_time() - begin

@@ -27,7 +27,7 @@ from skincal.hand import (
     HandState,
     create_driver,
 )
-from skincal.hand.hands import joint_contact_force
+from skincal.robot import joint_contact_force
 
 GOOD_PERIODS = 5
 OPTIONS = GuardOptions(timeout_s=0.5, stale_s=0.2)

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.stats import binomtest
 
 import skincal.envs
+from skincal.tasks import ENVIRONMENT_IDS
 from skincal.train import Task, read_policy
 from skincal.train.evaluate import check_fits, check_task
-from skincal.train.tasks import ENVIRONMENT_IDS
 
 assert skincal.envs  # registers the tasks
 

@@ -17,8 +17,7 @@ from typing import Annotated
 import numpy as np
 
 from skincal.hand import HandCommand, HandDriver, HandError, HandState
-from skincal.hand.hands import hand_named
-from skincal.robot import HandDescription
+from skincal.robot import HandDescription, hand_named
 
 
 class MyHand(HandDriver):

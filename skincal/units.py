@@ -5,10 +5,6 @@ from __future__ import annotations
 import math
 import re
 
-MM = 1e-3
-"""One millimetre in metres."""
-
-
 _COUNTS = re.compile(r"(?<![\w.-])counts(?![A-Za-z0-9_-])|(?<=1/)count\b")
 
 

@@ -98,7 +98,8 @@ class SignatureOf(Figure):
 
     def run(self) -> list[nodes.Node]:
         """The figure."""
-        from skincal.report.signatures import STRENGTH, signature_figure
+        from signatures import STRENGTH, signature_figure
+
         from skincal.report.style import save
 
         env: BuildEnvironment = self.state.document.settings.env

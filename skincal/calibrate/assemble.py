@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.calibrate.data_findings import for_the_rig
 from skincal.calibrate.problem import moved
-from skincal.calibrate.rig_advice import for_the_rig
 from skincal.calibration import Calibration, Finding, Interval, Loss, ModelParameters, Provenance
 from skincal.calibration.parts import REST
 from skincal.dataset import Dataset

@@ -10,8 +10,7 @@ import numpy as np
 
 from skincal.calibrate.assemble import calibration_of, provenance_of
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
-from skincal.calibrate.moving_rest import with_moving_rest
-from skincal.calibrate.order import in_order, with_other_order
+from skincal.calibrate.data_findings import in_order, with_moving_rest, with_other_order
 from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import Method, Way, choose_way
 from skincal.calibration import Calibration
@@ -45,14 +44,7 @@ COLLECT_MORE = f"Collect more presses, {2 * FEW_PRESSES} or more, spread over th
 
 @dataclass(frozen=True, eq=False)
 class Outcome(Shown):
-    """A calibration, and the fit that it comes from.
-
-    Attributes:
-        calibration: what is written.
-        result: what the report draws.
-        resumed: turns of the grid that an earlier, interrupted run had evaluated.
-        way: that was taken.
-    """
+    """A calibration, and the fit that it comes from."""
 
     calibration: Calibration
     result: FitResult

@@ -21,9 +21,8 @@ from skincal.fitting.general_local import LocalPlaces
 from skincal.fitting.observe import Readout
 from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
 from skincal.model import Surface
+from skincal.model.arrays import FloatArray
 from skincal.units import rad
-
-Floats = NDArray[np.float64]
 
 
 def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -> FitProblem:
@@ -71,7 +70,7 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
     return replace(problem, contacts=contacts)
 
 
-def joint_angles(presses: Presses) -> Floats | None:
+def joint_angles(presses: Presses) -> FloatArray | None:
     """Return joint angles (K, Q) in the holds [rad]; None if the session has none."""
     names = takewhile(lambda name: presses.column(name) is not None, (f"q_{i}" for i in count()))
     angles = [np.asarray(presses.column(name), dtype=np.float64) for name in names]
@@ -111,7 +110,9 @@ def _arc_radius(dataset: Dataset, surface: Surface) -> float | None:
         raise refusal(dataset, reason) from error
 
 
-def unroll(arc_radius_m: float | None, points_m: Floats, about_rad: float = 0.0) -> tuple[Floats, Floats]:
+def unroll(
+    arc_radius_m: float | None, points_m: FloatArray, about_rad: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
     """Return the arc round the finger R beta (x where there is no R) and y of points (K, 3) [m].
 
     On a mesh these are labels of places: R is the mesh's at the sensor's nominal pose, and the same everywhere. Angles
@@ -124,7 +125,7 @@ def unroll(arc_radius_m: float | None, points_m: Floats, about_rad: float = 0.0)
     return arc_radius_m * beta, points_m[:, 1].copy()
 
 
-def moved(dataset: Dataset, surface: Surface, rows: NDArray[np.intp], slack_m: Floats) -> Floats:
+def moved(dataset: Dataset, surface: Surface, rows: NDArray[np.intp], slack_m: FloatArray) -> FloatArray:
     """Return contact points (K, 3) [m] of presses ``rows`` (K,), moved along the surface by slacks (K, 2) [m]."""
     return surface.offset(dataset.presses.position_m[rows], slack_m[:, 0], slack_m[:, 1])
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skincal.calibrate.assemble import provenance_of
+from skincal.calibrate.data_findings import for_the_rig
 from skincal.calibrate.problem import search_box
-from skincal.calibrate.rig_advice import for_the_rig
 from skincal.calibration import (
     MARGIN_M,
     Calibration,

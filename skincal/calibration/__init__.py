@@ -2,10 +2,18 @@
 
 from skincal.calibration.calibration import MARGIN_M, Calibration, Columns
 from skincal.calibration.draw_tables import SLACK_COLUMNS
-from skincal.calibration.effects import EFFECT_NAMES
 from skincal.calibration.files import read_calibration, write_calibration
 from skincal.calibration.matching import check_same_sensor, sensor_differences
-from skincal.calibration.parts import Effect, Finding, FittedLaw, Interval, Loss, ModelParameters, Provenance
+from skincal.calibration.parts import (
+    EFFECT_NAMES,
+    Effect,
+    Finding,
+    FittedLaw,
+    Interval,
+    Loss,
+    ModelParameters,
+    Provenance,
+)
 from skincal.calibration.skin import effect_from, effects_of, skin_of, stream_of
 from skincal.calibration.toml_file import FORMAT
 

@@ -35,7 +35,6 @@ from skincal.model import (
 from skincal.shown import Shown
 from skincal.units import rad
 
-FloatArray = NDArray[np.float64]
 MARGIN_M = 8e-3
 """Margin of a calibrated skin around its taxels [m]."""
 
@@ -116,16 +115,7 @@ class Calibration(Shown):
         provenance: Provenance,
         **rest: Any,
     ) -> Self:
-        """Return a calibration of the sensor that a dataset describes.
-
-        Args:
-            dataset: dataset with sensor, surface, indenter, mount, position, and the files that they name.
-            model: best parameters.
-            intervals: low and high of each.
-            loss: quality of the fit.
-            provenance: provenance of the calibration.
-            rest: further attributes.
-        """
+        """Return a calibration of the sensor that a dataset describes."""
         meta = dataset.meta
         return cls(
             sensor=meta.sensor,

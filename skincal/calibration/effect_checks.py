@@ -6,10 +6,10 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from skincal.calibration.parts import Effect, Numbers
+from skincal.calibration.parts import Effect
 from skincal.dataset.findings import did_you_mean
 from skincal.dataset.schema_errors import Violation, within
-from skincal.effects import EFFECTS, EffectParameter
+from skincal.effects import EFFECTS
 
 
 def effects_violations(effects: Sequence[Effect], taxels: int) -> Iterator[Violation]:
@@ -28,10 +28,10 @@ def _effect(effect: Effect, taxels: int) -> Iterator[Violation]:
         key, parameter = f"parameters.{name}", known.get(name)
         if parameter is None:
             yield key, f"one of {', '.join(known)}", name, _meant(name, known)
-        elif (expected := _wrong_shape(parameter, value, taxels, len(effect.poses))) is not None:
-            yield key, expected, value
-        elif (bad := _outside(parameter, value)) is not None:
-            yield key, f"{parameter.low:g} to {parameter.high:g} {parameter.unit}", f"{bad:g}"
+        elif (
+            fault := parameter.fault(np.nan_to_num(value, nan=parameter.neutral), taxels, len(effect.poses))
+        ) is not None:
+            yield key, *fault
     for name, (low, high) in effect.intervals.items():
         like = effect.parameters.get(name)
         if like is None:
@@ -42,27 +42,6 @@ def _effect(effect: Effect, taxels: int) -> Iterator[Violation]:
             yield f"intervals.{name}", f"[low, high], in ascending order{size}", (low, high)
     if effect.poses and not any(p.shape == "per-pose" for p in known.values()):
         yield "poses", f"nothing: {effect.name} does not depend on the hand pose", effect.poses
-
-
-def _wrong_shape(parameter: EffectParameter, value: Numbers, taxels: int, poses: int) -> str | None:
-    """Return the expected shape of a value; None if its shape is valid."""
-    if value == ():
-        return "a number, or a list of numbers"
-    if not isinstance(value, tuple):
-        return None
-    if parameter.shape == "scalar":
-        return "one number"
-    if parameter.shape == "per-taxel":
-        wrong = taxels and len(value) != taxels
-        return f"one number, or {taxels}, one for each taxel" if wrong else None
-    wrong = poses and len(value) not in (1, poses)
-    return f"one number, or {poses}, one for each of the poses" if wrong else None
-
-
-def _outside(parameter: EffectParameter, value: Numbers) -> float | None:
-    numbers = np.atleast_1d(value)
-    outside = numbers[(numbers < parameter.low) | (numbers > parameter.high)]
-    return float(outside[0]) if len(outside) else None
 
 
 def _meant(name: str, known: Iterable[str]) -> str:

@@ -45,16 +45,7 @@ def sensor_differences(
     *,
     place: str,
 ) -> list[Problem]:
-    """Return every difference of a sensor from the calibrated one.
-
-    Args:
-        calibration: calibration of a sensor.
-        sensor: the other sensor.
-        layout: layout of its taxels.
-        surface: surface that carries it.
-        meshes: content of the mesh file that the surface names, by file name.
-        place: file that describes it, for messages.
-    """
+    """Return every difference of a sensor from the calibrated one."""
     return [
         *_taxels(calibration, sensor, layout, place),
         *_converter(calibration.sensor, sensor, place),

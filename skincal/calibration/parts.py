@@ -7,12 +7,16 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Annotated, Any, Final, Literal
 
-from skincal.calibration.effects import EFFECT_NAMES
 from skincal.dataset.keys import Key, Names, When, Word
 from skincal.dataset.schema import Table
 from skincal.dataset.spec import Centre
+from skincal.effects import EFFECTS
 from skincal.model import ContactLaw
 from skincal.units import in_unit
+
+EFFECT_NAMES: Final[dict[str, str]] = {name: effect.meaning for name, effect in EFFECTS.items()}
+"""Name and meaning of each effect, in the order of the chain."""
+
 
 Interval = tuple[float, float]
 """Low and high; infinite on a side that the data do not bound."""
@@ -77,12 +81,7 @@ LAW: Final = ("exponent", "spread_m2", "radius_scale")
 
 @dataclass(frozen=True)
 class FittedLaw:
-    """The difference of the contact from the elastic foundation, where the data show it.
-
-    Attributes:
-        law: the best values.
-        intervals: low and high of each number of the law, by name.
-    """
+    """The difference of the contact from the elastic foundation, where the data show it."""
 
     law: ContactLaw
     intervals: Mapping[str, Interval] = field(default_factory=dict[str, Interval])

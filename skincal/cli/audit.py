@@ -66,7 +66,7 @@ def _audited(source: Path, calibration: Path | None, hand: str | None, seed: int
     from skincal.collect import Mount, read_plan
     from skincal.dataset import read_dataset
     from skincal.diagnosis.audit import audit_dataset, audit_plan
-    from skincal.hand.hands import hand_named
+    from skincal.robot import hand_named
 
     cal = None if calibration is None else read_calibration(calibration)
     rng = np.random.default_rng(seed)

@@ -12,7 +12,7 @@ from skincal.cli.interrupt import moving
 from skincal.cli.options import argument, example, numbers_by_name, option
 from skincal.cli.terminal import answer, plain
 from skincal.errors import input_error
-from skincal.train.tasks import Task
+from skincal.tasks import DURATION_S, SPEEDS_RAD_PER_S, Task
 
 if TYPE_CHECKING:
     import numpy as np
@@ -55,7 +55,10 @@ def deploy(
     duration_s: Annotated[
         float | None,
         option(
-            "Length of the run [s].", min=0.5, max=3600.0, show_default="8 marble, 24 bolt; or the letters'"
+            "Length of the run [s].",
+            min=0.5,
+            max=3600.0,
+            show_default=f"{options.DURATIONS}; or the letters'",
         ),
     ] = None,
     width_mm: Annotated[float, option("Width of the object.", min=1.0, max=40.0)] = WIDTH_MM,
@@ -133,8 +136,6 @@ def deploy(
 
 def _speed(policy: Policy, task: Task, most: float) -> float:
     """Return the joint velocity of an action of 1 [rad/s]: the policy's own, if the hand allows it."""
-    from skincal.deploy.deploy_options import SPEEDS_RAD_PER_S
-
     speed = policy.description.environment.get("speed_rad_per_s", SPEEDS_RAD_PER_S[task])
     if isinstance(speed, str) or not 0 < speed <= most:
         expected = f"a policy of joints from 0 to {most:g} rad/s, as the hand has"
@@ -152,12 +153,14 @@ def targets_of(
     if task is Task.bolt:
         if write is not None:
             raise input_error("--write", "the task marble", "bolt")
-        return sine(round((duration_s or 24.0) * POLICY_HZ) + 1, frequency_hz)
+        return sine(round((duration_s or DURATION_S[task]) * POLICY_HZ) + 1, frequency_hz)
     if write is not None:
         way = letters(write)
         return way if duration_s is None else marble_targets(way, duration_s)
     known = trajectory in ("circle", "still")
-    return marble_targets(trajectory if known else read_targets(Path(trajectory)), duration_s or 8.0)
+    return marble_targets(
+        trajectory if known else read_targets(Path(trajectory)), duration_s or DURATION_S[task]
+    )
 
 
 def _driver_options(

@@ -14,7 +14,7 @@ from skincal.cli.options import argument, example, numbers_by_name, option
 from skincal.cli.terminal import answer, picked, plain, table, warn
 from skincal.errors import input_error, text_of
 from skincal.progress import stage_bars
-from skincal.train.tasks import Task
+from skincal.tasks import JOINT_OFFSETS, Task
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -63,7 +63,7 @@ def evaluate(
     episodes: Annotated[int, option("Runs of each policy.", min=1, max=1_000_000)] = 100,
     seed: options.Seed = 0,
     duration_s: Annotated[
-        float | None, option("Length of a run [s].", min=0.1, max=3600.0, show_default="8 marble, 24 bolt")
+        float | None, option("Length of a run [s].", min=0.1, max=3600.0, show_default=options.DURATIONS)
     ] = None,
     on: Annotated[Engine, option(_ON)] = Engine.pybullet,
     calibration: Annotated[Path | None, option(_CALIBRATION, metavar="CAL")] = None,
@@ -89,7 +89,7 @@ def evaluate(
     """
     from skincal.files import refuse_existing
     from skincal.train import policy_path, read_policy
-    from skincal.train.evaluate import RANDOMIZED, Trial, check_task
+    from skincal.train.evaluate import Trial, check_task
 
     if gif and out is None:
         raise input_error("--gif", "--out, the folder for the film", "nothing")
@@ -110,7 +110,7 @@ def evaluate(
         episodes,
         seed,
         duration_s,
-        drawn[randomize[0]] if randomize in (["all"], ["none"]) else tuple(randomize or RANDOMIZED),
+        drawn[randomize[0]] if randomize in (["all"], ["none"]) else tuple(randomize or JOINT_OFFSETS),
         numbers_by_name("--set", values),
         trajectory if trajectory in ("circle", "random", "still") else read_targets(Path(trajectory)),
         {name: int(value) if value.is_integer() else value for name, value in whole.items()},
@@ -221,7 +221,7 @@ def _write(
         write_runs(found, temporary / "runs.csv")
         write_figures(found, trial, temporary)
         if gif:
-            from skincal.report.film import write_film
+            from skincal.report.evaluation import write_film
 
             for one in found:
                 write_film(one.policy, trial, temporary / f"{one.name}.gif", ranges=ranges)

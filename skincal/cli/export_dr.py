@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from skincal.cli import options
 from skincal.cli.options import Pair, example, option
 from skincal.cli.terminal import answer, problems_json, say, table, warn
-
-Preset = Literal["iros24", "icra26"]
-"""The presets, listed here so that help need not import them."""
+from skincal.tasks import PresetName
 
 PUBLISHED_TOP = 255.0
 """Largest count of the converter of the published skins, which have 8 bits."""
@@ -27,7 +25,9 @@ _ASSUME = "S [counts per N] to assume where the calibration leaves it open; requ
 def export_dr(
     cal: options.Calibration,
     out: Annotated[Path, option("File to write: .toml, .json or .yaml.")],
-    preset: Annotated[Preset, option("Published ranges for what the calibration does not know.")] = "iros24",
+    preset: Annotated[
+        PresetName, option("Published ranges for what the calibration does not know.")
+    ] = "iros24",
     joint: Annotated[bool, option(_JOINT, "--joint")] = False,
     draws: Annotated[int, option("With --joint: write at most this many draws.", min=1)] = 500,
     assume_scale: Annotated[Pair | None, option(_ASSUME, metavar="LOW HIGH")] = None,

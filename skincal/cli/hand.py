@@ -79,8 +79,7 @@ def show(
     as_json: options.Json = False,
 ) -> None:
     """Show a hand's description: joints, limits, fingers, sensor."""
-    from skincal.hand.hands import hand_named
-    from skincal.robot import check_limits
+    from skincal.robot import check_limits, hand_named
 
     description = hand_named(hand)
     check_limits(description, beyond=beyond_limits)

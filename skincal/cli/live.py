@@ -160,12 +160,7 @@ class TrainingProgress(_Live):
 
 
 def taxel_image(taxels: np.ndarray, sensor: SensorSpec) -> Text:
-    """Return taxel values (J,) [counts] as small blocks of colour, row 0 at the bottom; a dead taxel shows a cross.
-
-    Args:
-        taxels: values, flat index r * columns + c.
-        sensor: its layout and range.
-    """
+    """Return taxel values (J,) [counts] as small blocks of colour, row 0 at the bottom; a dead taxel shows a cross."""
     import numpy as np
     from rich.text import Text
 

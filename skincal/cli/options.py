@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from skincal.errors import input_error
+from skincal.tasks import DURATION_S, Task
 
 
 def option(text: str, *names: str, **settings: Any) -> Any:
@@ -32,6 +33,7 @@ def find_modules_here(driver: str) -> str:
 
 
 Pair = tuple[float, float]
+DURATIONS = ", ".join(f"{DURATION_S[task]:g} {task}" for task in (Task.marble, Task.bolt))
 Dataset = Annotated[Path, argument("DATASET", "Folder of a dataset.")]
 Calibration = Annotated[Path, argument("CAL", "Folder of a calibration.")]
 Out = Annotated[Path, option("Folder to write; it appears complete or not at all.", "--out")]

@@ -11,7 +11,7 @@ from skincal.cli.deploy import MARKER, SESSION, targets_of
 from skincal.cli.options import argument, example, option
 from skincal.cli.terminal import answer, warn
 from skincal.errors import input_error, quoted
-from skincal.train.tasks import Task
+from skincal.tasks import Task
 
 if TYPE_CHECKING:
     from skincal.calibration import Calibration

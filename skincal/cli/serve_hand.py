@@ -43,10 +43,10 @@ def serve_hand(
     Ctrl-C stops the hand and ends. With --json the object is printed as soon as the hand can be reached.
     """
     from skincal.hand.guard_options import GuardOptions
-    from skincal.hand.hands import joint_contact_force
     from skincal.hand.registry import create_driver, parse_options
     from skincal.hand.serve import HandServer, ServeOptions
     from skincal.hand.sockets import hand_keys
+    from skincal.robot import joint_contact_force
 
     settings = parse_options(driver_option or [])
     server = HandServer(

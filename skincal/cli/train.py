@@ -11,7 +11,7 @@ from skincal.cli.interrupt import resumable
 from skincal.cli.options import argument, example, option
 from skincal.cli.terminal import answer, picked, say
 from skincal.errors import InputError, Problem, input_error
-from skincal.train.tasks import PUBLISHED_STEPS, BackendName, PolicyKind, Task
+from skincal.tasks import PUBLISHED_STEPS, BackendName, Engine, PolicyKind, Task
 
 if TYPE_CHECKING:
     from skincal.ranges import Ranges
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from skincal.train.settings import Work
 
 Learned = Literal["marble", "bolt", "pellets", "estimator"]
-Engine = Literal["pybullet", "mujoco"]
 
 EPILOG = example(
     "skincal train marble --policy tactile --ranges ranges.toml --seed 1 --out run",
@@ -140,7 +139,7 @@ def _work(task: Task, given: dict[str, Any], first: Policy | None) -> Work:
         given.get("--steps", PUBLISHED_STEPS[task]),
         given.get("--backend", BackendName.sb3),
         settings,
-        environment={"engine": given["--engine"]} if "--engine" in given else {},
+        environment={"engine": str(given["--engine"])} if "--engine" in given else {},
     )
     # A round of proximal policy optimisation is as long as many of the others.
     return replace(work, rounds_per_checkpoint=1) if task is Task.pellets else work

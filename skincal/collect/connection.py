@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skincal.collect.journal import Journal
-from skincal.collect.loop import Loop
-from skincal.collect.plan import Plan, PlannedPress
+from skincal.collect.plan import PlannedPress
 from skincal.collect.poses import heights
-from skincal.collect.posture import Fingers, Posture
+from skincal.collect.posture import Posture
 from skincal.collect.press import Press
-from skincal.collect.press_options import CollectOptions
-from skincal.collect.record import Arrays, press_arrays, rest_arrays
+from skincal.collect.record import press_arrays, rest_arrays
+from skincal.collect.senses import Loop
 from skincal.collect.travel import LOWEST_SHARE, Place, follow, way_over_skin, way_through_joints
 from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray
 from skincal.robot import place_indenter
+
+if TYPE_CHECKING:
+    from skincal.collect.press_session import Session
 
 GAP_S = 1.0
 """Gap in the session's clock when a session continues on another clock [s]."""
@@ -30,26 +31,6 @@ FEWEST_FOUND = 3
 """Number of presses in a pose after which the start of the skin is known."""
 
 
-class Owner(Protocol):
-    """Session that a connection needs."""
-
-    plan: Plan
-    journal: Journal
-    fingers: Fingers
-    options: CollectOptions
-    cycles: list[int]
-    last_frame_s: float
-
-    def connected(self, first: int, shift_s: float) -> None:
-        """Record that the hand has been connected."""
-
-    def keep(self, number: int, arrays: Arrays) -> None:
-        """Store a finished press."""
-
-    def keep_rest(self, arrays: Arrays) -> None:
-        """Store frames outside of presses."""
-
-
 class Connection:
     """Executor of some presses of a session with a connected hand.
 
@@ -57,7 +38,7 @@ class Connection:
         radius_m: radius of the indenter [m].
     """
 
-    def __init__(self, session: Owner, loop: Loop, radius_m: float, numbers: list[int]) -> None:
+    def __init__(self, session: Session, loop: Loop, radius_m: float, numbers: list[int]) -> None:
         self._session, self._loop, self._radius_m, self._numbers = session, loop, radius_m, numbers
         self._fingers, self._options = session.fingers, session.options
         self._offset: FloatArray = np.zeros(len(session.fingers.kinematics.description.joints))

@@ -20,13 +20,7 @@ BEYOND_M = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """The surface, with the patch at its nominal pose.
-
-    Attributes:
-        surface: the fingertip.
-        pose: the patch's nominal pose.
-        layout: the taxels.
-    """
+    """The surface, with the patch at its nominal pose."""
 
     surface: Surface
     pose: SensorPose

@@ -61,12 +61,7 @@ class Posture:
 
 @dataclass(frozen=True, eq=False)
 class Fingers:
-    """Model of the fingers from which postures are computed.
-
-    Attributes:
-        kinematics: the hand.
-        mount: the surface and the patch.
-    """
+    """Model of the fingers from which postures are computed."""
 
     kinematics: Kinematics
     mount: Mount

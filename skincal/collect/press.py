@@ -7,12 +7,11 @@ from typing import Literal
 
 import numpy as np
 
-from skincal.collect.loop import Loop
 from skincal.collect.plan import PlannedPress
 from skincal.collect.posture import Posture
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.regulator import Regulator
-from skincal.collect.senses import Sample
+from skincal.collect.senses import Loop, Sample
 from skincal.model.arrays import FloatArray
 
 Status = Literal["ok", "missed_target", "slipped", "lost_contact", "no_contact"]

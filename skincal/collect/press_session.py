@@ -6,14 +6,13 @@ from itertools import groupby
 
 from skincal.collect.connection import Connection
 from skincal.collect.journal import Journal
-from skincal.collect.loop import Loop
 from skincal.collect.plan import Plan
 from skincal.collect.poses import radius_of
 from skincal.collect.posture import Fingers
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.progress import MakeDriver, Need, Progress, Watch
 from skincal.collect.record import Arrays
-from skincal.collect.senses import Sample, Senses
+from skincal.collect.senses import Loop, Sample, Senses
 from skincal.errors import input_error
 from skincal.hand import GuardedHand, GuardOptions, HandDriver
 

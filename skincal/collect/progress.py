@@ -44,15 +44,7 @@ class StageSample:
 
 @dataclass(frozen=True, eq=False)
 class Progress:
-    """Progress of a session.
-
-    Attributes:
-        done: finished presses.
-        total: presses of the plan.
-        planned: the present press.
-        doing: phase of the press.
-        sample: present sample of the rig.
-    """
+    """Progress of a session."""
 
     done: int
     total: int

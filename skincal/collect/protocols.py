@@ -74,11 +74,6 @@ class FullProtocol:
 def paper_plan(rng: np.random.Generator, layout: TaxelLayout, options: PaperProtocol | None = None) -> Plan:
     """Draw a session of the paper's protocol.
 
-    Args:
-        rng: generator of all randomness.
-        layout: the taxels, which set the extent of the grid.
-        options: options of the protocol.
-
     Raises:
         InputError: the patch is too small for this number of sites.
     """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from skincal.collect.plan import PlannedPress
 from skincal.collect.press import Moments, Status
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.senses import Sample
+from skincal.covariates import POSITION, TARGET, TIMES
 from skincal.dataset import HOLD, IDLE, LOAD, UNLOAD
 from skincal.model.arrays import FloatArray
 
@@ -49,7 +50,7 @@ class Series:
             dtype=np.float64,
         )  # fmt: skip
         joints = len(samples[0].state.q_rad)
-        names = ["force_n", "shear_u_n", "shear_v_n", "x_m", "y_m", "z_m", "temperature_c"]
+        names = ["force_n", "shear_u_n", "shear_v_n", *POSITION, "temperature_c"]
         names += [f"{name}_{j}" for name in ("q", "tau", "q_desired") for j in range(joints)]
         return cls(table[:, 0], dict(zip(names, table[:, 1:].T, strict=True)))
 
@@ -141,11 +142,8 @@ def press_row(
     return {
         "press": number,
         **means,
-        "t_start_s": moments.start_s,
-        "t_hold_s": moments.hold_s,
-        "t_release_s": moments.release_s,
-        "t_end_s": moments.end_s,
-        **dict(zip(("target_x_m", "target_y_m", "target_z_m"), target_m, strict=True)),
+        **dict(zip(TIMES, astuple(moments), strict=True)),
+        **dict(zip(TARGET, target_m, strict=True)),
         "target_force_n": planned.force_n,
         "speed_m_per_s": planned.speed_m_per_s,
         "pose": planned.pose,
@@ -234,7 +232,7 @@ def _slip(series: Series, moments: Moments) -> float:
     held = (series.time_s >= moments.hold_s) & (series.time_s <= moments.release_s)
     if not held.any():
         return float("nan")
-    points = np.stack([series.values[name][held] for name in ("x_m", "y_m", "z_m")], axis=1)
+    points = np.stack([series.values[name][held] for name in POSITION], axis=1)
     # Average over a while: the noise of the angles alone is some tenths of a millimetre.
     count = max(1, len(points) // SLIP_PARTS)
     parts = np.array([part.mean(axis=0) for part in np.array_split(points, max(len(points) // count, 1))])

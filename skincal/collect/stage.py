@@ -13,6 +13,7 @@ from skincal.collect.press import Moments
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.progress import MakeDriver, Need, Progress, StageSample, Watch
 from skincal.collect.record import Arrays, missed_target, named, phase_columns, press_row, rest_columns
+from skincal.covariates import POSITION
 from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD
 from skincal.errors import InputError, Problem, WorkError, input_error
 from skincal.hand import GuardedStage, GuardOptions, StageDescription, StageDriver
@@ -215,7 +216,7 @@ class StageSession:
             "time_s": np.array([sample.time_s for sample in kept], dtype=np.float64),
             "counts": np.array([state.taxels for state in states], dtype=np.float64),
             "force_n": np.array([state.force_n for state in states], dtype=np.float64),
-            **{name: place[:, i] for i, name in enumerate(("x_m", "y_m", "z_m"))},
+            **{name: place[:, i] for i, name in enumerate(POSITION)},
             "phase": np.array([sample.phase for sample in kept]),
         }
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.collect.loop import Loop
 from skincal.collect.posture import Fingers
 from skincal.collect.press_options import CollectOptions
+from skincal.collect.senses import Loop
 from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray
 from skincal.robot import contact_from_joints, place_indenter

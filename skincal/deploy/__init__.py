@@ -3,7 +3,7 @@
 Needs the core install and onnxruntime; neither a learner nor Gymnasium.
 """
 
-from skincal.deploy.deploy_options import DeployOptions
+from skincal.deploy.motion import DeployOptions
 from skincal.deploy.policy_run import Deployed, deploy
 from skincal.deploy.record import Record, write_record
 from skincal.deploy.targets import letters, marble_targets

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skincal.deploy.deploy_options import DeployOptions
-from skincal.deploy.motion import Motion
+from skincal.deploy.motion import DeployOptions, Motion
 from skincal.envs.pinch import Pinch
 from skincal.envs.postures import Postures
 from skincal.errors import WorkError

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.deploy.deploy_options import DeployOptions
 from skincal.deploy.handover import PinchForces, let_go, take
-from skincal.deploy.motion import Motion, Watch
+from skincal.deploy.motion import DeployOptions, Motion, Watch
 from skincal.deploy.observation import PolicyObservation
 from skincal.deploy.record import Record
 from skincal.envs.pinch import Pinch

@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from skincal.deploy.deploy_options import SPEEDS_RAD_PER_S
 from skincal.deploy.policy_run import Deployed, deploy
 from skincal.deploy.targets import marble_targets
 from skincal.envs.pinch import read_pinch
@@ -16,10 +15,10 @@ from skincal.envs.trajectories import POLICY_HZ
 from skincal.errors import InputError, Problem, WorkError
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
-from skincal.train.evaluate import RANDOMIZED, Trial
+from skincal.tasks import JOINT_OFFSETS, SPEEDS_RAD_PER_S, Task
+from skincal.train.evaluate import Trial
 from skincal.train.policy_file import Policy
 from skincal.train.scores import Runs
-from skincal.train.tasks import Task
 
 
 def check_trial(trial: Trial) -> None:
@@ -37,7 +36,7 @@ def check_trial(trial: Trial) -> None:
     if trial.values or trial.environment:
         given = ", ".join([*trial.values, *trial.environment])
         problems.append(Problem("--set, --environment", "nothing, with --on reference", given))
-    if trial.randomize is not None and tuple(trial.randomize) != RANDOMIZED:
+    if trial.randomize is not None and tuple(trial.randomize) != JOINT_OFFSETS:
         given = ", ".join(trial.randomize) or "none"
         problems.append(Problem("--randomize", "nothing: all is drawn with --on reference", given))
     if problems:
@@ -66,7 +65,7 @@ def reference_runs(
     check_trial(trial)
     pinch = read_pinch(None)
     targets = marble_targets(trial.trajectory, trial.steps / POLICY_HZ)
-    speed = float(policy.description.environment.get("speed_rad_per_s", SPEEDS_RAD_PER_S["marble"]))
+    speed = float(policy.description.environment.get("speed_rad_per_s", SPEEDS_RAD_PER_S[Task.marble]))
     runs = Runs.empty(trial.episodes, trial.steps, POLICY_HZ)
     runs.target_m[:], runs.rewards[:] = targets[1:], np.nan
     for number in range(trial.episodes):

@@ -95,10 +95,6 @@ def feel(images_counts: FloatArray, force_n: FloatArray) -> Feel:
 def wear(hand: Feel, simulated: Sequence[Feel]) -> Wear:
     """Compare a hand with simulated ones.
 
-    Args:
-        hand: what was rolled now.
-        simulated: the same on hands drawn from the calibration; at least three.
-
     Raises:
         WorkError: too few of them.
     """

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skincal.calibrate.rig_advice import has_joints
+from skincal.calibrate.data_findings import has_joints
 from skincal.collect import Plan
 from skincal.collect.protocols import named_by_order
 from skincal.dataset import Dataset

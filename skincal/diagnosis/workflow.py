@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skincal.calibrate.order import find_taxel_order
+from skincal.calibrate.data_findings import find_taxel_order
 from skincal.calibration import Calibration
 from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset

@@ -24,12 +24,7 @@ Kind = TypeVar("Kind", bound=Effect)
 
 @dataclass(frozen=True, eq=False)
 class Applied:
-    """An effect with its parameters.
-
-    Attributes:
-        effect: the effect.
-        values: checked parameters.
-    """
+    """An effect with its parameters."""
 
     effect: Effect
     values: Values

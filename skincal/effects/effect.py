@@ -66,7 +66,7 @@ class Effect(ABC):
             the effect is what its equation says.
         zero_error: how far scale and stiffness of the base model may lie from where its equation does nothing, in parts
             of what it does, relative, in the mean over a press; 0 where all equations of it agree about that.
-        shows: presses that show it best in a picture, by their names in :mod:`skincal.report.signatures`; empty: over
+        shows: presses that show it best in a picture, by their names in ``docs/_ext/signatures.py``; empty: over
             force, or over time if it has memory.
         replaces_range: the range of a preset that holds what is assumed where this effect is not known.
         source: source of its equation.
@@ -91,10 +91,6 @@ class Effect(ABC):
 
     def checked(self, given: Mapping[str, ArrayLike], taxels: int) -> Values:
         """Return the values of all parameters: given ones, and neutral or default ones for the rest.
-
-        Args:
-            given: numbers by parameter; one number stands for all taxels or poses.
-            taxels: number of taxels J.
 
         Raises:
             InputError: unknown parameters, or values out of bounds.

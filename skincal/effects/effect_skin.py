@@ -130,9 +130,6 @@ class EffectSkin:
     def values(self, samples: Samples) -> FloatArray:
         """Return the values of the taxels over a session (K, J) [counts].
 
-        Args:
-            samples: samples of the session in the order of time.
-
         Raises:
             InputError: an effect lacks a covariate, and ``missing`` makes that an error.
         """

@@ -63,6 +63,28 @@ class EffectParameter:
         """The distance from neutral of a clearly visible case on a sensor with some large value above rest [counts]."""
         return self.typical * (top_counts / TYPICAL_TOP_COUNTS) ** self.counts_power
 
+    def fault(self, value: ArrayLike, taxels: int = 0, poses: int = 0) -> tuple[str, str] | None:
+        """Return what was expected of a value, and what came; None if it is valid.
+
+        Args:
+            value: one number, or one for each taxel or pose.
+            taxels: number of taxels J; 0: not known.
+            poses: number of hand poses; 0: not known.
+        """
+        array = np.asarray(value, dtype=np.float64)
+        count, of = {"scalar": (1, ""), "per-taxel": (taxels, "taxel"), "per-pose": (poses, "of the poses")}[
+            self.shape
+        ]
+        if (
+            array.ndim > (self.shape != "scalar")
+            or not array.size
+            or (count and array.size not in (1, count))
+        ):
+            several = f", or {count or 'a list'}, one for each {of}" if of else ""
+            return f"one number{several}", f"an array of shape {array.shape}"
+        outside = np.atleast_1d(array)[~np.atleast_1d((array >= self.low) & (array <= self.high))]
+        return (f"{self.low:g} to {self.high:g} {self.unit}", f"{outside[0]:g}") if outside.size else None
+
 
 strength = EffectParameter
 """A parameter that makes the effect act."""
@@ -121,9 +143,8 @@ def checked(
     arrays: dict[str, FloatArray] = {}
     for name, parameter in known.items():
         array = np.array(given.get(name, parameter.neutral), dtype=np.float64)
-        problem = _problem(effect, parameter, array, taxels)
-        if problem is not None:
-            problems.append(problem)
+        if fault := parameter.fault(array, taxels):
+            problems.append(Problem(f"effect {effect}, parameter {name}", *fault))
             continue
         if parameter.shape == "per-taxel":
             array = np.broadcast_to(array, (taxels,)).copy()
@@ -133,22 +154,6 @@ def checked(
     if problems:
         raise InputError(problems)
     return Values(arrays)
-
-
-def _problem(effect: str, parameter: EffectParameter, array: FloatArray, taxels: int) -> Problem | None:
-    """Return the problem of an array as a parameter's value; None if it is valid."""
-    place = f"effect {effect}, parameter {parameter.name}"
-    if parameter.shape == "scalar" and array.ndim:
-        return Problem(place, "one number", f"an array of shape {array.shape}")
-    if parameter.shape == "per-taxel" and array.shape not in ((), (taxels,)):
-        return Problem(place, f"one number, or {taxels}, one for each taxel", f"shape {array.shape}")
-    if parameter.shape == "per-pose" and (array.ndim > 1 or array.size == 0):
-        return Problem(place, "one number for each hand pose", f"shape {array.shape}")
-    inside = (array >= parameter.low) & (array <= parameter.high)
-    if not inside.all():
-        expected = f"{parameter.low:g} to {parameter.high:g} {parameter.unit}"
-        return Problem(place, expected, f"{np.atleast_1d(array)[np.atleast_1d(~inside)][0]:g}")
-    return None
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,7 @@ from skincal.model.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Geometry of the skin, for effects that need it.
-
-    Attributes:
-        patch: the tactile points.
-        surface: surface that carries the patch.
-    """
+    """Geometry of the skin, for effects that need it."""
 
     patch: Patch
     surface: Surface

@@ -19,11 +19,7 @@ class SkinStream:
     """
 
     def __init__(self, skin: EffectSkin) -> None:
-        """Start a session.
-
-        Args:
-            skin: skin with its effects.
-        """
+        """Start a session."""
         self.skin = skin
         self.reset()
 
@@ -35,9 +31,6 @@ class SkinStream:
 
     def step(self, samples: Samples) -> FloatArray:
         """Return the values (K, J) [counts] of the next samples; usually one.
-
-        Args:
-            samples: samples that follow those of the last step.
 
         Raises:
             ValueError: the samples precede those of the last step.

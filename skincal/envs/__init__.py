@@ -8,16 +8,17 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+from skincal.tasks import JOINT_OFFSETS
+
 if TYPE_CHECKING:
     from skincal.envs.bolt import BoltRollEnv
-    from skincal.envs.episode_options import JOINT_OFFSETS, EpisodeOptions
     from skincal.envs.grasp import GraspOptions
     from skincal.envs.marble import MarbleRollEnv
     from skincal.envs.pellets import PelletSeparateEnv
     from skincal.envs.registration import ENVIRONMENTS, register_environments
     from skincal.envs.rewards import RewardScales
     from skincal.envs.roll import RollEnv
-    from skincal.envs.task import TaskOptions
+    from skincal.envs.task_options import EpisodeOptions, TaskOptions
     from skincal.envs.trajectories import ORIENTATIONS_DEG
 
 if find_spec("gymnasium") is not None:
@@ -27,14 +28,13 @@ if find_spec("gymnasium") is not None:
 
 _HOMES = {
     "bolt": "BoltRollEnv",
-    "episode_options": "EpisodeOptions JOINT_OFFSETS",
     "grasp": "GraspOptions",
     "marble": "MarbleRollEnv",
     "pellets": "PelletSeparateEnv",
     "registration": "ENVIRONMENTS register_environments",
     "rewards": "RewardScales",
     "roll": "RollEnv",
-    "task": "TaskOptions",
+    "task_options": "EpisodeOptions TaskOptions",
     "trajectories": "ORIENTATIONS_DEG",
 }
 

@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from skincal.envs.bodies import Body, Bolt
 from skincal.envs.drawing import Values, number
-from skincal.envs.episode_options import EpisodeOptions
 from skincal.envs.roll import RollEnv
-from skincal.envs.task import TaskOptions
+from skincal.envs.task_options import EpisodeOptions, TaskOptions
 from skincal.envs.trajectories import BOLT_HZ, ORIENTATIONS_DEG, sine
 from skincal.model.arrays import FloatArray
+from skincal.tasks import SPEEDS_RAD_PER_S, Task
 
 
 class BoltRollEnv(RollEnv):
@@ -31,7 +31,7 @@ class BoltRollEnv(RollEnv):
     @classmethod
     def default_options(cls) -> TaskOptions:
         """The sine is up to four times as fast as the marble's ways; fewer iterations would drop it more often."""
-        return TaskOptions(speed_rad_per_s=0.6, solver_iterations=30)
+        return TaskOptions(speed_rad_per_s=SPEEDS_RAD_PER_S[Task.bolt], solver_iterations=30)
 
     def _body(self, values: Values) -> Body:
         return Bolt(number(values, "object.bolt.radius_m"), number(values, "object.bolt.mass_kg"))

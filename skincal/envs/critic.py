@@ -17,11 +17,7 @@ _LEFT_OUT: Final = ("noise", "random_force", "position_m", "psi_deg", "theta_deg
 
 
 def constant_parts(nominal: Values) -> list[Part]:
-    """Return what an episode was drawn with, in the order of the names.
-
-    Args:
-        nominal: values of an episode, for their names and sizes.
-    """
+    """Return what an episode was drawn with, in the order of the names."""
     return [Part(path, int(np.size(nominal[path])), -1e12, 1e12) for path in _constant_names(nominal)]
 
 

@@ -31,12 +31,6 @@ class Drawer:
 
     All parameters of the ranges are drawn in the same order whatever is made of them, so that one seed gives one marble
     for every policy.
-
-    Args:
-        ranges: checked.
-        kind: the object.
-        pinch: nominal values, and the number of joints.
-        taxels: number of taxels J.
     """
 
     def __init__(self, ranges: Ranges, kind: ObjectName, pinch: Pinch, taxels: int) -> None:

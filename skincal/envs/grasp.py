@@ -9,10 +9,10 @@ import numpy as np
 
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, array, number
-from skincal.envs.grip import Grip, Placed
 from skincal.envs.pinch import Pinch, require_cylinder
 from skincal.envs.postures import Postures
 from skincal.envs.scene import PHYSICS_HZ, Scene
+from skincal.envs.scene_state import Grip, Placed
 from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics
 from skincal.sim.drives import DriveParameters
@@ -50,14 +50,7 @@ _LOOK_STEPS = 4
 
 
 class Grasp:
-    """Lets a hand take an object.
-
-    Args:
-        pinch: the hand.
-        kinematics: the same.
-        nominal: values of an episode without randomization: what the hand takes its drives to be.
-        options: how.
-    """
+    """Lets a hand take an object."""
 
     def __init__(self, pinch: Pinch, kinematics: Kinematics, nominal: Values, options: GraspOptions) -> None:
         self._pinch = pinch

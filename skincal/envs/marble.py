@@ -6,8 +6,8 @@ import numpy as np
 
 from skincal.envs.bodies import Body, Marble
 from skincal.envs.drawing import Values, number
-from skincal.envs.episode_options import EpisodeOptions
 from skincal.envs.roll import RollEnv
+from skincal.envs.task_options import EpisodeOptions
 from skincal.envs.trajectories import FIXED, ROUND_S, TO_SIDE_S, wander
 from skincal.model.arrays import FloatArray
 

@@ -6,24 +6,24 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.model.arrays import FloatArray
+from skincal.tasks import PolicyKind
 
 Observation = dict[str, NDArray[np.float32]]
-PolicyKind = Literal["tactile", "joint-angles", "desired", "ideal"]
 
 STACKED: Final = 5
 """Observations that a policy sees: the present one and four before it (the paper's)."""
-KINDS: Final[dict[str, tuple[str, ...]]] = {
-    "tactile": ("image", "desired"),
-    "joint-angles": ("desired", "measured", "error"),
-    "desired": ("desired",),
-    "ideal": ("truth", "desired"),
+KINDS: Final[dict[PolicyKind, tuple[str, ...]]] = {
+    PolicyKind.tactile: ("image", "desired"),
+    PolicyKind.joint_angles: ("desired", "measured", "error"),
+    PolicyKind.desired: ("desired",),
+    PolicyKind.ideal: ("truth", "desired"),
 }
 """What each policy sees five times, as published; ``ideal`` is what a perfect skin would tell."""
 TASK: Final = ("target", "movement")
@@ -32,14 +32,7 @@ TASK: Final = ("target", "movement")
 
 @dataclass(frozen=True)
 class Part:
-    """Some numbers of an observation.
-
-    Attributes:
-        name: what they are.
-        size: how many.
-        low: below this they are cut off.
-        high: above this they are cut off.
-    """
+    """Some numbers of an observation."""
 
     name: str
     size: int
@@ -78,7 +71,7 @@ class Layout:
         return np.minimum(flat, self.high, out=flat)
 
 
-class Seen:
+class ObservationStack:
     """The observation spaces of a policy and its critic, and the stack of what was seen.
 
     Args:
@@ -136,21 +129,12 @@ class Seen:
         return tuple({"name": part.name, "size": part.size, "steps_ago": ago} for part, ago in parts)
 
     def begin(self, constant: Mapping[str, Any]) -> None:
-        """Forget what was seen.
-
-        Args:
-            constant: what the critic is told of the new episode.
-        """
+        """Forget what was seen."""
         self._stack.clear()
-        self._told = self._constant.fill(constant)
+        self._constant_values = self._constant.fill(constant)
 
     def observe(self, values: Mapping[str, Any], critic: Mapping[str, Any]) -> Observation:
-        """Return the next observation; at the beginning of an episode the first one stands for those before it.
-
-        Args:
-            values: what the policy may see, by part.
-            critic: what the critic sees, by part.
-        """
+        """Return the next observation; at the beginning of an episode the first one stands for those before it."""
         now = self.now.fill(values)
         self._stack.append(now)
         while len(self._stack) < STACKED:
@@ -158,7 +142,7 @@ class Seen:
         policy = np.concatenate([*self._stack, self.task.fill(values)])
         return {
             "policy": policy.astype(np.float32),
-            "critic": np.concatenate([self.critic.fill(critic), self._told]).astype(np.float32),
+            "critic": np.concatenate([self.critic.fill(critic), self._constant_values]).astype(np.float32),
         }
 
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from skincal.envs.bodies import Body, Marble
 from skincal.envs.drawing import EFFECTS_PREFIX, Values, array, number
-from skincal.envs.episode_options import EpisodeOptions
 from skincal.envs.roll import RollEnv
 from skincal.envs.sensing import View, view
-from skincal.envs.tactile import Felt
+from skincal.envs.tactile import SkinContact
+from skincal.envs.task_options import EpisodeOptions
 from skincal.errors import input_error
 from skincal.model import Contacts
 from skincal.model.arrays import FloatArray
@@ -121,9 +121,9 @@ class PelletSeparateEnv(RollEnv):
         """Return the difference of held and target numbers of pellets."""
         return abs(self._held - float(self._targets[self._step, 0]))
 
-    def felt(self) -> Felt | None:
-        """See :meth:`RollEnv.felt`: one contact for each pellet that touches the skin."""
-        found = [one for seen in self._touches() if (one := seen.felt(self._body_now)) is not None]
+    def skin_contact(self) -> SkinContact | None:
+        """See :meth:`RollEnv.skin_contact`: one contact for each pellet that touches the skin."""
+        found = [one for seen in self._touches() if (one := seen.skin_contact(self._body_now)) is not None]
         if not found:
             return None
         parts = [one.contacts for one in found]
@@ -132,7 +132,7 @@ class PelletSeparateEnv(RollEnv):
             np.concatenate([one.normals for one in parts]),
             np.concatenate([one.force_n for one in parts]),
         )
-        return Felt(contacts, sum(one.shear_u_n for one in found), sum(one.shear_v_n for one in found))
+        return SkinContact(contacts, sum(one.shear_u_n for one in found), sum(one.shear_v_n for one in found))
 
     def _own(self) -> FloatArray:
         """Return the number held; then for each pellet: held, position on the sensor [m], force on the skin [N]."""

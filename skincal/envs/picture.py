@@ -47,7 +47,7 @@ def colours(share: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class PictureState:
     """Contents of a picture.
 
     Attributes:
@@ -65,7 +65,7 @@ class Shown:
     place_m: FloatArray
 
 
-def picture(scene: BulletScene, shown: Shown) -> Picture:
+def picture(scene: BulletScene, shown: PictureState) -> Picture:
     """Return the hand and beside it the sensor (HEIGHT, WIDTH + HEIGHT, 3)."""
     return np.concatenate([hand_picture(scene, shown.centre_m), panel(shown)], axis=1)
 
@@ -88,7 +88,7 @@ def hand_picture(scene: BulletScene, centre_m: FloatArray) -> Picture:
     return np.array(pixels, dtype=np.uint8).reshape(HEIGHT, WIDTH, -1)[..., :3]
 
 
-def panel(shown: Shown) -> Picture:
+def panel(shown: PictureState) -> Picture:
     """Return the sensor from outside (HEIGHT, HEIGHT, 3): u to the right, v upwards."""
     canvas = np.full((HEIGHT, HEIGHT, 3), _BACK, dtype=np.float64)
     layout = shown.layout
@@ -112,14 +112,9 @@ def _pixel(place_m: FloatArray) -> tuple[int, int]:
 
 
 class Board:
-    """The tactile image as a board of coloured tiles beside the hand, for PyBullet's window.
+    """The tactile image as a board of coloured tiles beside the hand, for PyBullet's window."""
 
-    Args:
-        scene: the world that it stands in; it has to be put up again in each new one.
-        shown: where the hand is, and the taxels.
-    """
-
-    def __init__(self, scene: BulletScene, shown: Shown) -> None:
+    def __init__(self, scene: BulletScene, shown: PictureState) -> None:
         engine, client = scene.engine, scene.client
         self._scene = scene
         tile = engine.createVisualShape(
@@ -132,7 +127,7 @@ class Board:
         engine.resetDebugVisualizerCamera(0.25, 100, -10, shown.centre_m.tolist(), physicsClientId=client)
         self._next_s = time.monotonic()
 
-    def show(self, shown: Shown) -> None:
+    def show(self, shown: PictureState) -> None:
         """Colour the tiles, and waits until life has come so far."""
         image = shown.image
         share = np.zeros(len(self._tiles)) if image is None else image / FULL_COUNTS

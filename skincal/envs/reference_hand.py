@@ -192,7 +192,7 @@ class ReferenceHand(HandDriver):
         scene.force_n = np.broadcast_to(weight + push, 3).tolist()
         self._view = view(scene, self._sensor)
         taxel_noise = np.asarray(noise.get("skin.taxel_noise_counts", 0.0))
-        image = self._skin.image(self._view.felt(self._body), time_s, taxel_noise)
+        image = self._skin.image(self._view.skin_contact(self._body), time_s, taxel_noise)
         offset = array(self._truth, "finger.joint_offset_rad")
         drives = scene.drives
         return HandState(

@@ -12,10 +12,12 @@ except ModuleNotFoundError as error:
         "skincal.envs needs Gymnasium: pip install 'skincal[policy]'", name=error.name
     ) from error
 
+from skincal.tasks import ENVIRONMENT_IDS, Task
+
 ENVIRONMENTS = {
-    "skincal/MarbleRoll-v0": "skincal.envs.marble:MarbleRollEnv",
-    "skincal/BoltRoll-v0": "skincal.envs.bolt:BoltRollEnv",
-    "skincal/PelletSeparate-v0": "skincal.envs.pellets:PelletSeparateEnv",
+    ENVIRONMENT_IDS[Task.marble]: "skincal.envs.marble:MarbleRollEnv",
+    ENVIRONMENT_IDS[Task.bolt]: "skincal.envs.bolt:BoltRollEnv",
+    ENVIRONMENT_IDS[Task.pellets]: "skincal.envs.pellets:PelletSeparateEnv",
 }
 """Entry points by name."""
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-from skincal.errors import InputError, Problem
+from skincal.errors import check_options
 
 
 def falling(x: float, width: float) -> float:
@@ -60,18 +60,11 @@ class RewardScales:
     torque_margin: float = 0.2
 
     def __post_init__(self) -> None:
-        wrong = [item.name for item in fields(self) if not 0 <= getattr(self, item.name) < math.inf]
-        if wrong:
-            raise InputError(
-                [
-                    Problem(f"rewards {name}", "a finite number, 0 or more", str(getattr(self, name)))
-                    for name in wrong
-                ]
-            )
+        check_options(self, "a finite number, 0 or more", lambda value: 0 <= value < math.inf)
 
 
 @dataclass(frozen=True)
-class Situation:
+class RewardInputs:
     """Inputs of the reward of a step.
 
     Attributes:
@@ -93,9 +86,9 @@ class Situation:
     angle_rad: float | None = None
 
 
-def reward_terms(situation: Situation, scales: RewardScales) -> dict[str, float]:
+def reward_terms(inputs: RewardInputs, scales: RewardScales) -> dict[str, float]:
     """Return all terms of a step's reward, penalties negative; the reward is their sum."""
-    s = situation
+    s = inputs
     terms = {
         "position": scales.position * falling(s.distance_m, scales.position_width_m),
         "force": scales.force * falling(abs(s.force_n - scales.force_n), scales.force_width_n),

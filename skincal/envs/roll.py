@@ -16,22 +16,22 @@ from skincal.envs.bodies import Body
 from skincal.envs.bullet_scene import BulletScene
 from skincal.envs.critic import constant_parts, state_parts, state_values
 from skincal.envs.drawing import Drawer, Value, Values, array, check_given, is_chosen
-from skincal.envs.episode_options import EpisodeOptions, read_options
 from skincal.envs.grasp import Grasp
 from skincal.envs.needed import ObjectName, ranges_for
-from skincal.envs.observations import KINDS, Observation, PolicyKind, Seen
-from skincal.envs.picture import Board, Picture, Shown, display_there, picture
+from skincal.envs.observations import KINDS, Observation, ObservationStack
+from skincal.envs.picture import Board, Picture, PictureState, display_there, picture
 from skincal.envs.pinch import Pinch, read_pinch
-from skincal.envs.rewards import Situation, reward_terms
+from skincal.envs.rewards import RewardInputs, reward_terms
 from skincal.envs.scene import PHYSICS_HZ, Scene, check_engine, make_scene
 from skincal.envs.sensing import Sensor, View, view
-from skincal.envs.tactile import SESSION_S, Felt, TactileSkin
-from skincal.envs.task import TaskOptions, with_single
+from skincal.envs.tactile import SESSION_S, SkinContact, TactileSkin
+from skincal.envs.task_options import EpisodeOptions, TaskOptions, read_options
 from skincal.envs.trajectories import POLICY_HZ
 from skincal.errors import input_error
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
 from skincal.robot import Kinematics
+from skincal.tasks import PolicyKind
 
 AHEAD: tuple[int, ...] = (5, 10)
 """The critic sees the targets so many steps ahead."""
@@ -69,7 +69,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def __init__(
         self,
-        policy: PolicyKind = "tactile",
+        policy: PolicyKind | str = PolicyKind.tactile,
         ranges: Ranges | str | Path | None = None,
         hand: str | Path | None = None,
         render_mode: str | None = None,
@@ -86,9 +86,10 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             raise input_error(
                 "environment render_mode", f"None: {engine} makes no pictures", repr(render_mode)
             )
-        self.policy: PolicyKind = policy
+        self.policy = PolicyKind(policy)
         self.engine = engine
-        self.options = with_single(options or self.default_options(), single)
+        own = options or self.default_options()
+        self.options = read_options(TaskOptions, {**vars(own), **single}, "environment")
         self.render_mode = render_mode
         self.ranges = ranges_for(self.object_name, self.preset if ranges is None else ranges)
         self.pinch: Pinch = read_pinch(hand)
@@ -101,8 +102,8 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (n,), np.float32)
         state = state_parts(n, self.target_size, len(AHEAD), self.target_limit, self.own_size)
         constant = constant_parts(self._drawer.nominal)
-        self._seen = Seen(
-            policy,
+        self._observation = ObservationStack(
+            self.policy,
             n,
             self.skin.taxels,
             self.skin.range_counts,
@@ -112,12 +113,12 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             state,
             constant,
         )
-        self.observation_space = cast("gymnasium.Space[Observation]", self._seen.space)
+        self.observation_space = cast("gymnasium.Space[Observation]", self._observation.space)
 
     @property
     def observation_layout(self) -> tuple[dict[str, Any], ...]:
         """The parts of the policy's observation in their order: ``name``, ``size``, and ``steps_ago``."""
-        return self._seen.layout()
+        return self._observation.layout()
 
     @classmethod
     def default_options(cls) -> TaskOptions:
@@ -149,7 +150,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             InputError: options that make no sense.
         """
         super().reset(seed=seed)
-        asked = read_options(options)
+        asked = read_options(EpisodeOptions, options or {}, "options")
         check_given(asked.values, self._drawer)
         self._drawer.check_names(asked.randomize or (), "options randomize")
         self._asked = asked
@@ -165,7 +166,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         values, self._sample = self._drawer.episode(self.np_random, asked.randomize, asked.values)
         age = float(self.np_random.uniform(0.0, SESSION_S))
         self._age_s = age if is_chosen("skin", asked.randomize) else 0.0
-        if self.policy != "tactile":
+        if self.policy is not PolicyKind.tactile:
             self._fix_sensor(values, asked)
         self._values, self._body_now = values, self._body(values)
         self._offset_rad = array(values, "finger.joint_offset_rad")
@@ -178,9 +179,9 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         places = self._places(values)
         command = self._grasp.take(self._scene, values, self._body_now, rotation, *places)
         self._desired = self._clipped(command)
-        if self.policy == "tactile":
+        if self.policy is PolicyKind.tactile:
             self.skin.begin(values, self._sensor.pose, self._body_now, self._age_s)
-        self._seen.begin(values)
+        self._observation.begin(values)
 
     def _aim(self, targets_m: FloatArray) -> None:
         """Set the targets (steps, target_size), their changes, and how those ahead differ from them."""
@@ -236,7 +237,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._run(scene)
         self._step += 1
         self._look()
-        terms = reward_terms(self._situation(before), self.options.rewards)
+        terms = reward_terms(self._reward_inputs(before), self.options.rewards)
         terminated = self._dropped()
         truncated = not terminated and self._step >= self._steps
         observation = self._observe()
@@ -289,7 +290,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """Return the object's rotation on the sensor [rad]; None: the task has none."""
         return None
 
-    def _situation(self, before_rad: FloatArray) -> Situation:
+    def _reward_inputs(self, before_rad: FloatArray) -> RewardInputs:
         seen, limits = self._view, self.pinch.description.limits
         margin = self.options.rewards
         speed = np.abs(seen.q_rad - before_rad) * POLICY_HZ / self.options.speed_rad_per_s
@@ -297,7 +298,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         torque = np.abs(self._scene.drives.torque_nm) / limits.torque_nm
         past = np.maximum(seen.q_rad - limits.upper_rad, limits.lower_rad - seen.q_rad)
         angle = self._angle_rad()
-        return Situation(
+        return RewardInputs(
             distance_m=self._error_m() if seen.sound else np.inf,
             force_n=seen.skin.force_n if seen.skin else 0.0,
             right_contact=seen.right_contact(self.pinch),
@@ -323,11 +324,11 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             "target": self._targets[k],
             "movement": self._movements[k],
         }
-        if self.policy == "ideal":
+        if self.policy is PolicyKind.ideal:
             values["truth"] = self._contact_truth()
-        if self.policy == "tactile":
+        if self.policy is PolicyKind.tactile:
             self.image = self.skin.image(
-                self.felt(),
+                self.skin_contact(),
                 k / POLICY_HZ,
                 np.asarray(self._drawn("skin.taxel_noise_counts")),
             )
@@ -343,11 +344,11 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             "orientation": self._orientation(),
             "own": self._own(),
         }
-        return self._seen.observe(values, state_values(seen, own))
+        return self._observation.observe(values, state_values(seen, own))
 
-    def felt(self) -> Felt | None:
+    def skin_contact(self) -> SkinContact | None:
         """Return the present contact as the skin takes it; None where nothing touches."""
-        return self._view.felt(self._body_now)
+        return self._view.skin_contact(self._body_now)
 
     @property
     def ignored_ranges(self) -> tuple[str, ...]:
@@ -397,11 +398,11 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
                 self._board = Board(self._scene, self._shown())
             self._board.show(self._shown())
 
-    def _shown(self) -> Shown:
-        return Shown(
+    def _shown(self) -> PictureState:
+        return PictureState(
             centre_m=self._grasp.centre_m,
             layout=self.skin.layout,
-            image=self.image if self.policy == "tactile" else None,
+            image=self.image if self.policy is PolicyKind.tactile else None,
             target_m=self._target_m(),
             place_m=self._view.position_m,
         )

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Final
 
-from skincal.envs.grip import Frame, Grip
 from skincal.envs.pinch import Pinch
-from skincal.envs.touching import Touching
+from skincal.envs.scene_state import Frame, Grip, Touching
 from skincal.errors import input_error
 from skincal.model.arrays import FloatArray
 from skincal.sim.drives import Drives
+from skincal.tasks import Engine
 
-ENGINES: Final = ("pybullet", "mujoco")
-"""Physics engines that a scene can be built in; policies are trained in the first."""
 PHYSICS_HZ = 1000
 """Steps of physics and controller (the paper's) [Hz]."""
 LARGEST_FORCE_N = 200.0
@@ -90,7 +87,7 @@ def make_scene(
     """Return a scene in an engine.
 
     Args:
-        engine: one of :data:`ENGINES`.
+        engine: one of :class:`skincal.tasks.Engine`.
         pinch: the fingers.
         iterations: of PyBullet's contact solver in each step; MuJoCo iterates until it has converged.
         window: whether PyBullet opens a window.
@@ -115,8 +112,8 @@ def check_engine(engine: str, place: str) -> None:
     Raises:
         InputError: there is no such engine.
     """
-    if engine not in ENGINES:
-        raise input_error(place, " or ".join(ENGINES), repr(engine))
+    if engine not in [*Engine]:
+        raise input_error(place, " or ".join(Engine), repr(engine))
 
 
 def sound(q_rad: FloatArray, dq_rad_per_s: FloatArray, place_m: FloatArray) -> bool:

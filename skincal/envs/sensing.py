@@ -9,11 +9,10 @@ import numpy as np
 
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, number, turn_rad
-from skincal.envs.grip import Frame
 from skincal.envs.pinch import Pinch, require_cylinder
 from skincal.envs.scene import Scene, sound
-from skincal.envs.tactile import Felt
-from skincal.envs.touching import Touching
+from skincal.envs.scene_state import Frame, Touching
+from skincal.envs.tactile import SkinContact
 from skincal.model import SensorPose
 from skincal.model.arrays import FloatArray
 
@@ -114,7 +113,7 @@ class View:
             and float(self.thumb_tip.inside(np.array(self.thumb.point_m))[1]) >= pinch.thumb.tip_from_m
         )
 
-    def felt(self, body: Body) -> Felt | None:
+    def skin_contact(self, body: Body) -> SkinContact | None:
         """Return the contact as the skin feels it."""
         if self.skin is None or not self.sound:
             return None
@@ -125,7 +124,7 @@ class View:
         normal, friction = vectors
         contacts = body.contacts(place, normal, self.skin.force_n, centre, tip.T @ self.body.rotation)
         across = normal[2] * friction[0] - normal[0] * friction[2]
-        return Felt(contacts, float(across), float(friction[1]))
+        return SkinContact(contacts, float(across), float(friction[1]))
 
 
 def view(scene: Scene, sensor: Sensor, which: int = 0) -> View:

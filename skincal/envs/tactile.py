@@ -7,15 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
+from skincal.calibration import MARGIN_M
 from skincal.calibration.parts import LAW
 from skincal.dataset.model_objects import converter_of, layout_of
 from skincal.effects import EffectSkin, Samples, SkinStream
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, array, effects_of, number
-from skincal.envs.patches import PatchMould
 from skincal.envs.pinch import Pinch, require_cylinder
-from skincal.model import ContactLaw, Contacts, Cylinder, SensorPose, Skin, SkinParameters
+from skincal.model import ContactLaw, Contacts, Cylinder, Patch, SensorPose, Skin, SkinParameters, TaxelLayout
 from skincal.model.arrays import FloatArray
 
 SESSION_S = 600.0
@@ -28,7 +28,7 @@ _NOTHING = Contacts(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.zeros(1))
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
+class SkinContact:
     """A contact as the skin feels it, fingertip frame.
 
     Attributes:
@@ -48,9 +48,6 @@ class TactileSkin:
     Args:
         pinch: the hand with the sensor.
         resolution_m: longest edge of a tactile point's cell [m].
-
-    Attributes:
-        layout: the taxels.
     """
 
     def __init__(self, pinch: Pinch, resolution_m: float) -> None:
@@ -103,7 +100,7 @@ class TactileSkin:
         """Make the first touch as fast as all others; see :meth:`skincal.model.Skin.prepare`."""
         self._skin.prepare(self._body.indenter)
 
-    def image(self, felt: Felt | None, time_s: float, noise_counts: FloatArray) -> FloatArray:
+    def image(self, felt: SkinContact | None, time_s: float, noise_counts: FloatArray) -> FloatArray:
         """Return the next tactile image (J,) [counts].
 
         Args:
@@ -115,7 +112,7 @@ class TactileSkin:
         # Adding zero turns the converter's -0 into 0; observations make of NaN a 0.
         return self._converter.apply(counts) + 0.0
 
-    def _values(self, felt: Felt | None, time_s: float) -> FloatArray:
+    def _values(self, felt: SkinContact | None, time_s: float) -> FloatArray:
         if self._stream is not None:
             return self._stream.step(self._samples(felt, time_s))[0]
         if felt is None:
@@ -124,7 +121,7 @@ class TactileSkin:
         # Contacts that lie apart press on tactile points of their own.
         return values[0] if len(values) == 1 else values.sum(axis=0)
 
-    def _samples(self, felt: Felt | None, time_s: float) -> Samples:
+    def _samples(self, felt: SkinContact | None, time_s: float) -> Samples:
         """Return the contact with what effects need to know besides.
 
         A skin in use has been touched everywhere before: the cycle is not known, and what fades with it has faded.
@@ -147,7 +144,7 @@ class TactileSkin:
         )
         return replace(samples, start_s=0.0)
 
-    def _phase(self, felt: Felt | None, time_s: float) -> int:
+    def _phase(self, felt: SkinContact | None, time_s: float) -> int:
         """Return whether the force rises, falls or stays."""
         before, self._before = (
             self._before,
@@ -160,3 +157,33 @@ class TactileSkin:
         if abs(change) < _STEADY_N_PER_S:
             return HOLD
         return LOAD if change > 0 else UNLOAD
+
+
+class PatchMould:
+    """Lays the same cells on a cylinder at one pose after the other.
+
+    The patches are those of :meth:`skincal.model.Patch.build`; the compact tiles are those found at one pose, as
+    neighbours stay neighbours.
+
+    Args:
+        surface: the fingertip.
+        layout: the taxels.
+        resolution_m: longest edge of a cell [m].
+    """
+
+    def __init__(
+        self,
+        surface: Cylinder,
+        layout: TaxelLayout,
+        resolution_m: float = 0.25e-3,
+    ) -> None:
+        self._surface = surface
+        # Always at the same pose: the order of sums must not depend on what was asked for before.
+        self._first = Patch.build(surface, layout, SensorPose(0.0, 0.0), resolution_m, MARGIN_M)
+
+    def at(self, pose: SensorPose) -> Patch:
+        """Return the patch at a pose."""
+        first = self._first
+        assert first.uv_m is not None
+        points, normals = self._surface.wrap(pose, first.uv_m)
+        return first.moved(points, normals)

@@ -19,9 +19,6 @@ def recover(path: Path) -> None:
     """Remove leftovers of killed processes next to an output, and restore an output that was moved away.
 
     What another process is writing now stays. Actions are logged as warnings.
-
-    Args:
-        path: the output.
     """
     named = re.compile(TEMPORARY.format(name=re.escape(path.name)))
     left: list[Path] = []

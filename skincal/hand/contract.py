@@ -19,10 +19,9 @@ from skincal.hand.driver import HandDriver
 from skincal.hand.errors import HandError
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.halt import HURRY_S, STOPPED
-from skincal.hand.hands import joint_contact_force
 from skincal.hand.trial import FailedCheckError, SkippedCheckError, Trial
 from skincal.hand.worker import CallExitError, CallTimeoutError
-from skincal.robot import HandDescription
+from skincal.robot import HandDescription, joint_contact_force
 from skincal.signals import held_back
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
@@ -79,12 +78,7 @@ class CheckResult:
 
 @dataclass(frozen=True)
 class ContractReport:
-    """Results of all checks of a driver.
-
-    Attributes:
-        driver: its name.
-        results: one per check, in order.
-    """
+    """Results of all checks of a driver."""
 
     driver: str
     results: tuple[CheckResult, ...] = field(default_factory=tuple[CheckResult, ...])

@@ -12,8 +12,7 @@ from types import TracebackType
 from typing import Generic, Self, TypeVar
 
 from skincal.model.arrays import FloatArray
-from skincal.robot.description import HandDescription
-from skincal.robot.state import HandState
+from skincal.robot.description import HandDescription, HandState
 
 Description = TypeVar("Description")
 State = TypeVar("State")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import Any
 
-from skincal.errors import InputError, Problem
+from skincal.errors import check_options
 
 
 @dataclass(frozen=True)
@@ -46,16 +47,13 @@ class GuardOptions:
     beyond_limits: bool = False
 
     def __post_init__(self) -> None:
-        optional = ("idle_s", "lag_s", "max_force_n")
-        zero = ("joint_margin_rad", "taxel_ahead_s")
-        problems = [
-            Problem(f"GuardOptions.{item.name}", "a finite number above zero", repr(value))
-            for item in fields(self)
-            if item.name != "beyond_limits"
-            and not ((value := getattr(self, item.name)) is None and item.name in optional)
-            and not (
-                isinstance(value, int | float) and 0 <= value < math.inf and (value or item.name in zero)
-            )
-        ]
-        if problems:
-            raise InputError(problems)
+        zero, optional = ("joint_margin_rad", "taxel_ahead_s"), ("idle_s", "lag_s", "max_force_n")
+        absent = [name for name in optional if getattr(self, name) is None]
+        finite = "a finite number above zero"
+        check_options(self, finite, lambda x: _is_number(x) and x > 0, "beyond_limits", *zero, *absent)
+        others = {*vars(self)} - {*zero}
+        check_options(self, finite, _is_number, *others)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and 0 <= value < math.inf

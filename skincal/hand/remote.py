@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
-from skincal.hand.hands import hand_named
 from skincal.hand.messages import (
     REPLIES,
     Message,
@@ -27,6 +26,7 @@ from skincal.hand.messages import (
 )
 from skincal.hand.resend import ResendTimer
 from skincal.hand.sockets import checked_address, client_keys, prepared, zmq_module
+from skincal.robot import hand_named
 from skincal.robot.description import HandDescription
 
 if TYPE_CHECKING:

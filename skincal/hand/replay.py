@@ -11,8 +11,8 @@ from skincal.dataset import Frames, read_dataset
 from skincal.errors import input_error
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
-from skincal.hand.hands import hand_named
 from skincal.model.arrays import FloatArray
+from skincal.robot import hand_named
 from skincal.robot.description import HandDescription
 
 
@@ -24,10 +24,6 @@ class ReplayDriver(HandDriver):
     measured ones), ``taxel_time_s`` the time stamps of the taxels (else those of the frames), and ``temperature_c``.
 
     Commands have no effect; they are stored in ``commands``, each with the time of the state that it answered.
-
-    Args:
-        dataset: folder of the dataset.
-        hand: the hand that it was recorded with.
 
     Raises:
         InputError: the dataset cannot be read, or has no such frames.

@@ -16,7 +16,7 @@ from skincal.errors import input_error
 from skincal.files import whole_file
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
-from skincal.hand.hands import hand_named
+from skincal.robot import hand_named
 from skincal.robot.description import HandDescription
 from skincal.sim import SimOptions, SimulatedHand, SkinMemory, Truth, TruthOptions
 from skincal.sim.bullet import check_engine

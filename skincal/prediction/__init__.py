@@ -1,8 +1,16 @@
 """Predictions: images of a dataset's contacts by a calibration, with its effects."""
 
 from skincal.prediction.mismatch import Mismatch
-from skincal.prediction.places import Places, Seen, best_places
+from skincal.prediction.places import ObservedImages, Places, best_places
 from skincal.prediction.prediction import Prediction, predict_dataset
 from skincal.prediction.session_samples import pose_names
 
-__all__ = ["Mismatch", "Places", "Prediction", "Seen", "best_places", "pose_names", "predict_dataset"]
+__all__ = [
+    "Mismatch",
+    "ObservedImages",
+    "Places",
+    "Prediction",
+    "best_places",
+    "pose_names",
+    "predict_dataset",
+]

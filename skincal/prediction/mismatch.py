@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset import Dataset, idle_means
 from skincal.fitting.observe import Observed, Readout, expected_counts, observe
-
-Floats = NDArray[np.floating[Any]]
-Bools = NDArray[np.bool_]
+from skincal.fitting.types import Bools, Floats
 
 
 @dataclass(frozen=True)

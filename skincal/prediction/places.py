@@ -13,14 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.floating[Any]]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.intp]
+from skincal.fitting.types import Bools, Floats, Ints
 
 Simulate = Callable[[Floats, Ints], Floats]
 """Function from slacks (n, 2) [m] and the indices of their presses (n,) to values (n, J) [counts], not clipped."""
@@ -41,7 +37,7 @@ ROOM = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ObservedImages:
     """Images that the positions are to explain.
 
     Attributes:
@@ -75,7 +71,11 @@ class Places:
 
 
 def best_places(
-    simulate: Simulate, seen: Seen, position_sigma_m: float, slack_m: float, start: Places | None = None
+    simulate: Simulate,
+    seen: ObservedImages,
+    position_sigma_m: float,
+    slack_m: float,
+    start: Places | None = None,
 ) -> Places:
     """Find the best slack of every press.
 
@@ -141,7 +141,7 @@ class _Best:
 @dataclass(frozen=True, eq=False)
 class _Problem:
     simulate: Simulate
-    seen: Seen
+    seen: ObservedImages
     stiffness: float
     slack_m: float
 

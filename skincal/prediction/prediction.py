@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.calibration import Calibration, check_same_sensor
 from skincal.dataset import Dataset, DatasetMeta, Frames, Presses
 from skincal.errors import Problem
+from skincal.fitting.types import Floats
 from skincal.prediction.abstaining import abstaining, abstaining_problems
 from skincal.prediction.holds import left_at_rest, rest_level
 from skincal.prediction.images import Images, images_with_effects
@@ -21,7 +21,6 @@ from skincal.prediction.slack import best_slack
 from skincal.prediction.touches import CalibratedSkin, Touches, frame_presses, touching
 from skincal.version import __version__
 
-Floats = NDArray[np.floating[Any]]
 Table = TypeVar("Table", Presses, Frames)
 
 Progress = Callable[[str, int, int], None]

@@ -20,11 +20,10 @@ from skincal.covariates import NUMBERS, TIMES
 from skincal.dataset import IDLE, Dataset
 from skincal.effects import HoldSession, Samples, hold_session, hold_times
 from skincal.effects.samples import UNKNOWN
+from skincal.fitting.types import Floats, Ints
 from skincal.prediction.sites import met_forces
 from skincal.prediction.touches import Touches, frame_presses, touching
 
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.intp]
 Column = Callable[[str], NDArray[Any] | None]
 
 

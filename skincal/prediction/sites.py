@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset import Dataset
 from skincal.effects import met_before
+from skincal.fitting.types import Ints
+from skincal.model.arrays import FloatArray
 from skincal.prediction.touches import frame_presses, touching
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 SAME_SITE_M = 1e-4
 """Largest distance of two targets of one site [m]."""
@@ -32,7 +30,7 @@ def sites(dataset: Dataset) -> Ints:
     )
 
 
-def met_forces(dataset: Dataset, rows: Ints) -> Floats | None:
+def met_forces(dataset: Dataset, rows: Ints) -> FloatArray | None:
     """Return the largest force of earlier touches of the same site (M,) [N], by the holds of their presses.
 
     None if touches are not counted, or if no press has an earlier one at its site: without targets, measured positions
@@ -46,7 +44,7 @@ def met_forces(dataset: Dataset, rows: Ints) -> Floats | None:
     return None if np.isnan(met[cycle > 0]).any() else met[rows]
 
 
-def _cycles(dataset: Dataset) -> Floats | None:
+def _cycles(dataset: Dataset) -> FloatArray | None:
     """Return the earlier touches of each press's site (P,), from its first frame if the table has no column."""
     own, frames = dataset.presses.column("cycle"), dataset.frames
     of_frames = None if frames is None else frames.column("cycle")
@@ -65,7 +63,7 @@ def _in_time(dataset: Dataset) -> Ints:
     return np.argsort(start, kind="stable")
 
 
-def _of_first_frames(dataset: Dataset, values: Floats) -> Floats:
+def _of_first_frames(dataset: Dataset, values: FloatArray) -> FloatArray:
     """Return the value, of values of frames (M,), in each press's first touching frame (P,); NaN without a frame."""
     touch = np.flatnonzero(touching(dataset))
     rows, first = np.unique(frame_presses(dataset)[touch], return_index=True)

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset import Dataset
 from skincal.fitting.observe import Observed
+from skincal.fitting.types import Floats, Ints
 from skincal.prediction.holds import HoldModel, in_time
-from skincal.prediction.places import Places, Seen, Simulate, best_places
+from skincal.prediction.places import ObservedImages, Places, Simulate, best_places
 from skincal.prediction.touches import CalibratedSkin, Touches
-
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.intp]
 
 
 def best_slack(
@@ -35,14 +31,19 @@ def best_slack(
             again = HoldModel.of(on, dataset, free, slack)
             slack[free] = _found(again.values, on, dataset, seen, free, found).slack_m
     else:
-        measured = Touches.of_presses(on, dataset).taken(free)
-
-        def simulate(slack_m: Floats, press: Ints) -> Floats:
-            return measured.taken(press).moved(slack_m).values()
-
-        slack[free] = _found(simulate, on, dataset, seen, free).slack_m
+        slack[free] = place_presses(on, dataset, seen, free).slack_m
     progress(1, 1)
     return slack
+
+
+def place_presses(on: CalibratedSkin, dataset: Dataset, seen: Observed, rows: Ints) -> Places:
+    """Return the best positions of presses ``rows`` (n,) of known position, on a skin without effects."""
+    measured = Touches.of_presses(on, dataset).taken(rows)
+
+    def simulate(slack_m: Floats, press: Ints) -> Floats:
+        return measured.taken(press).moved(slack_m).values()
+
+    return _found(simulate, on, dataset, seen, rows)
 
 
 def _found(
@@ -58,7 +59,7 @@ def _found(
     scatter = seen.rest_sigma_counts if np.isfinite(seen.rest_sigma_counts) else 0.0
     values, weight = np.where(read, seen.values[free], 0.0), np.where(read, seen.slope[free], 0.0)
     lit = read & (values > max(4 * scatter, 0.5))
-    images = Seen(values, weight, seen.saturated[free] & read, lit, max(scatter, 0.05))
+    images = ObservedImages(values, weight, seen.saturated[free] & read, lit, max(scatter, 0.05))
     spec = dataset.meta.position
     bound = spec.slack_m if np.isfinite(spec.slack_m) else _patch_size_m(on)
     return best_places(simulate, images, spec.sigma_m, bound, start)

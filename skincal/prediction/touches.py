@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,8 @@ from skincal.dataset import IDLE, Dataset
 from skincal.dataset.uniform_pressure import borne
 from skincal.effects import EffectSkin
 from skincal.errors import WorkError
+from skincal.fitting.types import Floats, Ints
 from skincal.model import Contacts, Indenter, Skin, Surface
-
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.intp]
 
 CHUNK = 10_000
 """Number of contacts simulated between two progress reports."""

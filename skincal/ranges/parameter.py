@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal, get_args
 
@@ -126,9 +126,6 @@ class Parameter:
         if "mean" in figures:
             return 4.0 * float(np.max(figures.get("sigma", np.nan)))
         return 0.0
-
-
-FIELDS: Final[tuple[str, ...]] = tuple(f.name for f in fields(Parameter))
 
 
 def as_tuple(numbers: Numbers | None) -> tuple[float, ...]:

@@ -17,13 +17,12 @@ were not).
 
 from __future__ import annotations
 
-from typing import Final, Literal
+from typing import Final
 
 from skincal.errors import input_error
 from skincal.ranges.parameter import Parameter
 from skincal.ranges.ranges import Ranges
-
-PresetName = Literal["iros24", "icra26"]
+from skincal.tasks import PresetName
 
 _U = Parameter.uniform
 _N = Parameter.normal

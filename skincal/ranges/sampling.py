@@ -74,18 +74,6 @@ def flat(sample: Sample, prefix: str = "") -> dict[str, Draw]:
     return found
 
 
-def get(sample: Sample, path: str) -> Draw:
-    """Return the draw of a parameter by its full name.
-
-    Raises:
-        KeyError: the sample does not hold it.
-    """
-    node: Any = sample
-    for key in path.split("."):
-        node = node[key]
-    return node
-
-
 def _draw_row(joint: JointDraws, rng: np.random.Generator) -> dict[str, float]:
     row = joint.draws[int(rng.integers(len(joint.draws)))]
     return dict(zip(joint.columns, (float(value) for value in row), strict=True))

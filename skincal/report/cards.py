@@ -21,9 +21,6 @@ Row = tuple[str, ...]
 def card(result: object) -> str:
     """Return a result as HTML.
 
-    Args:
-        result: a dataset, a calibration, a fit or a diagnosis.
-
     Raises:
         TypeError: it is none of these.
     """

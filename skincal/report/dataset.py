@@ -18,6 +18,7 @@ from skincal.dataset import IDLE, Dataset
 from skincal.dataset.placement import patch_coordinates
 from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels
 from skincal.dataset.summary import session_times_s
+from skincal.model.arrays import BoolArray, FloatArray
 from skincal.report.style import (
     BLACK,
     BLUE,
@@ -30,9 +31,6 @@ from skincal.report.style import (
     styled,
 )
 from skincal.report.taxel_map import draw_outlines, near_patch
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 FEW_NUMBERS = 8
 """Up to this number of active taxels, each number has its own colour."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from skincal.deploy import Deployed
 from skincal.model import TaxelLayout
+from skincal.model.arrays import FloatArray
 from skincal.report.style import BLACK, BLUE, GREY, RED, legend_below, new_figure, styled
 from skincal.report.taxel_map import draw_outlines
-
-FloatArray = NDArray[np.float64]
 
 
 @styled

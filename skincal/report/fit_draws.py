@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from skincal.fitting.result import FitResult
+from skincal.fitting.types import Floats
 from skincal.report.fit_quantities import Quantity, label_panel, quantities
 from skincal.report.style import (
     BLUE,
@@ -25,8 +25,6 @@ from skincal.report.style import (
     new_figure,
     styled,
 )
-
-FloatArray = NDArray[np.floating[Any]]
 
 BINS = 40
 MOST_DOTS = 1500
@@ -74,7 +72,7 @@ def _draw_alone(axes: Axes, of: Quantity) -> None:
     axes.set_xlim(*_limits(of))
 
 
-def _bins(of: Quantity) -> FloatArray:
+def _bins(of: Quantity) -> Floats:
     """Return the edges of the bars; draws from a grid have few values, and each gets one bar."""
     different = np.unique(of.draws)
     if 1 < len(different) < BINS:
@@ -120,7 +118,7 @@ def _spans_decades(of: Quantity, low: float, high: float) -> bool:
     return of.logarithmic and low > 0 and high > 3 * low
 
 
-def _write_correlation(axes: Axes, one: FloatArray, other: FloatArray) -> None:
+def _write_correlation(axes: Axes, one: Floats, other: Floats) -> None:
     axes.set_xticks([])
     axes.set_yticks([])
     axes.spines[:].set_visible(False)

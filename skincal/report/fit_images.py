@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -18,11 +17,10 @@ from numpy.typing import NDArray
 
 from skincal.dataset import Dataset
 from skincal.fitting.result import FitResult
+from skincal.fitting.types import Floats
 from skincal.model import TaxelLayout
 from skincal.report.fit_presses import chosen_presses, left_out
 from skincal.report.style import BLACK, DIVERGING, GREEN, GREY, RED, new_figure, styled
-
-FloatArray = NDArray[np.floating[Any]]
 
 ALL_UP_TO = 48
 """Up to this number, all presses are shown; of more, some of the worst, of the best and from between."""
@@ -41,11 +39,11 @@ class _Pair:
     words: str
     mark: str
     good: bool
-    observed: FloatArray
-    simulated: FloatArray
+    observed: Floats
+    simulated: Floats
 
     @property
-    def difference(self) -> FloatArray:
+    def difference(self) -> Floats:
         return self.simulated - self.observed
 
 
@@ -120,7 +118,7 @@ class _Tiles:
         rows: rows of tiles.
     """
 
-    corners: FloatArray
+    corners: Floats
     map_width: float
     map_height: float
     rows: int

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skincal.calibrate.assemble import calibration_of
+from skincal.calibration import Provenance
 from skincal.dataset import Dataset
 from skincal.dataset.placement import patch_coordinates
 from skincal.fitting.problem import USED
 from skincal.fitting.result import FitResult
-from skincal.model import Contacts, Converter, Patch, SensorPose, Skin, SkinParameters
-from skincal.prediction import Seen, best_places
-
-FloatArray = NDArray[np.floating[Any]]
-IntArray = NDArray[np.int64]
+from skincal.fitting.types import Floats
+from skincal.model import SensorPose
+from skincal.model.arrays import IntArray
+from skincal.prediction.slack import place_presses
+from skincal.prediction.touches import CalibratedSkin, Touches
 
 MOST = 8
 """Most presses that were left out to simulate; a larger number are not outliers."""
@@ -39,8 +38,8 @@ class PressView:
     press: IntArray
     used: IntArray
     unused: IntArray
-    measured_uv_m: FloatArray
-    estimated_uv_m: FloatArray
+    measured_uv_m: Floats
+    estimated_uv_m: Floats
 
     @classmethod
     def of(cls, result: FitResult, dataset: Dataset) -> PressView:
@@ -66,7 +65,7 @@ def why_unused(result: FitResult) -> list[tuple[str, int]]:
     return Counter(status for status in result.problem.status if status != USED).most_common()
 
 
-def chosen_presses(rmse_counts: FloatArray, most: int, few: int = 30) -> IntArray:
+def chosen_presses(rmse_counts: Floats, most: int, few: int = 30) -> IntArray:
     """Return the presses to show, the worst first: all of them, or a selection with the worst and best.
 
     Args:
@@ -98,8 +97,8 @@ class LeftOut:
     """
 
     row: int
-    observed: FloatArray
-    simulated: FloatArray
+    observed: Floats
+    simulated: Floats
     rmse_counts: float
 
 
@@ -110,50 +109,14 @@ def left_out(result: FitResult, dataset: Dataset) -> list[LeftOut]:
     known = np.isfinite(dataset.presses.position_m).all(axis=1) & (dataset.presses.force_n > 0)
     unused = np.array([status != USED for status in problem.status])
     rows = np.flatnonzero(unused & known & (problem.active >= least))[:MOST]
-    return sorted(_simulated(result, dataset, rows), key=lambda press: -press.rmse_counts)
-
-
-def _simulated(result: FitResult, dataset: Dataset, rows: NDArray[np.intp]) -> Iterator[LeftOut]:
-    if len(rows) == 0:
-        return
-    problem, rig = result.problem, result.problem.rig
-    scale = np.broadcast_to(result.best["scale_per_n"], (rig.layout.taxels,))
-    if result.scale_per_taxel_per_n is not None:
-        scale = result.scale_per_taxel_per_n
-    parameters = SkinParameters(result.best["elasticity_pa_per_m"], np.asarray(scale, dtype=np.float64))
-    skin = Skin(Patch.build(rig.surface, rig.layout, best_pose(result)), parameters, Converter.none())
-    points, radii = rig.surface.project(dataset.presses.position_m[rows]), dataset.indenter_radii_m()
-    seen = problem.observed
-    for point, row in zip(points, rows, strict=True):
-        indenter, force = dataset.indenter(float(radii[row])), dataset.presses.force_n[row]
-
-        tilted = None if dataset.presses.normals is None else dataset.presses.normals[row]
-        # Measured normals are unit vectors only to the digits of the file.
-        normal = tilted / np.linalg.norm(tilted) if tilted is not None and np.isfinite(tilted).all() else None
-
-        def simulate(
-            slack_m: FloatArray,
-            _: Any,
-            at: Any = point,
-            force: Any = force,
-            by: Any = indenter,
-            up: Any = normal,
-        ) -> Any:
-            moved = rig.surface.offset(np.tile(at, (len(slack_m), 1)), slack_m[:, 0], slack_m[:, 1])
-            normals = rig.surface.normal_at(moved) if up is None else np.tile(up, (len(moved), 1))
-            return skin.values(by, Contacts(moved, normals, np.full(len(moved), force)))
-
-        read = np.isfinite(seen.values[row]) & ~result.dead_taxels
-        observed = np.where(read, seen.values[row], np.nan)
-        image = Seen(
-            np.nan_to_num(observed)[None],
-            np.where(read, seen.slope[row], 0.0)[None],
-            seen.saturated[row][None] & read,
-            (np.nan_to_num(observed) > 1.0)[None],
-            result.sigmas.noise_counts,
-        )
-        slack = rig.slack_m if np.isfinite(rig.slack_m) else 0.0
-        place = best_places(simulate, image, rig.position_sigma_m, slack)
-        simulated = simulate(place.slack_m, np.zeros(1, dtype=np.intp))[0]
-        rmse = float(np.sqrt(np.mean((simulated - observed)[read] ** 2)))
-        yield LeftOut(int(row), observed, simulated, rmse)
+    if not len(rows):
+        return []
+    on = CalibratedSkin.of(calibration_of(result, dataset, Provenance("")), dataset)
+    values = np.where(result.dead_taxels, np.nan, problem.observed.values)
+    slack_m = place_presses(on, dataset, replace(problem.observed, values=values), rows).slack_m
+    simulated = Touches.of_presses(on, dataset).taken(rows).moved(slack_m).values()
+    rmse = np.sqrt(np.nanmean((simulated - values[rows]) ** 2, axis=1))
+    found = [
+        LeftOut(int(row), values[row], *own) for row, *own in zip(rows, simulated, rmse.tolist(), strict=True)
+    ]
+    return sorted(found, key=lambda press: -press.rmse_counts)

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from skincal.fitting.result import PARAMETERS, FitResult
-
-FloatArray = NDArray[np.floating[Any]]
+from skincal.fitting.types import Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +36,7 @@ class Quantity:
     low: float
     high: float
     searched: tuple[float, float] | None
-    draws: FloatArray
+    draws: Floats
 
     @property
     def identified(self) -> bool:

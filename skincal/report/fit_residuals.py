@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from skincal.dataset import Dataset
 from skincal.dataset.summary import session_times_s
 from skincal.fitting.result import FitResult
-from skincal.model.arrays import as_floats
+from skincal.fitting.types import Floats
+from skincal.model.arrays import BoolArray, as_floats
 from skincal.report.style import (
     BLACK,
     BLUE,
@@ -27,9 +27,6 @@ from skincal.report.style import (
     styled,
 )
 from skincal.report.taxel_map import taxel_boxes
-
-FloatArray = NDArray[np.floating[Any]]
-BoolArray = NDArray[np.bool_]
 
 TOUCHED_COUNTS, TOUCHED_SIGMAS = 1.0, 4.0
 """A taxel is included if it reads, or should read, this many counts and this many times its noise."""
@@ -47,7 +44,7 @@ class Residuals:
         level_counts: level, measured or simulated, from which a taxel is touched; noise alone does not reach it.
     """
 
-    difference: FloatArray
+    difference: Floats
     touched: BoolArray
     level_counts: float
 
@@ -141,7 +138,7 @@ def _draw_distribution(axes: Axes, result: FitResult, found: Residuals) -> None:
     axes.legend(loc="upper left")
 
 
-def _by_taxel(found: Residuals, of: Any) -> FloatArray:
+def _by_taxel(found: Residuals, of: Any) -> Floats:
     """Return a statistic of every taxel's residuals (J,); NaN where it was never included."""
     values = np.full(found.touched.shape[1], np.nan)
     for j in np.flatnonzero(found.touched.any(axis=0)):
@@ -167,7 +164,7 @@ def _draw_presses(axes: Axes, result: FitResult, dataset: Dataset) -> None:
     axes.grid(axis="y")
 
 
-def _draw_against(axes: Axes, x: FloatArray, found: Residuals, label: str, title: str) -> None:
+def _draw_against(axes: Axes, x: Floats, found: Residuals, label: str, title: str) -> None:
     y = found.difference[found.touched]
     some = slice(None, None, max(1, len(y) // MOST_DOTS))
     axes.axhline(0, color=GREY, linewidth=0.8)

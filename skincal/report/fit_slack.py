@@ -10,10 +10,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Rectangle
-from numpy.typing import NDArray
 
 from skincal.dataset import Dataset
 from skincal.fitting.result import FitResult
+from skincal.fitting.types import Floats
 from skincal.report.fit_presses import PressView
 from skincal.report.labels import name_points
 from skincal.report.style import (
@@ -31,8 +31,6 @@ from skincal.report.style import (
     styled,
 )
 from skincal.report.taxel_map import draw_outlines, near_patch
-
-FloatArray = NDArray[np.floating[Any]]
 
 MOST_NAMED = 40
 """Up to this number, presses are labelled with their numbers where there is room."""
@@ -61,7 +59,7 @@ def slack_figure(result: FitResult, dataset: Dataset) -> Figure:
     return figure
 
 
-def _name_presses(axes: Axes, names: list[str], points: FloatArray, keep_clear: FloatArray) -> None:
+def _name_presses(axes: Axes, names: list[str], points: Floats, keep_clear: Floats) -> None:
     """Write the numbers of the presses where there is room, and how many are missing."""
     missing = name_points(axes, names, points, keep_clear=keep_clear)
     if missing:
@@ -69,7 +67,7 @@ def _name_presses(axes: Axes, names: list[str], points: FloatArray, keep_clear: 
         axes.text(1.0, 1.0, words, transform=axes.transAxes, ha="right", va="bottom", fontsize=7, color=GREY)
 
 
-def _draw_patch(axes: Axes, result: FitResult, view: PressView, others: FloatArray) -> None:
+def _draw_patch(axes: Axes, result: FitResult, view: PressView, others: Floats) -> None:
     draw_outlines(axes, result.problem.rig.layout)
     measured, estimated = 1e3 * view.measured_uv_m[view.used], 1e3 * view.estimated_uv_m
     good = result.presses.good

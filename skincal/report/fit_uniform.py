@@ -21,13 +21,7 @@ _MOST_LINES = 60
 
 
 def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str | Path) -> None:
-    """Write ``report.html`` and its figures (``scales.png``, ``answers.png``) into a folder.
-
-    Args:
-        outcome: the fit.
-        dataset: the dataset that was fitted.
-        folder: an existing folder; files of the same names are replaced.
-    """
+    """Write ``report.html`` and its figures (``scales.png``, ``answers.png``) into a folder."""
     folder, calibration, unit = Path(folder), outcome.calibration, dataset.meta.sensor.unit
     figures = [
         picture(scales_figure(outcome), "scales", folder, unit),

@@ -18,10 +18,10 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from skincal.fitting.fit_options import PAPER_BOUND_COUNTS2
 from skincal.fitting.result import FitResult
+from skincal.fitting.types import Floats
 from skincal.report.fit_quantities import Quantity, label_panel, quantities
 from skincal.report.style import (
     BLACK,
@@ -33,8 +33,6 @@ from skincal.report.style import (
     new_figure,
     styled,
 )
-
-FloatArray = NDArray[np.floating[Any]]
 
 COLOURS = "viridis_r"
 """Colour map that is yellow where the loss is low, so that black marks stand out."""
@@ -49,7 +47,7 @@ class _Axis:
 
     quantity: Quantity
     axis: int
-    values: FloatArray
+    values: Floats
 
 
 @styled
@@ -95,7 +93,7 @@ def _searched(result: FitResult) -> list[_Axis]:
     return [_Axis(q, axis, points * q.factor) for q, axis, points in own if len(points) > 1]
 
 
-def _least(rmse: FloatArray, *keep: int) -> FloatArray:
+def _least(rmse: Floats, *keep: int) -> Floats:
     """Return the smallest value over all axes except ``keep``, in the order of ``keep``."""
     others = tuple(axis for axis in range(rmse.ndim) if axis not in keep)
     least = rmse.min(axis=others)
@@ -115,7 +113,7 @@ def _marks(result: FitResult) -> list[tuple[float, str, Any, str]]:
     return marks
 
 
-def _draw_profile(axes: Axes, of: _Axis, least: FloatArray, result: FitResult) -> None:
+def _draw_profile(axes: Axes, of: _Axis, least: Floats, result: FitResult) -> None:
     axes.plot(of.values, least, color=BLUE, marker=".", markersize=3)
     for value, colour, line, _ in _marks(result):
         axes.axhline(value, color=colour, linestyle=line, linewidth=1.0)
@@ -136,9 +134,7 @@ def _scale(axes: Axes, col: _Axis) -> None:
         few_logarithmic_ticks(axes.xaxis)
 
 
-def _draw_pair(
-    axes: Axes, col: _Axis, row: _Axis, least: FloatArray, levels: FloatArray, result: FitResult
-) -> None:
+def _draw_pair(axes: Axes, col: _Axis, row: _Axis, least: Floats, levels: Floats, result: FitResult) -> None:
     """Draw the error over two macro variables; ``least`` is (values of col, values of row)."""
     norm, place = LogNorm(levels[0], levels[-1]), (col.values, row.values, least.T)
     axes.contourf(*place, levels=levels, cmap=COLOURS, norm=norm, extend="both")
@@ -157,7 +153,7 @@ def _draw_pair(
     _scale(axes, col)
 
 
-def _explain(figure: Figure, grid: GridSpec, levels: FloatArray, result: FitResult) -> None:
+def _explain(figure: Figure, grid: GridSpec, levels: Floats, result: FitResult) -> None:
     """Draw legend and colour bar in the upper right, where the triangle leaves room."""
     side = grid.ncols
     place = figure.add_subplot(grid[0, side // 2 :])

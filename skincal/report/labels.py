@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from skincal.fitting.types import Floats
 from skincal.report.style import BLACK, GREY
-
-FloatArray = NDArray[np.floating[Any]]
 
 SIZE_PT = 6.0
 """Size of the letters [pt]."""
@@ -27,9 +25,7 @@ _FAR_PT = 5.0
 _DIRECTIONS = np.radians([45, 315, 135, 225, 0, 180, 90, 270, 22, 338, 158, 202])
 
 
-def name_points(
-    axes: Axes, names: Sequence[str], points: FloatArray, *, keep_clear: FloatArray | None = None
-) -> int:
+def name_points(axes: Axes, names: Sequence[str], points: Floats, *, keep_clear: Floats | None = None) -> int:
     """Write labels next to points; the figure must have been laid out, so that the axes have their place and limits.
 
     Args:
@@ -56,12 +52,12 @@ def name_points(
     return left_out
 
 
-def _in_points(axes: Axes, points: FloatArray) -> FloatArray:
+def _in_points(axes: Axes, points: Floats) -> Floats:
     """Return the positions on the page [pt]."""
     return axes.transData.transform(points) * 72.0 / axes.figure.dpi  # type: ignore[union-attr]
 
 
-def _candidates(here: FloatArray, name: str) -> Iterator[tuple[FloatArray, FloatArray]]:
+def _candidates(here: Floats, name: str) -> Iterator[tuple[Floats, Floats]]:
     """Yield candidate offsets of a label from its point, with the boxes (4,) it would fill [pt], the nearest first."""
     half = 0.5 * SIZE_PT * np.array([_WIDE * len(name), _HIGH])
     for distance in _DISTANCES_PT:
@@ -71,12 +67,12 @@ def _candidates(here: FloatArray, name: str) -> Iterator[tuple[FloatArray, Float
             yield offset, np.concatenate([here + offset - half, here + offset + half])
 
 
-def _covers(box: FloatArray, taken: FloatArray) -> bool:
+def _covers(box: Floats, taken: Floats) -> bool:
     apart = (box[:2] >= taken[:, 2:]) | (box[2:] <= taken[:, :2])
     return not bool(apart.any(axis=1).all())
 
 
-def _write(axes: Axes, name: str, point: FloatArray, offset: FloatArray) -> None:
+def _write(axes: Axes, name: str, point: Floats, offset: Floats) -> None:
     line: Any = {"arrowstyle": "-", "color": GREY, "linewidth": 0.4, "shrinkA": 0.0, "shrinkB": 2.0}
     far = float(np.abs(offset).max()) > _FAR_PT + 0.5 * SIZE_PT * _WIDE * len(name)
     axes.annotate(

@@ -69,15 +69,7 @@ def picture(figure: Figure, stem: str, folder: Path, unit: str | None = None) ->
 def write_page(
     template: str, folder: Path, dataset: Dataset, calibration: Calibration, **values: Any
 ) -> None:
-    """Write ``report.html`` into a folder.
-
-    Args:
-        template: name of the template.
-        folder: an existing folder.
-        dataset: the session that the page is about.
-        calibration: that it is about.
-        values: further variables of the template.
-    """
+    """Write ``report.html`` into a folder."""
     folder_name = dataset.folder.resolve().name if dataset.folder else "dataset"
     own = {
         "name": escape(calibration.provenance.dataset or folder_name),

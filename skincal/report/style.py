@@ -33,6 +33,9 @@ BLUE, ORANGE, GREEN, RED, PURPLE, GREY, BLACK = (
 )  # fmt: skip
 """Okabe and Ito's colours, which people with any colour vision can distinguish."""
 
+SEVERAL = (BLUE, RED, GREEN, ORANGE, PURPLE, GREY)
+"""Colours of policies or runs, in this order."""
+
 OPEN: Any = {"markerfacecolor": "none", "markeredgecolor": RED, "markeredgewidth": 1.5}
 """Look of a mark for the best point."""
 

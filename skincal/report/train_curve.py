@@ -6,15 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from skincal.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, as_it_is, new_figure, styled
+from skincal.model.arrays import FloatArray
+from skincal.report.style import SEVERAL, as_it_is, new_figure, styled
 
-COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE)
 SMOOTH_STEPS = 10_000
 """Steps over which figures are averaged: a single round holds eight episodes."""
 
-FloatArray = NDArray[np.float64]
 
 _PANELS = (
     ("reward", "reward of a step", 1.0),
@@ -28,7 +26,7 @@ def curves_figure(curves: Mapping[str, Mapping[str, FloatArray]], title: str = "
     """Draw learning curves: columns of each run by name (see :func:`skincal.train.read_curve`)."""
     figure = new_figure(10.5, 3.2, title)
     for axes, (column, label, factor) in zip(figure.subplots(1, 3), _PANELS, strict=True):
-        for (name, curve), colour in zip(curves.items(), COLOURS * len(curves), strict=False):
+        for (name, curve), colour in zip(curves.items(), SEVERAL * len(curves), strict=False):
             steps, values = smoothed(curve["steps"], curve[column])
             axes.plot(1e-3 * steps, factor * values, color=colour, label=as_it_is(name))
         axes.set_xlabel("environment steps [thousands]")

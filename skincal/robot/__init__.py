@@ -1,11 +1,12 @@
 """The hand: its description, its kinematics, and the contact inferred from its joints."""
 
-from skincal.robot.bundled import DEFAULT_HAND, bundled_hand
+from skincal.robot.bundled import DEFAULT_HAND, bundled_hand, hand_named
 from skincal.robot.chain import Chain, TipFrames
-from skincal.robot.contact import JointContact, contact_from_joints
+from skincal.robot.contact import JointContact, contact_from_joints, joint_contact_force
 from skincal.robot.description import (
     FingerDescription,
     HandDescription,
+    HandState,
     ImpedanceGains,
     JointLimits,
 )
@@ -13,7 +14,6 @@ from skincal.robot.hand_file import FORMAT, read_hand
 from skincal.robot.inverse import place_indenter
 from skincal.robot.kinematics import Kinematics
 from skincal.robot.limits import check_limits
-from skincal.robot.state import HandState
 from skincal.robot.urdf import urdf_with_sphere
 
 __all__ = [
@@ -31,6 +31,8 @@ __all__ = [
     "bundled_hand",
     "check_limits",
     "contact_from_joints",
+    "hand_named",
+    "joint_contact_force",
     "place_indenter",
     "read_hand",
     "urdf_with_sphere",

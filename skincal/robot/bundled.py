@@ -1,4 +1,4 @@
-"""The bundled hands."""
+"""Lookup of a hand, by name or by file."""
 
 from __future__ import annotations
 
@@ -23,3 +23,13 @@ def bundled_hand(name: str = DEFAULT_HAND) -> HandDescription:
     if name not in known:
         raise input_error("hand", f"one of {', '.join(known)}", f'"{name}"')
     return read_hand(folder / name)
+
+
+def hand_named(hand: str | Path = DEFAULT_HAND) -> HandDescription:
+    """Return the description of a hand: a bundled one by name, or a ``hand.toml``, or its folder.
+
+    Raises:
+        InputError: there is no hand of that name, or the file is invalid.
+    """
+    path = Path(hand).expanduser()
+    return read_hand(path) if path.exists() or path.suffix or len(path.parts) > 1 else bundled_hand(str(hand))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray
+from skincal.robot.description import HandDescription, HandState
 from skincal.robot.kinematics import Kinematics
 
 _SINGULAR = 1e6
@@ -85,6 +87,21 @@ def contact_from_joints(
         gap_m=height - radius,
         centres_m=centres,
     )
+
+
+def joint_contact_force(description: HandDescription) -> Callable[[HandState], float]:
+    """Return a function that computes the size of the contact force [N] of a state from joint angles and torques.
+
+    It is the full force, not only its normal part: a hand that presses sideways presses, too.
+    """
+    kinematics = Kinematics(description)
+
+    def force_n(state: HandState) -> float:
+        contact = contact_from_joints(kinematics, state.q_rad, state.tau_nm)
+        parts = (contact.force_n[0], contact.shear_u_n[0], contact.shear_v_n[0])
+        return float(sum(part * part for part in parts) ** 0.5)
+
+    return force_n
 
 
 def nearest_on_surface(

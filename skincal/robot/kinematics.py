@@ -23,11 +23,6 @@ class Kinematics:
     """Forward kinematics of the two tips.
 
     Build it with ``Kinematics(description)``; the URDF is read once.
-
-    Attributes:
-        description: the hand.
-        skin: the finger that carries the skin.
-        indenter: the finger with the indenter.
     """
 
     description: HandDescription
@@ -58,11 +53,6 @@ class Kinematics:
     def frames(self, q_rad: ArrayLike) -> tuple[TipFrames, TipFrames]:
         """Return the frames of the fingertip and at the sphere's centre for joint angles (K, n) or (n,) [rad]."""
         return self._pair.frames(self.angles(q_rad))
-
-    def centre_in_tip(self, q_rad: ArrayLike) -> FloatArray:
-        """Return the sphere's centre in the fingertip frame (K, 3) [m], for joint angles (K, n) or (n,) [rad]."""
-        skin, indenter = self.frames(q_rad)
-        return skin.to_tip(indenter.origins_m)
 
     def link_angles(self, q_rad: ArrayLike, tau_nm: ArrayLike) -> FloatArray:
         """Return the link angles (K, n) [rad]: measured angles (K, n) less the give of the drives at torques (K, n)."""

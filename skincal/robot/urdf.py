@@ -78,11 +78,6 @@ class Urdf:
 def read_urdf(path: Path, findings: Findings, within: Path | None = None) -> Urdf | None:
     """Read the tree of a URDF.
 
-    Args:
-        path: the file.
-        findings: collects the errors.
-        within: folder that must hold the file and its meshes.
-
     Returns:
         The tree; None, with errors added, where it is invalid.
     """

@@ -40,9 +40,6 @@ class Look:
 class SkinMemory:
     """The looks of a session in a file that is complete up to any end of the process.
 
-    Args:
-        path: the file; created if missing.
-
     Raises:
         InputError: the file is of another kind.
     """

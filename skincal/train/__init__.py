@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from skincal.train.tasks import PUBLISHED_STEPS, BackendName, PolicyKind, Task
+from skincal.tasks import PUBLISHED_STEPS, BackendName, PolicyKind, Task
 
 if TYPE_CHECKING:
     from skincal.train.bundled import bundled_policies, policy_path

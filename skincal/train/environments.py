@@ -12,11 +12,11 @@ import numpy as np
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from skincal.ranges import Ranges
+from skincal.tasks import ENVIRONMENT_IDS
 from skincal.train.settings import Work
-from skincal.train.tasks import ENVIRONMENT_IDS
 
 if TYPE_CHECKING:
-    from skincal.envs.task import TaskOptions
+    from skincal.envs.task_options import TaskOptions
 
 Make = Callable[[], "gymnasium.Env[Any, Any]"]
 
@@ -46,13 +46,7 @@ def in_full(work: Work, ranges: Ranges | None) -> Work:
 
 
 def parallel(make: Make, number: int, *, processes: bool = False) -> VecEnv:
-    """Return several environments side by side.
-
-    Args:
-        make: makes one.
-        number: how many.
-        processes: each in a process of its own; else they take turns in this one.
-    """
+    """Return several environments side by side."""
     makers = [make] * number
     return SubprocVecEnv(makers, start_method="forkserver") if processes else DummyVecEnv(makers)
 

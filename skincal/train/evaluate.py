@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -13,16 +13,11 @@ from numpy.typing import NDArray
 from skincal.envs.trajectories import ORIENTATIONS_DEG, POLICY_HZ
 from skincal.errors import input_error
 from skincal.ranges import Ranges
+from skincal.tasks import DURATION_S, ENVIRONMENT_IDS, JOINT_OFFSETS, Task
 from skincal.train.policy_file import Policy
 from skincal.train.scores import Runs
-from skincal.train.tasks import ENVIRONMENT_IDS, Task
 
 Environment = gymnasium.Env[Any, Any]
-
-RANDOMIZED: Final = ("finger.joint_offset_rad",)
-"""All that is randomised in the published evaluation; everything else is nominal."""
-
-DURATION_S: Final = {Task.marble: 8.0, Task.bolt: 24.0, Task.pellets: 6.0}
 
 
 @dataclass(frozen=True)
@@ -44,7 +39,7 @@ class Trial:
     episodes: int = 100
     seed: int = 0
     duration_s: float | None = None
-    randomize: Sequence[str] | None = RANDOMIZED
+    randomize: Sequence[str] | None = JOINT_OFFSETS
     values: Mapping[str, Any] = field(default_factory=dict[str, Any])
     trajectory: Any = "circle"
     environment: Mapping[str, Any] = field(default_factory=dict[str, Any])

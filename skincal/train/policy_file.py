@@ -17,8 +17,8 @@ from skincal.dataset.schema import Table
 from skincal.dataset.schema_errors import Violation
 from skincal.errors import InputError, WorkError, input_error
 from skincal.files import reason
+from skincal.tasks import PolicyKind, Task
 from skincal.train.network import Network
-from skincal.train.tasks import PolicyKind, Task
 
 FORMAT: Final = "skincal-policy/1"
 DESCRIPTION_KEY: Final = "skincal"
@@ -101,13 +101,7 @@ def _is_plain(value: Any) -> bool:
 
 
 class Policy:
-    """A policy that is ready to act.
-
-    Attributes:
-        network: what it computes.
-        description: what it is for.
-        file: where it was read from.
-    """
+    """A policy that is ready to act."""
 
     def __init__(self, network: Network, description: Description, file: str) -> None:
         self.network, self.description, self.file = network, description, file

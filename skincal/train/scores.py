@@ -7,9 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.model.arrays import FloatArray
-
-BoolArray = NDArray[np.bool_]
+from skincal.model.arrays import BoolArray, FloatArray
 
 SETTLED_S = (2.0, 8.0)
 """The part of a marble's run that counts as settled [s]: the circle, after the way from the centre to the side."""
@@ -125,12 +123,7 @@ class Rolling:
 
 
 def score(runs: Runs, rng: np.random.Generator) -> Score:
-    """Sum up the tracking errors of a policy.
-
-    Args:
-        runs: its episodes.
-        rng: for the intervals, which are bootstrapped over episodes.
-    """
+    """Sum up the tracking errors of a policy."""
     mean = mean_error_m(runs.error_m, np.ones((1, len(runs))))[0]
     draws = rng.multinomial(len(runs), np.full(len(runs), 1.0 / len(runs)), RESAMPLES)
     resampled = mean_error_m(runs.error_m, draws)

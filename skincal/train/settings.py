@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from skincal.dataset.keys import Key, Word
 from skincal.dataset.schema import Table
-from skincal.train.tasks import BackendName, PolicyKind, Task
+from skincal.tasks import BackendName, PolicyKind, Task
 
 
 class Within(Key):

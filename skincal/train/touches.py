@@ -12,7 +12,7 @@ from skincal.envs.bodies import Marble
 from skincal.envs.drawing import Drawer, number
 from skincal.envs.pinch import Pinch, require_cylinder
 from skincal.envs.sensing import Sensor
-from skincal.envs.tactile import SESSION_S, Felt, TactileSkin
+from skincal.envs.tactile import SESSION_S, SkinContact, TactileSkin
 from skincal.envs.trajectories import POLICY_HZ, wander
 from skincal.model import Cylinder
 from skincal.model.arrays import FloatArray
@@ -95,7 +95,7 @@ def draw_touches(
             contacts = body.contacts(
                 points[k], normals[k], float(force[k]), points[k] + body.radius_m * normals[k], np.eye(3)
             )
-            felt = Felt(contacts, *rng.normal(0.0, SHEAR_N, 2).tolist())
+            felt = SkinContact(contacts, *rng.normal(0.0, SHEAR_N, 2).tolist())
             images[hand, k] = skin.image(felt, (_RESTING + k) / POLICY_HZ, noise[_RESTING + k]) - rest
         places[hand] = way
         progress(hand + 1)

@@ -17,6 +17,7 @@ from skincal.dataset.schema import load_toml, read_table
 from skincal.errors import WorkError, input_error
 from skincal.files import alone, recover, refuse_existing, whole_folder
 from skincal.ranges import Ranges, read_ranges, write_ranges
+from skincal.tasks import BackendName
 from skincal.train.checkpoint import (
     ARRAYS,
     STATE,
@@ -32,7 +33,6 @@ from skincal.train.learner import Learner
 from skincal.train.onnx_file import write_policy
 from skincal.train.policy_file import Description, Policy, read_policy
 from skincal.train.settings import PpoSettings, Settings, Work, rounds_of
-from skincal.train.tasks import BackendName
 from skincal.train.watch import Round
 
 MARKER: Final = "run.toml"

@@ -66,14 +66,7 @@ def mapper(workers: int | Mapper | None = None, scheduler: str | None = None) ->
 
 
 class _Shared:
-    """Work that this process shares with its workers: each takes the first piece that nobody has begun.
-
-    Args:
-        pool: the workers.
-        workers: how many they are.
-        function: what is done.
-        arguments: with what, piece by piece.
-    """
+    """Work that this process shares with its workers: each takes the first piece that nobody has begun."""
 
     def __init__(
         self,

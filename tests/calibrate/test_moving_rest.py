@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from skincal.calibrate import fit_problem
-from skincal.calibrate.moving_rest import with_moving_rest
+from skincal.calibrate.data_findings import with_moving_rest
 from skincal.dataset import IDLE, Dataset
 from skincal.dataset.rest_drift import rest_drift
 from skincal.fitting.fit_options import FitOptions

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.sessions import make_session
-from skincal.calibrate.rig_advice import for_the_rig, has_joints
+from skincal.calibrate.data_findings import for_the_rig, has_joints
 from skincal.calibration import Finding
 
 SCATTER = Finding("force_scatter", "warning", "Forces scatter.", "Check the torque sensors' zero.")

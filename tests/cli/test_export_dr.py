@@ -10,8 +10,8 @@ import pytest
 from calibrations import INTERVALS, make_calibration
 
 from skincal.calibration import Effect, write_calibration
-from skincal.cli import export_dr
 from skincal.ranges import PRESETS, preset, read_ranges
+from skincal.tasks import PresetName
 
 
 @pytest.fixture
@@ -135,7 +135,7 @@ def test_a_cloud_that_is_not_there(cal, tmp_path, capsys):
 
 
 def test_the_choices_are_the_presets():
-    assert set(get_args(export_dr.Preset)) == set(PRESETS)
+    assert set(get_args(PresetName)) == set(PRESETS)
 
 
 def test_an_unknown_scale_is_refused_unless_assumed(tmp_path, capsys):

@@ -14,7 +14,7 @@ SLOW_HAND = """
 import time
 import numpy as np
 from skincal.hand import HandDriver, HandState
-from skincal.hand.hands import hand_named
+from skincal.robot import hand_named
 
 class SlowHand(HandDriver):
     name = "slow"

@@ -20,7 +20,7 @@ from skincal.hand.guard import GuardedHand
 
 BAD_HAND = """
 from skincal.hand import HandDriver
-from skincal.hand.hands import hand_named
+from skincal.robot import hand_named
 
 class BadHand(HandDriver):
     name = "bad"

@@ -119,7 +119,7 @@ def test_a_broken_entry_point_says_which_package(lab, target: str, name: str, wo
 
 def test_the_command_line_knows_it(lab):
     """A process of its own: the module of the package imports skincal.effects while the registry loads."""
-    code = f"import sys; sys.path.insert(0, {str(lab())!r}); from skincal.calibration.effects import EFFECT_NAMES as n"
+    code = f"import sys; sys.path.insert(0, {str(lab())!r}); from skincal.calibration.parts import EFFECT_NAMES as n"
     done = subprocess.run(
         [sys.executable, "-c", f"{code}; print(n['inversion'])"], capture_output=True, text=True, check=False
     )
@@ -133,7 +133,7 @@ def test_no_other_module_quotes_the_name_of_an_effect():
         ("cli/demo.py", "hysteresis"),  # what the demo hides
         ("cli/collect.py", "hysteresis"),  # an example
         ("fitting/fit_findings.py", "dead_taxel"),  # the code of a finding of the fit
-        ("calibrate/order.py", "dead_taxel"),
+        ("calibrate/data_findings.py", "dead_taxel"),
     }
     plain = {"shear", "rate", "spread", "cover"}  # a covariate, and words
     found = set()

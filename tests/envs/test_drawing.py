@@ -141,16 +141,16 @@ def test_lists_that_do_not_fit_the_hand_are_refused() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"trajektory": "circle"}, 'options trajektory: expected one of .*Did you mean "trajectory"'),
-        ({"trajectory": "square"}, "options trajectory: expected one of random, circle, still, or targets"),
-        ({"trajectory": np.zeros((3, 3))}, "options trajectory"),
-        ({"duration_s": -1.0}, "options duration_s: expected a number between"),
+        ({"trajektory": "circle"}, 'options, trajektory: expected one of .*Did you mean "trajectory"'),
+        ({"trajectory": "square"}, "options, trajectory: expected one of random, circle, still, or targets"),
+        ({"trajectory": np.zeros((3, 3))}, "options, trajectory"),
+        ({"duration_s": -1.0}, "options, duration_s: expected a number between"),
         ({"randomize": ["finger.k_q"]}, "options randomize: expected tables"),
-        ({"randomize": 3}, "options randomize"),
+        ({"randomize": 3}, "options, randomize"),
         ({"values": {"skin.y": 0.02}}, "options values: expected one of"),
         ({"values": {"skin.y_m": 23.5}}, "options values skin.y_m: expected -1 to 1 m"),
         ({"values": {"skin.y_m": np.nan}}, "options values skin.y_m"),
-        ({"orientation_deg": "across"}, "options orientation_deg"),
+        ({"orientation_deg": "across"}, "options, orientation_deg"),
     ],
 )
 def test_options_that_make_no_sense_are_refused_in_words(options: dict[str, Any], message: str) -> None:
@@ -165,11 +165,14 @@ def test_options_that_make_no_sense_are_refused_in_words(options: dict[str, Any]
     [
         ({"policy": "blind"}, "policy: expected one of tactile, joint-angles, desired"),
         ({"ranges": "no/such.toml"}, "no/such.toml: expected a ranges file; got no such file"),
-        ({"speed_rad_per_second": 1.0}, 'environment speed_rad_per_second: .*Did you mean "speed_rad_per_s"'),
-        ({"duration_s": 0}, "environment duration_s: expected a number > 0"),
+        (
+            {"speed_rad_per_second": 1.0},
+            'environment, speed_rad_per_second: .*Did you mean "speed_rad_per_s"',
+        ),
+        ({"duration_s": 0}, "environment, duration_s: expected a number > 0"),
         (
             {"solver_iterations": 2.5},
-            "environment solver_iterations: expected a whole number > 0, below 10000",
+            "environment, solver_iterations: expected a whole number > 0, below 10000",
         ),
         ({"hand": "/nowhere"}, "no such file"),
     ],

@@ -19,11 +19,11 @@ PAGE = (Path(__file__).parents[2] / "docs" / "environments.md").read_text(encodi
 def test_the_page_names_every_part_of_what_is_seen(name: str) -> None:
     env = gymnasium.make(name, disable_env_checker=True).unwrapped
     _, info = env.reset(seed=0)
-    parts = [part.name for part in env._seen.critic.parts]
+    parts = [part.name for part in env._observation.critic.parts]
     rows = re.findall(r"^\| (`.*?`) \| ([0-9, ]+)", PAGE.split('`observation["critic"]`')[1], re.M)
     named = [word for row in rows for word in re.findall(r"`(\w+)`", row[0])]
     assert named[: len(parts)] == parts
-    assert f"| draws | {sum(part.size for part in env._seen._constant.parts)} |" in PAGE
+    assert f"| draws | {sum(part.size for part in env._observation._constant.parts)} |" in PAGE
     terms = (
         info["reward_terms"]
         if info["reward_terms"]

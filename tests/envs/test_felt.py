@@ -11,7 +11,7 @@ from calibrations import make_calibration
 
 import skincal.envs  # noqa: F401  # registers the tasks
 from skincal.envs.bodies import Bolt
-from skincal.envs.patches import PatchMould
+from skincal.envs.tactile import PatchMould
 from skincal.model import (
     Contacts,
     Converter,

@@ -62,7 +62,7 @@ def test_the_skin_feels_each_pellet() -> None:
     env = make(policy="tactile")
     env.reset(seed=1, options={"pellets": 2, "randomize": "none", "values": quiet})
     env.step(np.zeros(6))
-    felt = env.felt()
+    felt = env.skin_contact()
     assert felt is not None and len(felt.contacts.force_n) == 2
     one = env.skin._skin.values(env._body_now.indenter, felt.contacts)
     together = env.skin._values(felt, 0.1)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import skincal.envs
-from skincal.envs.picture import HEIGHT, WIDTH, Board, Shown, colours, panel
+from skincal.envs.picture import HEIGHT, WIDTH, Board, PictureState, colours, panel
 from skincal.model import TaxelLayout
 
 LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
@@ -38,7 +38,7 @@ def test_a_picture_shows_the_hand_and_beside_it_the_image(name: str) -> None:
 
 def test_policies_without_touch_have_dark_taxels() -> None:
     target, place = np.array([4e-3, 0.0]), np.array([0.0, -4e-3])
-    dark = panel(Shown(np.zeros(3), LAYOUT, None, target, place))
+    dark = panel(PictureState(np.zeros(3), LAYOUT, None, target, place))
     assert tuple(dark[HEIGHT // 2, round(0.7 * HEIGHT)]) == (90, 220, 120)
     assert tuple(dark[round(0.7 * HEIGHT), HEIGHT // 2 + 7]) == (255, 255, 255)
     assert tuple(dark[round(0.2 * HEIGHT), round(0.2 * HEIGHT)]) == tuple(colours(np.zeros(1))[0].astype(int))
@@ -46,7 +46,7 @@ def test_policies_without_touch_have_dark_taxels() -> None:
 
 def test_what_lies_beyond_the_panel_or_is_nowhere_does_no_harm() -> None:
     for odd in (np.array([1.0, -1.0]), np.array([np.nan, np.inf])):
-        assert panel(Shown(np.zeros(3), LAYOUT, None, odd, odd)).shape == (HEIGHT, HEIGHT, 3)
+        assert panel(PictureState(np.zeros(3), LAYOUT, None, odd, odd)).shape == (HEIGHT, HEIGHT, 3)
 
 
 def test_without_a_display_the_window_is_left_out(
@@ -65,7 +65,7 @@ def test_the_board_has_the_colours_of_the_image() -> None:
     env: Any = gymnasium.make("skincal/MarbleRoll-v0", render_mode="rgb_array", disable_env_checker=True)
     env.reset(seed=0)
     env, image = env.unwrapped, np.linspace(0.0, 100.0, 16)
-    shown = Shown(env._grasp.centre_m, LAYOUT, image, np.zeros(2), np.zeros(2))
+    shown = PictureState(env._grasp.centre_m, LAYOUT, image, np.zeros(2), np.zeros(2))
     before, board = env.render(), Board(env._scene, shown)
     board.show(shown)
     engine, client = env._scene.engine, env._scene.client

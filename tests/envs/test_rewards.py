@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skincal.envs.rewards import RewardScales, Situation, falling, reward_terms, rising
+from skincal.envs.rewards import RewardInputs, RewardScales, falling, reward_terms, rising
 from skincal.errors import InputError
 
-GOOD = Situation(
+GOOD = RewardInputs(
     distance_m=0.0,
     force_n=1.5,
     right_contact=True,
@@ -35,7 +35,7 @@ def test_more_deviation_never_pays(a: float, b: float) -> None:
 
 def test_best_step_pays_the_sum_of_the_published_weights() -> None:
     assert sum(reward_terms(GOOD, RewardScales()).values()) == pytest.approx(0.15 + 0.05 + 0.05)
-    bolt = Situation(**{**vars(GOOD), "angle_rad": 0.0})
+    bolt = RewardInputs(**{**vars(GOOD), "angle_rad": 0.0})
     assert sum(reward_terms(bolt, RewardScales()).values()) == pytest.approx(0.15 + 0.05 + 0.05 + 0.05)
 
 
@@ -58,10 +58,10 @@ def test_best_step_pays_the_sum_of_the_published_weights() -> None:
     ],
 )
 def test_each_term_has_its_width(change: dict[str, float], term: str, value: float) -> None:
-    terms = reward_terms(Situation(**{**vars(GOOD), **change}), RewardScales())
+    terms = reward_terms(RewardInputs(**{**vars(GOOD), **change}), RewardScales())
     assert terms[term] == pytest.approx(value, abs=1e-12)
 
 
 def test_a_weight_that_is_none_is_refused() -> None:
-    with pytest.raises(InputError, match="rewards force: expected a finite number, 0 or more"):
+    with pytest.raises(InputError, match=r"RewardScales\.force: expected a finite number, 0 or more"):
         RewardScales(force=-0.1)

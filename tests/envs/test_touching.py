@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from skincal.envs.touching import Point, merged
+from skincal.envs.scene_state import Point, merged
 
 
 def row(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from skincal.model import Contacts, Cylinder, Patch, SensorPose, Skin, SkinParameters, Sphere, TaxelLayout
-from skincal.prediction import Seen, best_places
+from skincal.prediction import ObservedImages, best_places
 
 SURFACE = Cylinder(0.0115)
 LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
@@ -32,7 +32,7 @@ class Bench:
         points = SURFACE.offset(self.measured[press], slack_m[:, 0], slack_m[:, 1])
         return SKIN.values(INDENTER, Contacts(points, SURFACE.normal_at(points), self.force[press]))
 
-    def seen(self, values: np.ndarray | None = None, **changes: object) -> Seen:
+    def seen(self, values: np.ndarray | None = None, **changes: object) -> ObservedImages:
         values = self.values if values is None else values
         parts = {
             "values": values,
@@ -41,7 +41,7 @@ class Bench:
             "lit": values > 0.5,
             "floor_counts": 0.1,
         }
-        return Seen(**(parts | changes))
+        return ObservedImages(**(parts | changes))
 
 
 def test_known_slack_is_found() -> None:

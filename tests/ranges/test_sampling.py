@@ -1,5 +1,9 @@
 """Draws: inside their ranges, of the right shapes, reproducible, and the cloud's rows together."""
 
+from functools import reduce
+from operator import getitem
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,10 +11,13 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from skincal.ranges import JointDraws, Parameter, Ranges, preset
-from skincal.ranges.sampling import get
 
 SEEDS = st.integers(0, 2**32 - 1)
 FLOATS = st.floats(-1e9, 1e9, allow_nan=False)
+
+
+def get(sample: Any, path: str) -> Any:
+    return reduce(getitem, path.split("."), sample)
 
 
 def leaves(sample, path=""):

@@ -10,8 +10,14 @@ import numpy as np
 import pytest
 
 from skincal.model import TaxelLayout
-from skincal.report.eval_marble import error_figure, runs_figure
-from skincal.report.evaluation import Evaluated, names_of, write_figures, write_runs
+from skincal.report.evaluation import (
+    Evaluated,
+    error_figure,
+    names_of,
+    runs_figure,
+    write_figures,
+    write_runs,
+)
 from skincal.report.train_curve import curves_figure, smoothed
 from skincal.train import Task
 from skincal.train.evaluate import Trial

@@ -493,10 +493,10 @@ def test_glitches_are_shown_with_what_the_skin_says(fitted: Fitted) -> None:
     assert words[1].startswith("left out: rmse")
     assert left_out(result, dataset) == []
     # A tilt moves the load as a slack does, so it shows where there is none.
-    stiff = replace(without, problem=replace(problem, rig=replace(problem.rig, slack_m=0.0)))
+    held = replace(dataset, meta=replace(dataset.meta, position=PositionSpec(0.001, 0.0)))
     tilted = np.tile([0.3, 0.0, 0.954], (len(dataset.presses), 1))
-    (one,) = left_out(stiff, dataset)
-    (other,) = left_out(stiff, replace(dataset, presses=replace(dataset.presses, normals=tilted)))
+    (one,) = left_out(without, held)
+    (other,) = left_out(without, replace(held, presses=replace(dataset.presses, normals=tilted)))
     assert np.abs(other.simulated - one.simulated).max() > 0.5, "a measured normal counts"
 
 

@@ -1,7 +1,10 @@
-"""Pictures of what effects do."""
+"""Pictures of what effects do, in the documentation."""
 
 from __future__ import annotations
 
+import importlib.util
+import sys
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -9,9 +12,14 @@ import pytest
 
 from skincal.effects import EFFECTS
 from skincal.errors import InputError
-from skincal.report import signatures
-from skincal.report.signatures import signature, signature_figure
 from skincal.report.style import png_bytes
+
+SOURCE = Path(__file__).parents[1] / "docs" / "_ext" / "signatures.py"
+spec = importlib.util.spec_from_file_location("signatures", SOURCE)
+assert spec is not None and spec.loader is not None
+signatures = sys.modules["signatures"] = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(signatures)
+signature, signature_figure = signatures.signature, signatures.signature_figure
 
 
 @pytest.mark.parametrize("name", EFFECTS)

@@ -1,9 +1,9 @@
-"""Tasks, observations and backends by name; nothing that help would wait for."""
+"""Tasks, observations, engines and backends by name, and what is published of them; nothing that help waits for."""
 
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Final
+from typing import Final, Literal
 
 
 class Task(StrEnum):
@@ -30,6 +30,13 @@ class BackendName(StrEnum):
     sbx = "sbx"
 
 
+class Engine(StrEnum):
+    """Physics engine; policies are trained in the first."""
+
+    pybullet = "pybullet"
+    mujoco = "mujoco"
+
+
 ENVIRONMENT_IDS: Final = {
     Task.marble: "skincal/MarbleRoll-v0",
     Task.bolt: "skincal/BoltRoll-v0",
@@ -37,5 +44,17 @@ ENVIRONMENT_IDS: Final = {
 }
 """What gymnasium makes a task by."""
 
+PresetName = Literal["iros24", "icra26"]
+"""Published works whose randomization comes along as a preset."""
+
 PUBLISHED_STEPS: Final = {Task.marble: 800_000, Task.bolt: 600_000, Task.pellets: 8_000_000}
 """Length of a training run [environment steps], Kasolowsky & Bäuml, IROS 2024, section V-E; pellets: ICRA 2026."""
+
+DURATION_S: Final = {Task.marble: 8.0, Task.bolt: 24.0, Task.pellets: 6.0}
+"""Length of a run of an evaluation [s]."""
+
+SPEEDS_RAD_PER_S: Final = {Task.marble: 0.3, Task.bolt: 0.6, Task.pellets: 0.3}
+"""Joint velocity that an action of 1 commands; assumed [rad/s]."""
+
+JOINT_OFFSETS: Final = ("finger.joint_offset_rad",)
+"""All that the paper randomizes in its evaluation; everything else is nominal."""

@@ -1,13 +1,17 @@
-"""Findings about taxels that stand in another order than the data say."""
+"""Findings about the data of a fit: the order of the taxels, a level at rest that moves, and advice for the rig."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
+
+import numpy as np
 
 from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import choose_way
 from skincal.calibration import Calibration, Finding
-from skincal.dataset import Dataset
+from skincal.dataset import Dataset, rest_levels
+from skincal.dataset.rest_drift import rest_drift
 from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.errors import WorkError
 from skincal.fitting.fit_options import FitOptions
@@ -77,3 +81,51 @@ def with_other_order(calibration: Calibration, order: TaxelOrder) -> Calibration
         intervals=dict.fromkeys(calibration.intervals, nothing),
         findings=(order_finding(order, calibration.layout()), *others),
     )
+
+
+REST_MOVES: Final = "rest_moves"
+"""Code of the finding."""
+
+_MATTERS: Final = 0.005
+"""Part of the largest signal from which it is told."""
+
+
+def with_moving_rest(calibration: Calibration, dataset: Dataset) -> Calibration:
+    """The calibration, with a note where the level at rest moves by enough to matter."""
+    shifts = rest_drift(dataset)
+    if shifts is None or not shifts.any():
+        return calibration
+    size = float(np.median(np.sqrt((shifts**2).mean(axis=0))))
+    if not size > _MATTERS * np.nanmax(dataset.presses.counts - rest_levels(dataset)):
+        return calibration
+    sensor = dataset.meta.sensor
+    finding = Finding(
+        REST_MOVES,
+        "info",
+        f"The level at rest moves by {size:.3g} {sensor.unit or 'counts'} rms between presses: drift, perhaps with "
+        "re-zeroing. Each press was fitted above the level right before it.",
+        "Ranges do not contain this drift; `skincal diagnose` looks for a steady one (baseline_drift).",
+    )
+    return replace(calibration, findings=(*calibration.findings, finding))
+
+
+ON_A_STAGE = {
+    "force_scatter": "Check the zero of the load cell, and that it measures along the normal of the skin.",
+    "positions_worse": "Check how the stage's axes lie to the sensor, and the offset of the indenter's tip; raise "
+    "[position] sigma_m and slack_m.",
+    "positions_bent": "Align the axes of the stage with the sensor's edges for a sharper alpha.",
+}
+"""Advice where there are no joints, by the code of the finding."""
+
+
+def has_joints(dataset: Dataset) -> bool:
+    """Return whether a hand took the data: its joints' angles or torques are there."""
+    return any(dataset.presses.column(name) is not None for name in ("q_0", "tau_0"))
+
+
+def for_the_rig(findings: tuple[Finding, ...], dataset: Dataset) -> tuple[Finding, ...]:
+    """Return findings in the unit of the sensor, with advice that names what the rig of a dataset has."""
+    findings = tuple(one.in_unit(dataset.meta.sensor.unit) for one in findings)
+    if has_joints(dataset):
+        return findings
+    return tuple(replace(one, advice=ON_A_STAGE.get(one.code, one.advice)) for one in findings)
