@@ -68,6 +68,10 @@ class UnreadableError(ValueError):
         self.expected, self.got = expected, got
         super().__init__(f"expected {expected}; got {got}")
 
+    def __reduce__(self) -> tuple[type[UnreadableError], tuple[str, str]]:
+        """Keep both texts when the error is sent to another process."""
+        return type(self), (self.expected, self.got)
+
 
 def read_bytes(path: Path, most: int = MOST_TEXT_BYTES, within: Path | None = None) -> bytes:
     """The content of a plain file of at most so many bytes.
@@ -251,7 +255,7 @@ def read_arrays(
         found: dict[str, NDArray[Any]] = {}
         for member in members:
             with archive.open(member) as content:
-                found[member.filename.removesuffix(".npy")] = _array(content)
+                found[member.filename.removesuffix(".npy")] = _array(content, member.file_size)
         return found
 
 
@@ -262,9 +266,8 @@ def read_array(path: Path, most: int = MOST_ARRAY_BYTES) -> NDArray[Any]:
         UnreadableError: it is none, is cut short, or is larger than ``most`` bytes.
         OSError: it cannot be read.
     """
-    content = io.BytesIO(read_bytes(path, most))
-    with _whole(".npy"):
-        return _array(content)
+    with open_input(path) as stream, _whole(".npy"):
+        return _array(stream, min(most, os.fstat(stream.fileno()).st_size))
 
 
 @contextmanager
@@ -278,8 +281,8 @@ def _whole(kind: str) -> Generator[None]:
         raise UnreadableError(f"a whole {kind} file", quoted(error)) from error
 
 
-def _array(stream: IO[bytes]) -> NDArray[Any]:
-    """One array; its header's shape has to be that of the bytes that follow."""
+def _array(stream: IO[bytes], most: int) -> NDArray[Any]:
+    """One array of at most so many bytes; its header's shape has to be that of the bytes that follow."""
     version = np.lib.format.read_magic(stream)
     read_header = {
         (1, 0): np.lib.format.read_array_header_1_0,
@@ -289,11 +292,16 @@ def _array(stream: IO[bytes]) -> NDArray[Any]:
     if kind.hasobject:
         raise UnreadableError("plain numbers", "Python objects, which are not opened as they may run code")
     size = math.prod(shape) * kind.itemsize
-    data = stream.read(max(size, 0) + 1)  # what follows may unpack to much more
-    if size != len(data):
-        got = f"{len(data)} bytes of {kind}" if len(data) <= size else "more bytes"
-        raise UnreadableError(f"numbers of shape {shape}", got)
-    return np.frombuffer(bytearray(data), kind).reshape(shape, order="F" if by_columns else "C")
+    expected = f"numbers of shape {shape}"
+    if size > most:
+        raise UnreadableError(expected, f"{most} bytes with the header")
+    values, read = np.empty(max(size, 0), np.uint8), 0
+    while some := stream.read(min(1 << 20, max(size - read, 0))):
+        values[read : read + len(some)] = np.frombuffer(some, np.uint8)
+        read += len(some)
+    if read != size or stream.read(1):
+        raise UnreadableError(expected, f"{read} bytes of {kind}" if read < size else "more bytes")
+    return values.view(kind).reshape(shape, order="F" if by_columns else "C")
 
 
 def check_table_size(rows: int, columns: int, most_rows: int = MOST_ROWS) -> None:

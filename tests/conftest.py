@@ -32,9 +32,10 @@ RADIUS_M = 0.0115
 hypothesis.settings.register_profile("skincal", deadline=None)
 hypothesis.settings.load_profile("skincal")
 
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    # A shell has what it runs in the background ignore Ctrl-C; tests of an interrupt would then wait for ever.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+# A shell has what it runs in the background ignore Ctrl-C and Ctrl-\; tests that send them would then wait for ever.
+for number, own in ((signal.SIGINT, signal.default_int_handler), (signal.SIGQUIT, signal.SIG_DFL)):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, own)
 
 
 def make_session(presses: int = 12, *, frames_per_press: int = 8, seed: int = 1) -> Dataset:

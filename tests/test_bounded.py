@@ -318,3 +318,14 @@ def test_an_array_unpacks_to_no_more_than_its_header_says(tmp_path):
         read_arrays(file)
     assert tracemalloc.get_traced_memory()[1] < 10 << 20
     tracemalloc.stop()
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.npz"])
+def test_arrays_take_no_more_memory_than_their_size(tmp_path, name):
+    (np.save if name == "a.npy" else np.savez_compressed)(tmp_path / name, np.zeros(10**6))
+    read = bounded.read_array if name == "a.npy" else bounded.read_arrays
+    tracemalloc.start()
+    read(tmp_path / name)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 11 << 20  # 8 MB, and a piece of the file

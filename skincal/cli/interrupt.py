@@ -65,7 +65,7 @@ def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
     with interruptible(*(number for number in ENDING if number != signal.SIGALRM)):
         try:
             yield
-        except (KeyboardInterrupt, WorkError) as error:
+        except (KeyboardInterrupt, WorkError, OSError) as error:  # a full disk, for instance
             status = None
             while status is None:
                 with suppress(KeyboardInterrupt):  # of a further signal
@@ -75,7 +75,7 @@ def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
             raise Ended(status) from None
 
 
-def _tell_end(error: KeyboardInterrupt | WorkError, saved: Callable[[], str]) -> int:
+def _tell_end(error: KeyboardInterrupt | WorkError | OSError, saved: Callable[[], str]) -> int:
     """Say why a verb that moves a hand ends, what is saved, and whether the hand was stopped.
 
     Returns:
@@ -87,7 +87,7 @@ def _tell_end(error: KeyboardInterrupt | WorkError, saved: Callable[[], str]) ->
             signal.signal(number, signal.SIG_IGN)
     danger, notes = _danger_and_notes(error)
     stopped = isinstance(error, KeyboardInterrupt)
-    if not stopped and (text := saved()):
+    if not stopped and (text := " ".join(filter(None, [*notes, saved()]))):
         say(f"skincal: the session ended early. {text}")
     if danger:
         say(f"skincal: error: {danger}")

@@ -68,7 +68,7 @@ def frames_of(samples: Sequence[Sample], last_s: float, rate_hz: float) -> Array
         rate_hz: largest rate of frames [Hz].
 
     Returns:
-        Columns by name: ``time_s``, ``counts`` (M, J) and those of :class:`Series`.
+        Columns by name: ``time_s``, ``counts`` (M, J) and those of :class:`Series`; M is 0 without a new frame.
     """
     step_s = 1 / rate_hz
     period_s = (samples[-1].time_s - samples[0].time_s) / max(len(samples) - 1, 1)
@@ -79,7 +79,9 @@ def frames_of(samples: Sequence[Sample], last_s: float, rate_hz: float) -> Array
             kept.append(sample)
             last_s = sample.frame_s
     times = np.array([sample.frame_s for sample in kept], dtype=np.float64)
-    counts = np.array([sample.state.taxels for sample in kept]).reshape(len(kept), -1)
+    counts = np.empty((len(kept), len(samples[0].state.taxels)))
+    for row, sample in zip(counts, kept, strict=True):  # a slow sensor may have read none
+        row[:] = sample.state.taxels
     return {"time_s": times, "counts": counts, **Series.of(samples).at(times)}
 
 
@@ -240,10 +242,13 @@ def _slip(series: Series, moments: Moments) -> float:
 
 
 def _mean_image(frames: Arrays, times_s: FloatArray) -> FloatArray:
-    """Return the mean of the images read in a stretch of time (J,) [counts]; the nearest image if there is none."""
+    """Return the mean of the images read in a stretch of time (J,) [counts]; the nearest image if there is none.
+
+    NaN stands for taxels that were not read at all.
+    """
     time_s, counts = frames["time_s"], frames["counts"]
     inside = (time_s >= times_s[0]) & (time_s <= times_s[-1])
-    if not inside.any():
+    if len(time_s) and not inside.any():
         inside[np.argmin(np.abs(time_s - times_s.mean()))] = True
     number = np.isfinite(counts[inside]).sum(axis=0)
     total = np.nansum(counts[inside], axis=0)

@@ -66,6 +66,10 @@ class Session:
 
     Args:
         contact_force: computes the contact force; None: not checked.
+
+    Attributes:
+        over: whether the hand has been given back.
+        trouble: failure of the last stop, which the client may not be there to hear of.
     """
 
     def __init__(
@@ -78,6 +82,7 @@ class Session:
     ) -> None:
         self.token = token
         self.over = False
+        self.trouble: HandError | None = None
         self._options = options
         self._hand = GuardedHand(driver, options.guard_options, contact_force)
         self._replies = replies
@@ -233,8 +238,9 @@ class Session:
                 self._replies.put_and_wake(Reply(self._client, self._last))
 
     def _stop_quietly(self) -> None:
-        """Stop the hand without reporting a failure; the client's own stop reports it."""
+        """Stop the hand; the server reports a failure, and so does the client's own stop."""
         try:
             self._hand.stop()
-        except HandError:
-            return
+            self.trouble = None
+        except HandError as error:
+            self.trouble = error

@@ -117,7 +117,11 @@ class HandServer:
             self._unbind()
 
     def run(self, *, sessions: int | None = None) -> None:
-        """Serve until :meth:`end` is called, or until a number of sessions have ended."""
+        """Serve until :meth:`end` is called, or until a number of sessions have ended.
+
+        Raises:
+            HandError: a client is gone, and the hand could not be stopped: nobody else may have it.
+        """
         poller = self._zmq.Poller()
         poller.register(self._socket, self._zmq.POLLIN)
         poller.register(self._wake, self._zmq.POLLIN)
@@ -130,6 +134,8 @@ class HandServer:
                 self._handle(parts[0], parts[-1])
             self._send_replies()
             over = self._session is None or self._session.over
+            if over and self._session is not None and self._session.trouble is not None:
+                raise self._session.trouble
             if sessions is not None and over and self.sessions >= sessions:
                 return
 

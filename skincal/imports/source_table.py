@@ -20,9 +20,6 @@ from skincal.imports.layout_hints import layout_hint, units_row
 from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.text_table import TextTable, read_text_table
 
-FOREIGN: Final = (read_hdf5, read_json, read_matlab, read_arrow)
-"""Formats whose libraries may crash, or take all memory, on a damaged file."""
-
 ARRAYS: Final[dict[bytes, Callable[[Path], Columns]]] = {
     b"\x89HDF\r\n\x1a\n": read_hdf5,
     b"MATLAB 5.0 MAT": read_matlab,
@@ -75,7 +72,7 @@ def read_source_table(
         reader = read_json
     if reader is not None:
         try:
-            columns = apart(reader, path) if reader in FOREIGN else reader(path)
+            columns = apart(reader, path)  # libraries crash, or take all memory, on a damaged file
         except (OSError, ValueError) as error:
             if start != b"[":
                 findings.error(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -105,6 +106,21 @@ def test_a_wrong_command_line_is_status_2_and_leaves_nothing(
     status, _, err = run(capsys, "collect", "--out", "run", *arguments)
     assert status == 2 and message in err and "Traceback" not in err
     assert [p.name for p in here.iterdir()] == ["plan.csv"]
+
+
+def test_a_full_disk_stops_the_hand_and_says_so(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    from skincal.collect.journal import Journal
+
+    def full(self: Journal, number: int, arrays: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", "press.npz")
+
+    monkeypatch.setattr(Journal, "keep_press", full)
+    write_plan(POSED, here / "plan.toml")
+    status, _, err = run(capsys, "collect", "--plan", "plan.toml", "--out", "run")
+    assert status == 1 and "No space left on device" in err
+    assert "ended early. The hand was stopped. No press was finished." in err
 
 
 def test_lost_driver_is_reported_and_session_resumes(

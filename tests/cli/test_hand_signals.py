@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+
+from skincal.hand.errors import HandError
+from skincal.hand.remote import RemoteDriver
 
 SLOW_HAND = """
 import time
@@ -103,6 +108,36 @@ def test_every_signal_stops_a_stage_that_collects(tmp_path: Path, number: int) -
     assert "s" in (tmp_path / "log").read_text()[-2:]
     assert err.splitlines()[-1].startswith("skincal: interrupted. The stage was stopped.")
     assert status == 130
+
+
+@pytest.mark.parametrize(
+    ("number", "stop_s"), [(signal.SIGTSTP, 0.0), (signal.SIGUSR1, 0.0), (signal.SIGTERM, 30.0)]
+)
+def test_every_signal_stops_a_hand_that_is_served(tmp_path: Path, number: int, stop_s: float) -> None:
+    (tmp_path / "slow_hand.py").write_text(SLOW_HAND)
+    options = ["--driver", "slow_hand:SlowHand", "--driver-option", f"stop_s={stop_s}"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "skincal", "serve-hand", *options, "--bind", "tcp://127.0.0.1:*", "--json"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        client = RemoteDriver(json.loads(process.stdout.readline())["address"])
+        client.connect()
+        client.observe()
+        process.send_signal(number)
+        status, err = process.wait(20), process.communicate()[1]
+    finally:
+        process.kill()
+    with suppress(HandError):
+        client.close()
+    if stop_s:
+        assert status == 1 and "Cut the hand's power" in err.splitlines()[-1]
+    else:
+        assert status == 0 and "s" in (tmp_path / "log").read_text()[-2:]
 
 
 def test_stage_not_stopped_is_reported(tmp_path: Path) -> None:

@@ -394,3 +394,10 @@ def test_a_second_indenter_is_asked_for_and_recorded(rig: Rig):
     assert radii is not None
     np.testing.assert_array_equal(radii, [np.nan, 0.006])
     assert check_dataset(rig.out).errors == ()
+
+
+def test_a_stretch_without_a_frame_is_kept_as_such(rig: Rig):
+    found = rig.run(ONE, options=CollectOptions(frame_rate_hz=0.1))
+    frames = found.dataset.frames
+    assert frames is not None and len(frames.time_s) == 1
+    assert found.dataset.presses.counts.shape == (1, 16)

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -231,6 +231,22 @@ def test_a_client_that_falls_silent_loses_the_hand() -> None:
         assert caught.value.kind == "lost"
         other.close()
         silent.close()
+
+
+@pytest.mark.parametrize("fault", [{"hang": {"stop": 5.0}}, {"raises": {"stop": OSError("cable")}}])
+def test_a_hand_that_cannot_be_stopped_is_given_to_nobody(fault: dict[str, Any]) -> None:
+    hands = Hands(lambda: FakeHand(**fault))
+    with suppress(HandError), HandServer(hands, "tcp://127.0.0.1:*", options=SERVE) as server:
+        client = RemoteDriver(server.address)
+        threading.Thread(
+            target=lambda: (client.connect(), client.observe())
+        ).start()  # and is never heard again
+        threading.Timer(6.0, server.end).start()
+        with pytest.raises(HandError, match="Cut the hand's power") as caught:
+            server.run()
+        assert caught.value.stopped is False and len(hands.made) == 1
+    with suppress(HandError):
+        client.close()
 
 
 def test_a_message_of_another_session_does_nothing() -> None:

@@ -16,8 +16,10 @@ from skincal.bounded import UnreadableError
 from skincal.dataset.findings import Findings
 from skincal.errors import InputError, Problem
 from skincal.imports import apart as module
+from skincal.imports import source_table
 from skincal.imports.apart import apart
 from skincal.imports.csv_source import read_csv_files
+from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.read_mapping import read_mapping
 from tests.imports.foreign import RIG, SERIES
 
@@ -29,6 +31,10 @@ def double(path: Path, factor: int) -> str:
 
 def refuse(path: Path) -> None:
     raise InputError([Problem(str(path), "a bag", "none")])
+
+
+def find_no_array(_: Path) -> None:
+    raise UnreadableError("an array", "none")
 
 
 def crash(_: Path) -> None:
@@ -53,6 +59,8 @@ def test_results_and_errors_come_back(tmp_path: Path):
     with pytest.raises(InputError) as caught:
         apart(refuse, tmp_path)
     assert caught.value.problems[0].got == "none"
+    with pytest.raises(UnreadableError, match="expected an array; got none"):
+        apart(find_no_array, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -75,3 +83,16 @@ def test_a_matlab_file_that_crashes_its_reader(tmp_path: Path):
     findings = Findings()
     assert read_csv_files(read_mapping(tmp_path / "map.toml", "csv"), [tmp_path / "a.mat"], findings) is None
     assert "a.mat: expected a whole file of arrays" in str(findings.errors[0])
+
+
+@pytest.mark.parametrize("reader", set(source_table.ARRAYS.values()))
+def test_arrays_of_every_format_are_read_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reader):
+    def too_large(read: object, path: Path) -> None:
+        raise UnreadableError("a file that is read in 1 MiB of memory", f"{read is reader}")
+
+    monkeypatch.setattr(source_table, "apart", too_large)
+    magic = next(magic for magic, one in source_table.ARRAYS.items() if one is reader)
+    (tmp_path / "a").write_bytes(magic + b"\0")
+    findings = Findings()
+    assert source_table.read_source_table(tmp_path / "a", CsvFormat(), ["t"], [], findings) is None
+    assert "got True" in str(findings.errors[0])
