@@ -26,11 +26,11 @@ import numpy as np
 from skincal.effects import effect
 from skincal.effects.samples import Samples
 from skincal.effects.starts import Scene
-from skincal.inference.blocks import Whitened
+from skincal.inference.blocks import Blocks, Whitened
 from skincal.inference.check import left, limits
 from skincal.inference.columns import Candidate, Free, begun, candidates, free_of, starts_of
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.fit import Fitted, Fitter
+from skincal.inference.fit import NB, Fitted, Fitter
 from skincal.inference.forward import Effects, Seen, State
 from skincal.inference.gains import full_step, gains
 from skincal.inference.null import Null, drawn_residuals, law_residuals
@@ -49,7 +49,8 @@ class Tried:
         gain: of its best start [nats].
         error: its standard error.
         sure: standard errors by which it is there.
-        limit: of the null.
+        least: the null's limit, from which on it is worth a fit.
+        limit: the same, or what equations of others may err by if that is more: what its fit must gain.
         p_value: part of null sessions that gain as much.
         candidate: the best start.
         coefficients: multiples of its points.
@@ -61,6 +62,7 @@ class Tried:
     gain: float
     error: float
     sure: float
+    least: float
     limit: float
     p_value: float
     candidate: Candidate
@@ -71,7 +73,7 @@ class Tried:
     @property
     def good(self) -> bool:
         """Whether it is worth a fit."""
-        return self.gain > self.limit and self.shared > 0
+        return self.gain > self.least and self.shared > 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,12 +205,11 @@ class Search:
 
     def _round(self, fit: Fitted, named: Sequence[Named]) -> list[Tried]:
         """What every effect that is not in the model would gain, best first."""
-        found, w, errors = self._linear(fit)
-        linear = self.fitter.built(fit.seen, fit.free, w, errors)
-        # An equation's error has no known shape: it may look like anything that is no larger.
-        owed = sum(0.5 * effect(one.name).equation_error ** 2 * one.gain for one in named)
+        found, w, shared = self._linear(fit)
+        linear, errors = self.fitter.built(fit.seen, fit.free, w, shared), self._errors(fit, w)
         n = len(linear.prior)
         begin = n + np.cumsum([0, *(len(c.columns) for c in found)])
+        alone = full_step(linear.blocks, np.arange(n), linear.prior, linear.pull)
         best: dict[str, tuple[Score, int]] = {}
         for k, each in enumerate(self._gains(linear, found, linear.blocks.b[:, :, None], linear.pull)):
             s, name = Score(each[:, 0]), found[k].name
@@ -220,10 +221,56 @@ class Search:
             own = np.append(np.arange(n), np.arange(begin[k], begin[k + 1]))
             prior = np.append(linear.prior, 1 / np.array(c.start.sigma) ** 2)
             step = full_step(linear.blocks, own, prior, np.append(linear.pull, np.zeros(len(c.columns))))
-            limit, p = max(self._null.limit(name), owed), self._null.p_value(name, s.total)
+            way = np.zeros(len(w.columns))
+            way[own] = step
+            way[:n] -= alone
+            owed = self._owed(errors, self._beyond_presses(linear.blocks, w, way)) if errors else 0.0
+            least, p = self._null.limit(name), self._null.p_value(name, s.total)
             at = self.fitter.moved(linear, step, own)
-            out.append(Tried(name, s.total, s.error, s.sure, limit, p, c, step[n:], s.shared, at))
+            out.append(
+                Tried(name, s.total, s.error, s.sure, least, max(least, owed), p, c, step[n:], s.shared, at)
+            )
         return sorted(out, key=lambda t: -t.gain)
+
+    def _errors(self, fit: Fitted, w: Whitened) -> list[FloatArray]:
+        """(M, J) what the equation of each effect in the model may err by, less what base and presses take up."""
+        if not w.own.shape[2]:
+            return []
+        columns = np.concatenate([w.columns.dense[..., :NB], w.own], axis=2)
+        plain = replace(w, columns=Slopes.of(columns), own=w.own[..., :0])
+        b = self.fitter.blocks(plain, fit.state.move)
+        h = b.h.sum(axis=0)
+        prior, _ = self.fitter.prior(fit.state, ())
+        base = np.linalg.solve(h[:NB, :NB] + np.diag(prior), h[:NB, NB:])
+        ways = np.vstack([-base, np.eye(w.own.shape[2])]).T
+        return [self._beyond_presses(b, plain, way) for way in ways]
+
+    def _owed(self, errors: Sequence[FloatArray], new: FloatArray) -> float:
+        """What an effect may gain by what the equations of others err by [nats].
+
+        The shape of an equation's error is not known. In each phase of each press each taxel may be off by the part of
+        what an effect does that its equation may err by, by two standard deviations, all in the sense in which they are
+        like the new one.
+
+        Args:
+            errors: (M, J) of each.
+            new: (M, J) what the new one does that the model does not follow.
+        """
+        pressed = self.fitter.press >= 0
+        cell = np.stack([self.fitter.press[pressed], self.fitter.phase[pressed]])
+        cell = np.unique(cell, axis=1, return_inverse=True)[1].ravel()
+        along = sum(float(np.abs(_summed(cell, new * one)).sum()) ** 2 for one in errors)
+        return 0.5 * C.alike**2 * along / max(float((new**2).sum()), 1e-300)
+
+    def _beyond_presses(self, blocks: Blocks, w: Whitened, step: FloatArray) -> FloatArray:
+        """(M, J) what a step changes in presses, less what each press's place, force and image take up."""
+        pressed = self.fitter.press >= 0
+        press, signal = self.fitter.press[pressed], w.signal[pressed]
+        x = w.columns.times(step)[pressed]
+        x -= np.einsum("njk,nk->nj", w.press[pressed], (blocks.moves[1] @ step)[press])
+        square = np.maximum(_summed(press, signal**2), 1e-12)
+        part = (1 - 1 / np.sqrt(1 + self.fitter.before.image**2 * square)) / square
+        return x - signal * (part * _summed(press, signal * x))[press]
 
     def _linear(self, fit: Fitted) -> tuple[list[Candidate], Whitened, int]:
         """Candidates, the linearisation with their columns behind the model's, and how many of these are errors."""
@@ -280,23 +327,34 @@ class Search:
                 fits.append((t, new))
         if not fits:
             return None
-        fits = [(t, self._settled(x.state, x.free)) for t, x in self._alike(fits)]
+        fits = [(t, self._settled(x.state, x.free)) for t, x in self._alike(fit, fits)]
         fits = [(t, x) for t, x in fits if Score(self.score(x) - self.score(fit)).total > t.limit]
         if not fits:
             return None
-        (first, new), *alike = self._alike(fits)
+        (first, new), *alike = self._alike(fit, fits)
         gain = Score(self.score(new) - self.score(fit)).total
         rivals = tuple((t.name, x) for t, x in alike)
         return Named(
             first.name, (first.name, *(n for n, _ in rivals)), gain, first.limit, first.p_value, rivals
         ), new
 
-    def _alike(self, fits: Sequence[tuple[Tried, Fitted]]) -> list[tuple[Tried, Fitted]]:
-        """The one that predicts best, and those whose difference from it is not sure."""
-        scores = [self.score(x) for _, x in fits]
+    def _alike(self, fit: Fitted, fits: Sequence[tuple[Tried, Fitted]]) -> list[tuple[Tried, Fitted]]:
+        """The one that predicts best, and those that are not surely worse.
+
+        One is not if its difference is not sure, or no more than what its equation may err by makes it lose.
+        """
+        before, scores = self.score(fit), [self.score(x) for _, x in fits]
         k = int(np.argmax([s.sum() for s in scores]))
         behind = [Score(scores[k] - own) for own in scores]
-        others = [i for i, b in enumerate(behind) if i != k and b.total < C.alike * max(b.error, 1.0)]
+        errs = [
+            0.5 * effect(t.name).equation_error ** 2 * Score(own - before).total
+            for (t, _), own in zip(fits, scores, strict=True)
+        ]
+        others = [
+            i
+            for i, (b, lost) in enumerate(zip(behind, errs, strict=True))
+            if i != k and b.total < max(C.alike * max(b.error, 1.0), lost)
+        ]
         return [fits[k], *(fits[i] for i in sorted(others, key=lambda i: behind[i].total))]
 
     # ------------------------------------------------------------------ fits
@@ -374,6 +432,13 @@ class Search:
     def scene(self) -> Scene:
         """The scale of the session."""
         return scene_of(self.fitter, self.base)
+
+
+def _summed(of: IntArray, values: FloatArray) -> FloatArray:
+    """Sums of rows that have the same number."""
+    out = np.zeros((int(of.max(initial=-1)) + 1, *values.shape[1:]))
+    np.add.at(out, of, values)
+    return out
 
 
 def left_by(fit: Fitted) -> FloatArray:

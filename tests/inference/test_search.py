@@ -64,3 +64,15 @@ def test_what_is_named_is_beyond_its_limit_when_its_fit_is_settled(settled: floa
     search.settled = settled
     tried: Any = SimpleNamespace(name="cover", shared=26.0, sure=2.9, limit=30.0, p_value=0.01)
     assert (search._best(SimpleNamespace(each=0.0), [tried]) is not None) is named
+
+
+@pytest.mark.parametrize(("rows", "share"), [(slice(0, 6), 1.0), (slice(6, 12), 0.0)])
+def test_what_an_equation_errs_by_bars_what_is_like_it_and_nothing_else(rows: slice, share: float):
+    """Twelve values of three presses; what is named acts on the first six, what is looked for on some of them."""
+    press, phase = np.repeat(np.arange(3), 4), np.tile([0, 1], 6)
+    errors, new = np.zeros((12, 2)), np.zeros((12, 2))
+    errors[:6], new[rows] = 0.5, 7.0
+    fitter: Any = SimpleNamespace(press=press, phase=phase)
+    none: Any = None
+    search = Search(fitter, none, (), frozenset(), np.random.default_rng(0))
+    assert search._owed([errors], new) == pytest.approx(share * 0.5 * C.alike**2 * float((errors**2).sum()))
