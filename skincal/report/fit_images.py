@@ -162,13 +162,13 @@ class _Tiles:
         return left, -(top + self.map_height)
 
     def maps(
-        self, maps: list[tuple[int, int]], values: list[FloatArray], norm: Normalize, colours: str
+        self, maps: list[tuple[int, int]], values: list[Floats], norm: Normalize, colours: str
     ) -> PolyCollection:
         """Return maps, each a tile and its number there, of one colour scale.
 
         One rectangle per taxel, u to the right and v up; grey where nothing was read.
         """
-        corners: list[FloatArray] = []
+        corners: list[Floats] = []
         for place, number in maps:
             left, bottom = self.corner(place)
             corners += list(self.corners + np.array([left + number * (self.map_width + self.GAP), bottom]))
