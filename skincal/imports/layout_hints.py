@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import chain, combinations
 from pathlib import Path
 from typing import Final
 
@@ -209,11 +209,13 @@ def _counted_keys(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[
         return []
     columns = {name: list(cells) for name, cells in zip(header, zip(*rows[:-1], strict=True), strict=True)}
     whole = {name: cells for name, cells in columns.items() if all(cell.isdecimal() for cell in cells)}
-    for number in (1, 2):
-        for names in combinations(whole, number):
-            told = list(zip(*(whole[name] for name in names), strict=True))
-            size = next((i for i in range(1, len(told)) if told[i] == told[0]), len(told))
-            recurs = FEWEST_TAXELS <= size <= len(told) / 3 and told[size:] == told[:-size]
-            if recurs and len(set(told[:size])) == size:
-                return list(names)
-    return []
+    best: tuple[str, ...] = ()
+    most = FEWEST_TAXELS - 1
+    for names in chain(combinations(whole, 1), combinations(whole, 2)):
+        told = list(zip(*(whole[name] for name in names), strict=True))
+        size = next((i for i in range(1, len(told)) if told[i] == told[0]), len(told))
+        recurs = size <= len(told) / 3 and told[size:] == told[:-size] and len(set(told[:size])) == size
+        # A column of a grid recurs within the frame: the whole frame is the longest that does.
+        if recurs and size > most:
+            best, most = names, size
+    return list(best)
