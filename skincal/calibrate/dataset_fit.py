@@ -17,7 +17,7 @@ from skincal.calibration import Calibration
 from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
 from skincal.dataset.rest import REST_IN_DOUBT, rest_in_doubt
-from skincal.fitting.errors import FitError
+from skincal.fitting.errors import NOWHERE, FitError
 from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.general_tabling import NO_STORE
 from skincal.fitting.problem import FEW_PRESSES, NO_POSITION, USED, FitProblem
@@ -38,6 +38,7 @@ PLACE_MISSING = (
     "stage or the arm that pressed; of weights laid on by hand, where they were laid (a taxel's centre, say), and in "
     "[position] sigma_m how well"
 )
+WHICH_ROWS = "Are positions in the fingertip frame, in metres, and each row of one and the same press?"
 CHAMBER = 'If a pressure chamber pressed a flat pad, write [surface] kind = "plane"'
 COLLECT_MORE = f"Collect more presses, {2 * FEW_PRESSES} or more, spread over the patch"
 
@@ -144,7 +145,10 @@ def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
     said = [text if text.endswith((".", "?")) else f"{text}."]
     if len(problem) < len(problem.status):
         said.append(why_dropped(problem))
-    if NO_POSITION in problem.status and len(problem) < FEWEST_PRESSES:
+    unplaced = not np.isfinite(dataset.meta.position.sigma_m)
+    if text == NOWHERE and not unplaced:
+        said.append(WHICH_ROWS)
+    elif text == NOWHERE or (len(problem) < FEWEST_PRESSES and (unplaced or NO_POSITION in problem.status)):
         said.append(f"{PLACE_MISSING}.")
         if dataset.meta.surface.kind != "plane" and dataset.meta.indenter.kind == "flat":
             said.append(CHAMBER)

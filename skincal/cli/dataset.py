@@ -74,7 +74,9 @@ def check(dataset: options.Dataset, as_json: options.Json = False) -> None:
     if not as_json and found.dataset is not None:
         frames = found.dataset.frames
         count = "no frames" if frames is None else f"{len(frames)} frames"
-        typer.echo(f"{dataset}: good, {len(found.dataset.presses)} presses, {count}")
+        doubtful = any(warning.code and warning.severity == "warning" for warning in found.warnings)
+        verdict = "doubtful, see the warnings" if doubtful else "good"
+        typer.echo(f"{dataset}: {verdict}, {len(found.dataset.presses)} presses, {count}")
 
 
 @app.command(

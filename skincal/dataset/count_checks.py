@@ -19,7 +19,10 @@ NO_INTEGERS = 'Set integer = false, or baseline = "subtracted" if the level at r
 NOT_WHOLE = "[sensor] integer = false"
 
 DEAD_STRETCH = 3
-"""Rows of NaN in succession that mean a taxel is dead for a part of the session; fewer are an error."""
+"""Rows of NaN in succession that mean a taxel is dead for a part of the session; fewer are lost readings."""
+
+MOST_LOST = 0.05
+"""Part of the readings that may be lost: devices drop single ones out; more are a table with holes (set by eye)."""
 
 
 def check_counts(
@@ -29,10 +32,12 @@ def check_counts(
     names = [name for name in sensor.taxel_columns() if reader.has(name)]
     stray, infinite, outside, broken = (BadCells() for _ in range(4))
     dead, partly = np.zeros(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
+    missing_in_row = np.zeros(reader.rows, dtype=np.int64)
     low, high = _bounds(sensor)
     for j, (name, counts) in enumerate(zip(names, columns, strict=True)):
         missing = np.isnan(counts)
         dead[j] = missing.all()
+        missing_in_row += missing
         if missing.any() and not dead[j]:
             stretches = long_stretches(missing, DEAD_STRETCH)
             partly[j] = stretches.any()
@@ -45,7 +50,14 @@ def check_counts(
     expected = (
         f"a number of counts (a dead taxel is NaN throughout, or in {DEAD_STRETCH} or more successive rows)"
     )
-    sheet.bad_cells(stray, expected, GIVE_OR_DROP)
+    lost = sum(stray.counts.values())
+    # A row without any reading is no image.
+    empty = not dead.all() and (missing_in_row == len(names)).any()
+    if lost and (empty or lost > MOST_LOST * reader.rows * len(names)):
+        sheet.bad_cells(stray, expected, GIVE_OR_DROP)
+    elif lost:
+        got = f"none in {lost} of {reader.rows * len(names)} cells"
+        sheet.findings.warn(sheet.file, "a reading of every taxel in every row", got, "Taken as lost there.")
     _warn_dead(sheet, names, dead, "nothing but NaN from", "Taken as dead.")
     _warn_dead(sheet, names, partly, "NaN for a part of the session from", "Taken as dead there.")
     sheet.bad_cells(infinite, "a finite number of counts", GIVE_OR_DROP)

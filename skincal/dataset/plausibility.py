@@ -20,8 +20,10 @@ from skincal.dataset.tables import HOLD, IDLE
 from skincal.dataset.unit_checks import (
     CODE,
     FORCE_BEYOND_DOUBT_N,
+    any_of,
     check_values,
-    force_unit,
+    force_units,
+    length_unit,
     scaled_by,
     unit_of_ratio,
 )
@@ -38,8 +40,9 @@ LOWEST_PRESSURE_PA = 100.0
 
 WHICH_FRAME = "Is the surface in dataset.toml the right one, and are the points in the fingertip frame?"
 
-FAR = 20.0
-"""Positions are implausible if their median is farther from the patch than this many times its reach."""
+FAR, OUT_OF_REACH = 20.0, 3.0
+"""Positions cannot be meant if their median is farther from the patch than this many times its reach. Beyond the second
+no press touches the patch: another unit is looked for, in which they do."""
 
 DROPPED, MOST_DROPPED = 1 / 3, 0.01
 """A frame of a hold has lost its force below this part of the hold's mean; this part of the frames may."""
@@ -100,14 +103,15 @@ def _check_positions(
     centre = surface.wrap(dataset.nominal_pose(), np.zeros((1, 2)))[0]
     reach = patch_reach_m(dataset)
     away = _median_away(points, centre)
-    if away > FAR * reach:
+    unit = length_unit(dataset, points, centre[0], reach) if away > OUT_OF_REACH * reach else None
+    if away > FAR * reach or unit is not None:
         wrong = np.median(np.abs(points - centre), axis=0) > reach
-        scaled = np.where(wrong, points / 1000, points)
         if wrong.sum() == 1:
             place = f"{at[0]}, column {at[1][int(wrong.argmax())]}"
-        fix = MILLIMETRES if _median_away(scaled, centre) < FAR * reach else WHICH_FRAME
+        fix = WHICH_FRAME if unit is None else _metres(*unit)
         got = f"a median distance of {away:.3g} m"
-        findings.error(place, "contact points [m] near the patch", got, fix, **_millimetres(fix))
+        details: dict[str, Any] = {} if unit is None else {"code": CODE, "factor": unit[1]}
+        findings.error(place, "contact points [m] near the patch", got, fix, **details)
         return
     off = _median_off(surface, points)
     allowed = dataset.meta.position.slack_m + 3 * dataset.meta.position.sigma_m
@@ -123,6 +127,11 @@ def _check_positions(
         f"a median of {off:.3g} m off it",
         WHICH_FRAME,
     )
+
+
+def _metres(unit: str, factor: float) -> str:
+    """Return the advice for positions in another unit."""
+    return f"It looks like {unit}; the file is in metres: {scaled_by(factor)}."
 
 
 def _millimetres(fix: str) -> dict[str, Any]:
@@ -174,20 +183,20 @@ def _check_forces(dataset: Dataset, force: FloatArray, place: str, findings: Fin
         fix = "Forces on the skin are positive: set sign = -1 in the mapping."
         findings.error(place, "positive normal forces [N]", got, fix, code=CODE, factor=-1.0)
         return
-    found = force_unit(median, area)
-    if found is None:
+    units = force_units(median, area)
+    if not units:
         return
-    unit, factor = found
+    factor = next(iter(units.values()))
     beyond = (
         pressure > HIGHEST_PRESSURE_PA and median > FORCE_BEYOND_DOUBT_N
     ) or pressure < LOWEST_PRESSURE_PA
     if beyond:
-        fix = f"It looks like {unit}; {scaled_by(factor)}."
-        findings.error(place, "forces [N]", got, fix, code=CODE, factor=factor)
+        fix = f"It looks like {any_of(units)}."
+        findings.error(place, "forces [N]", got, fix, code=CODE, factor=factor, units=units)
         return
     say = findings.warn if pressure > 1 and factor < 1 else findings.note
-    fix = f"Is it in {unit}? Then {scaled_by(factor)}."
-    say(place, "forces [N] that are plausible on a skin", got, fix, code=CODE, factor=factor)
+    fix = f"Is it in {any_of(units)}?"
+    say(place, "forces [N] that are plausible on a skin", got, fix, code=CODE, factor=factor, units=units)
 
 
 def _check_covariates(dataset: Dataset, file: str, findings: Findings) -> None:

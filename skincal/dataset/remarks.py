@@ -48,7 +48,7 @@ def _remark_on_activity(dataset: Dataset, sheet: Sheet, findings: Findings) -> N
     if not active.any():
         why = f"{REST_IN_DOUBT}." if rest_in_doubt(dataset) else "Do the counts grow with load?"
         fix = f"Nothing can be fitted to such data. {why}"
-        findings.warn(sheet.file, expected, "none in any press", fix)
+        findings.warn(sheet.file, expected, "none in any press", fix, code="nothing_to_fit")
     elif not np.any(active.sum(axis=1) >= 2):
         findings.warn(
             sheet.file, f"two {expected} in a press", "at most one in any press", "The fit needs two."

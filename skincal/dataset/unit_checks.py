@@ -25,12 +25,15 @@ CODE: Final = "unit_suspect"
 
 FORCE_UNITS: Final = {
     "grams-force": 9.80665e-3, "kilograms-force": 9.80665, "millinewtons": 1e-3, "kilonewtons": 1e3,
-    "centinewtons": 1e-2, "pounds-force": 4.4482216, "ounces-force": 0.27801385,
+    "centinewtons": 1e-2, "pounds-force": 4.4482216, "ounces-force": 0.27801385, "dynes": 1e-5, "micronewtons": 1e-6,
 }  # fmt: skip
 """Units of force in newtons."""
 
-LIKELY_UNITS: Final = ("grams-force", "kilograms-force", "millinewtons", "kilonewtons")
-"""Units that are guessed from the magnitude alone."""
+AS_LIKELY: Final = 3.0
+"""Units that come as near to the usual pressure as the best one, within this factor, are named beside it."""
+
+LENGTH_UNITS: Final = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "micrometres": 1e-6}
+"""Units of length in metres, the likeliest first."""
 
 USUAL_PRESSURE_PA: Final = 3e4
 """Typical mean pressure under an indenter: 1 N on 0.3 cm². The unit that comes nearest to it is chosen."""
@@ -61,8 +64,10 @@ REACH_PITCHES: Final = 1.5
 """Reach of a press in pitches, with a tolerance for the nominal pose."""
 
 
-def force_unit(median_n: float, area_m2: float) -> tuple[str, float] | None:
-    """Return the unit, with its factor, that would make a median force plausible; None if it is plausible.
+def force_units(median_n: float, area_m2: float) -> dict[str, float]:
+    """Return the units, with their factors, that would make a median force plausible; the most usual first.
+
+    Magnitude alone does not tell units apart whose factors are near each other. None if the force is plausible.
 
     Args:
         median_n: median of the forces, read as newtons.
@@ -72,11 +77,50 @@ def force_unit(median_n: float, area_m2: float) -> tuple[str, float] | None:
     low = median_n / min(area_m2, CONTACT_M2) < LOW_PRESSURE_PA and median_n / area_m2 < LOW_PRESSURE_PA
     high = pressure > HIGH_PRESSURE_PA and median_n > FORCE_BEYOND_DOUBT_N
     if not (low or high) or median_n <= 0:
-        return None
+        return {}
     area = min(area_m2, CONTACT_M2) if low else area_m2
-    fitting = [name for name in LIKELY_UNITS if (FORCE_UNITS[name] > 1) == low]
-    best = min(fitting, key=lambda name: abs(np.log(median_n * FORCE_UNITS[name] / area / USUAL_PRESSURE_PA)))
-    return best, FORCE_UNITS[best]
+
+    def unlikely(name: str) -> float:
+        return abs(float(np.log(median_n * FORCE_UNITS[name] / area / USUAL_PRESSURE_PA)))
+
+    fitting = [name for name in FORCE_UNITS if (FORCE_UNITS[name] > 1) == low]
+    least = min(map(unlikely, fitting)) + np.log(AS_LIKELY)
+    return {name: FORCE_UNITS[name] for name in fitting if unlikely(name) <= least}
+
+
+def any_of(units: dict[str, float]) -> str:
+    """Return names of units, each with what corrects its values."""
+    return ", or ".join(f"{name} ({scaled_by(factor)})" for name, factor in units.items())
+
+
+def length_unit(
+    dataset: Dataset, points: FloatArray, centre: FloatArray, reach_m: float
+) -> tuple[str, float] | None:
+    """Return the unit of positions that are no metres, with its factor; None if there is none.
+
+    Of the units that bring most presses within reach of the patch, it is the one whose places go best with the images.
+
+    Args:
+        dataset: the presses.
+        points: positions as they are, shape (n, 3).
+        centre: nominal centre of the patch [m], shape (3,).
+        reach_m: largest distance from there at which the patch is touched [m].
+    """
+    wrong = np.median(np.abs(points - centre), axis=0) > reach_m
+
+    def away(factor: float) -> float:
+        return float(np.median(np.linalg.norm(np.where(wrong, points * factor, points) - centre, axis=1)))
+
+    near = {name: factor for name, factor in LENGTH_UNITS.items() if away(factor) <= reach_m}
+    if len(points) != len(dataset.presses):
+        return next(iter(near.items()), None)
+
+    def goes_with(item: tuple[str, float]) -> float:
+        placed = np.where(wrong, points * item[1], points)
+        there = replace(dataset, presses=replace(dataset.presses, position_m=placed))
+        return correlation(dataset.presses.counts, expected_load(there))
+
+    return max(near.items(), key=goes_with, default=None)
 
 
 def unit_of_ratio(ratio: float) -> tuple[str, float] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 NOWHERE = (
     "no pose, elasticity and scale near the best one explain the presses: their positions, forces and images do not "
-    "belong together. Are positions in the fingertip frame, in metres, and each row of one and the same press?"
+    "belong together"
 )
 
 

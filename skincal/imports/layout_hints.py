@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain, combinations
 from pathlib import Path
 from typing import Final
 
@@ -33,6 +34,12 @@ RATE: Final = re.compile(
     re.IGNORECASE,
 )
 """The rate of frames in a header."""
+
+MOST_COLUMNS: Final = 12
+"""A table with more columns holds a whole image in a row."""
+
+FEWEST_TAXELS: Final = 4
+"""Rows after which a count begins again, at least: fewer may be axes or flags."""
 
 ROW_NAMES: Final = ("row", "r", "i")
 COLUMN_NAMES: Final = ("col", "column", "c", "j")
@@ -171,17 +178,44 @@ def _lists(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:
 
 def _long(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:
     """Return the advice for a table with one row per taxel."""
-    names = {
-        name.lower(): name for name in _cells(filled[min(form.skip_rows, len(filled) - 1)][1], form.delimiter)
-    }
-    first = next((names[name] for name in (*ROW_NAMES, *TAXEL_NAMES) if name in names), None)
-    if first is None or len(names) > 12:
+    rows = [_cells(line, form.delimiter) for _, line in filled[form.skip_rows :]]
+    if not rows or not form.header:
         return ""
+    keys = _named_keys(rows[0]) or _counted_keys(rows[0], rows[1 + form.skip_after_header :])
+    if not keys:
+        return ""
+    shown = ", ".join(f'"{key}"' for key in keys)
+    return (
+        f"It seems to hold one row per taxel ({shown}), and a row has to be a sample: bring it into that form, with "
+        f"pandas by table.pivot(index=..., columns=[{shown}], values=...)."
+    )
+
+
+def _named_keys(header: Sequence[str]) -> list[str]:
+    """Return the columns that tell the taxel, by their names; none if they are not known."""
+    names = {name.lower(): name for name in header}
+    first = next((names[name] for name in (*ROW_NAMES, *TAXEL_NAMES) if name in names), None)
+    if first is None or len(names) > MOST_COLUMNS:
+        return []
     second = next((names[name] for name in COLUMN_NAMES if name in names and names[name] != first), None)
     if second is None and first.lower() in ROW_NAMES:
-        return ""
-    keys = f'"{first}"' + (f', "{second}"' if second else "")
-    return (
-        f"It seems to hold one row per taxel ({keys}), and a row has to be a sample: bring it into that form, with "
-        f"pandas by table.pivot(index=..., columns=[{keys}], values=...)."
-    )
+        return []
+    return [first, second] if second else [first]
+
+
+def _counted_keys(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return the columns that tell the taxel, by their cells: whole numbers that recur in every frame, each once."""
+    if len(header) > MOST_COLUMNS or any(len(row) != len(header) for row in rows[:-1]):
+        return []
+    columns = {name: list(cells) for name, cells in zip(header, zip(*rows[:-1], strict=True), strict=True)}
+    whole = {name: cells for name, cells in columns.items() if all(cell.isdecimal() for cell in cells)}
+    best: tuple[str, ...] = ()
+    most = FEWEST_TAXELS - 1
+    for names in chain(combinations(whole, 1), combinations(whole, 2)):
+        told = list(zip(*(whole[name] for name in names), strict=True))
+        size = next((i for i in range(1, len(told)) if told[i] == told[0]), len(told))
+        recurs = size <= len(told) / 3 and told[size:] == told[:-size] and len(set(told[:size])) == size
+        # A column of a grid recurs within the frame: the whole frame is the longest that does.
+        if recurs and size > most:
+            best, most = names, size
+    return list(best)

@@ -21,6 +21,9 @@ from skincal.imports.recording import Dropped, FloatArray, Recording, summed
 from skincal.imports.resting import rested
 from skincal.imports.series import Cut, Series
 
+SPIKES = 0.001
+"""Part of the samples that may be spikes of the force sensor."""
+
 
 def presses_and_frames(
     recording: Recording, mapping: Mapping, findings: Findings
@@ -45,6 +48,8 @@ def presses_and_frames(
         series = replace(series, force_n=in_contact(series.force_n, found, mapping))
     else:
         found = cut(series, rules) if series.press is None else cut_numbered(series, rules, file, findings)
+        if rules.by == "force" and series.press is None:
+            _check_released(series, rules, file, findings)
     if not findings.errors:
         found = rested(found, series, recording, mapping, file, findings)
     if not found.spans and not findings.errors:
@@ -54,6 +59,21 @@ def presses_and_frames(
         return None
     dropped = summed((*recording.dropped, *_rejections(found)))
     return *tables_of_series(recording, series, found), dropped
+
+
+def _check_released(series: Series, rules: CutRules, file: str, findings: Findings) -> None:
+    """Warn of a force that is never that of no contact: then the whole recording is one."""
+    if not len(series):
+        return
+    least = float(np.quantile(series.force_n, SPIKES))
+    if least > rules.off_n:
+        findings.warn(
+            f"{file}, force_n", f"forces below off_n = {rules.off_n:g} N where nothing touches",
+            f"{least:.3g} N at least, so that the whole recording is one contact",
+            "If the zero of the force sensor is off, or a preload was on it, take it off: offset in "
+            "[columns.force_n], in the unit of the column. Or raise on_n and off_n in [series].",
+            code="zero_of_force",
+        )  # fmt: skip
 
 
 def _check_numbers(recording: Recording, mapping: Mapping, findings: Findings) -> None:

@@ -45,7 +45,7 @@ _LENGTHS = {
 }  # fmt: skip
 _FORCES = {
     "N": 1.0, "kN": 1e3, "cN": 1e-2, "mN": 1e-3, "uN": 1e-6, "gf": 1e-3 * STANDARD_GRAVITY,
-    "kgf": STANDARD_GRAVITY, "lbf": POUND_KG * STANDARD_GRAVITY,
+    "kgf": STANDARD_GRAVITY, "lbf": POUND_KG * STANDARD_GRAVITY, "ozf": POUND_KG * STANDARD_GRAVITY / 16, "dyn": 1e-5,
 }  # fmt: skip
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0, DATETIME: 1.0}
 
@@ -65,7 +65,7 @@ _ZEROS = {"K": -273.15, "F": -32 * 5 / 9}
 _ALIASES = {
     "in": "inch", "µm": "um", "μm": "um", "µs": "us", "μs": "us", "Nm": "N m", "N*m": "N m", "mNm": "mN m",
     "Nmm": "N mm", "Ncm": "N cm", "°C": "C", "degC": "C", "°F": "F", "degF": "F", "°": "deg", "degrees": "deg",
-    "radians": "rad", "sec": "s",
+    "radians": "rad", "sec": "s", "g": "gf", "kg": "kgf", "kp": "kgf", "lb": "lbf", "lbs": "lbf", "oz": "ozf",
 }  # fmt: skip
 
 

@@ -16,13 +16,14 @@ import numpy as np
 import pytest
 
 from benchmarks.sessions import make_session
-from skincal.calibrate import calibrate, search_box
+from skincal.calibrate import calibrate, dataset_fit, search_box
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
 from skincal.calibrate.dataset_fit import why_dropped
 from skincal.calibrate.problem import fit_problem, unroll
 from skincal.calibration import read_calibration, write_calibration
-from skincal.dataset import Dataset
+from skincal.dataset import Dataset, PositionSpec
 from skincal.errors import InputError, WorkError
+from skincal.fitting.errors import NOWHERE, FitError
 from skincal.fitting.fit_options import FitOptions
 from skincal.fitting.grid import GridSlab
 from skincal.model import Cylinder, Plane
@@ -301,3 +302,19 @@ def test_a_fit_that_is_done_removes_only_what_it_kept(tmp_path: Path) -> None:
     kept.keep(3, GridSlab(*np.zeros((3, 1, 1, 1))))
     kept.remove()
     assert not kept.folder.exists()
+
+
+@pytest.mark.parametrize("sigma_m", [1e-3, float("inf")])
+def test_advice_fits_what_is_known_of_the_places(
+    session: Dataset, monkeypatch: pytest.MonkeyPatch, sigma_m: float
+) -> None:
+    def nowhere(*_: object, **__: object) -> None:
+        raise FitError(NOWHERE)
+
+    monkeypatch.setattr(dataset_fit, "plan_fit", nowhere)
+    placed = replace(session, meta=replace(session.meta, position=PositionSpec(sigma_m, 2e-3)))
+    with pytest.raises(WorkError) as caught:
+        calibrate(placed, options=QUICK, workers=1)
+    asked = "Are positions in the fingertip frame" in str(caught.value)
+    assert asked == np.isfinite(sigma_m)
+    assert asked != ("Write the contact point in x_m, y_m, z_m" in str(caught.value))

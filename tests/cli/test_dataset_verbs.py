@@ -22,6 +22,16 @@ def break_force(folder: Path) -> None:
     path.write_text("\n".join([*lines[:3], ",".join(cells), *lines[4:]]) + "\n")
 
 
+def test_check_with_doubts_does_not_say_good(run: Run, folder: Path) -> None:
+    table = pd.read_csv(folder / "presses.csv")
+    table.force_n /= 9.80665e-3
+    table.to_csv(folder / "presses.csv", index=False)
+    (folder / "frames.csv").unlink()
+    code, out, err = run("dataset", "check", folder)
+    assert code == 0 and "grams-force" in err
+    assert out.startswith(f"{folder}: doubtful, see the warnings, 12 presses")
+
+
 def test_check_of_good_data(run: Run, folder: Path) -> None:
     status, out, err = run("dataset", "check", folder)
     assert status == 0

@@ -135,7 +135,16 @@ PRESSES: list[tuple[Edit, list[str]]] = [
     (put("press", 5, -1), ["column press, row 6", "-1"]),
     (put("taxel_1_2", 5, 255.5), ["column taxel_1_2, row 6", "[0, 255]", "255.5"]),
     (put("taxel_1_2", 5, -0.1), ["column taxel_1_2, row 6", "-0.1"]),
-    (put("taxel_1_2", 5, np.nan), ["column taxel_1_2, row 6", "dead taxel"]),
+    (
+        lambda t: t.assign(
+            **{
+                f"taxel_{r}_{c}": t[f"taxel_{r}_{c}"].mask(t.index % 3 == c % 3)
+                for r in range(4)
+                for c in range(4)
+            }
+        ),
+        ["columns: taxel_0_0 row 1", "dead taxel"],
+    ),
     (put("taxel_1_2", 5, "inf"), ["column taxel_1_2, row 6", "finite"]),
     (put("t_hold_s", 5, 0.0), ["column t_hold_s, row 6", "t_start_s"]),
     (put("branch", 0, "upward"), ["column branch, row 1", "'upward'"]),

@@ -294,6 +294,15 @@ def test_a_mesh_in_millimetres_or_broken(session: Session, tmp_path: Path) -> No
     assert said[1].startswith(f"{tmp_path}/d/ball.obj: expected a triangle mesh")
 
 
+def test_lost_readings_are_no_fault(folder: Path) -> None:
+    table = pd.read_csv(folder / "presses.csv")
+    table.loc[5, "taxel_1_2"] = np.nan
+    table.to_csv(folder / "presses.csv", index=False)
+    dataset = read_dataset(folder)
+    assert np.isnan(dataset.presses.counts[5, 6]) and np.isnan(dataset.presses.counts).sum() == 1
+    assert any("none in 1 of" in str(warning) for warning in dataset.warnings)
+
+
 def test_dead_taxels(folder: Path) -> None:
     for name in ("presses.csv", "frames.csv"):
         table = pd.read_csv(folder / name)

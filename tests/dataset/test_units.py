@@ -13,8 +13,16 @@ import pytest
 from typer.testing import CliRunner
 
 from skincal.cli.main import app
-from skincal.dataset import Dataset, check_dataset, read_dataset, write_dataset
-from skincal.dataset.unit_checks import force_unit, unit_of_ratio, value_step
+from skincal.dataset import (
+    Dataset,
+    MountSpec,
+    Presses,
+    SurfaceSpec,
+    check_dataset,
+    read_dataset,
+    write_dataset,
+)
+from skincal.dataset.unit_checks import force_units, unit_of_ratio, value_step
 from skincal.dataset.word_checks import as_word, find_wrapped, swapped
 
 Session = Callable[..., Dataset]
@@ -241,13 +249,51 @@ def test_frames_in_another_unit_than_presses(tmp_path: Path, session: Session, f
 
 def test_usual_forces_are_not_doubted():
     area = np.pi * 0.006**2
-    assert all(force_unit(force, area) is None for force in (0.5, 1.0, 3.0, 20.0, 50.0))
+    assert all(not force_units(force, area) for force in (0.5, 1.0, 3.0, 20.0, 50.0))
 
 
 def test_millimetres_have_a_factor(tmp_path: Path, original: Dataset):
     presses = replace(original.presses, position_m=original.presses.position_m * 1e3)
     (problem,) = found(tmp_path, replace(original, presses=presses))
     assert problem.code == "unit_suspect" and problem.details["factor"] == 1e-3
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("centimetres", 0.01), ("inches", 0.0254), ("micrometres", 1e-6)]
+)
+def test_other_units_of_length(tmp_path: Path, original: Dataset, unit: str, factor: float):
+    presses = replace(original.presses, position_m=original.presses.position_m / factor)
+    (problem,) = found(tmp_path, replace(original, presses=presses))
+    assert problem.details["factor"] == factor and unit in problem.fix
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("centimetres", 0.01), ("inches", 0.0254), ("millimetres", 1e-3)]
+)
+def test_images_tell_the_unit_of_places_round_the_origin(
+    tmp_path: Path, original: Dataset, unit: str, factor: float
+):
+    """On a pad every unit that is large enough brings all presses near the patch."""
+    rng = np.random.default_rng(1)
+    place = np.column_stack([rng.uniform(-8e-3, 8e-3, (40, 2)), np.zeros(40)])
+    grid = np.array([[4e-3 * (c - 1.5), 4e-3 * (r - 1.5)] for r in range(4) for c in range(4)])
+    away = np.linalg.norm(place[:, None, :2] - grid, axis=2)
+    force = rng.uniform(1, 4, 40)
+    counts = np.rint(60 * force[:, None] * np.exp(-((away / 3e-3) ** 2)))
+    mount = MountSpec(0.0, 0.0, (-3e-3, 3e-3), (-15, 15), x_m=0.0, x_range_m=(-3e-3, 3e-3))
+    pad = {"surface": SurfaceSpec("plane"), "mount": mount}
+    presses = Presses(np.arange(40), place / factor, force, counts)
+    (problem,) = found(tmp_path, Dataset(replace(original.meta, **pad), presses))
+    assert problem.details["factor"] == factor and unit in problem.fix
+
+
+def test_units_that_magnitude_does_not_tell_apart(tmp_path: Path, original: Dataset):
+    (problem,) = found(tmp_path, changed(original, force=1e5))
+    assert problem.details["factor"] == 1e-5 and "dynes" in problem.fix
+    area = np.pi * 0.006**2
+    assert list(force_units(0.25, area))[:1] == ["kilograms-force"] and "pounds-force" in force_units(
+        0.25, area
+    )
 
 
 def test_findings_stand_in_the_json(tmp_path: Path, original: Dataset):

@@ -49,6 +49,27 @@ def assert_found(back: Dataset, recording: Recorded, *, tolerance_n: float = 0.0
     np.testing.assert_allclose(presses.columns["t_release_s"], recording.hold_s[:, 1], atol=0.03)
 
 
+def test_force_that_is_never_zero_is_named(tmp_path: Path, recording: Recorded):
+    """The gauge was not set to zero, or pressed already: all is one contact."""
+    table = series_table(recording)
+    table["F"] += 0.8
+    _, done = bring(tmp_path, [table], mapping(SERIES))
+    (found,) = [warning for warning in done.warnings if warning.code == "zero_of_force"]
+    assert "offset in [columns.force_n]" in str(found)
+    (tmp_path / "b").mkdir()
+    back, done = bring(tmp_path / "b", [table], mapping(SERIES, columns={"force_n": {"offset": -0.8}}))
+    assert_found(back, recording)
+    assert not [warning for warning in done.warnings if warning.code]
+
+
+def test_readings_that_a_device_lost_are_left_out(tmp_path: Path, recording: Recorded):
+    table = series_table(recording)
+    table.iloc[::40, 7] = np.nan
+    back, _ = bring(tmp_path, [table], mapping(SERIES))
+    assert np.isfinite(back.presses.counts).all()
+    assert_found(back, recording)
+
+
 def test_contacts_become_presses(tmp_path: Path, recording: Recorded):
     back, done = bring(tmp_path, [series_table(recording)], mapping(SERIES))
     assert_found(back, recording)

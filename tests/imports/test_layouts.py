@@ -158,6 +158,9 @@ def _rows(image: np.ndarray) -> str:
 FLAT = pd.DataFrame(IMAGES).to_csv(index=False, header=False)
 ALL = pd.concat([pd.DataFrame({"t": TIME}), GAUGE, taxel_table(FOUND, TIME)], axis=1)
 LINES = ALL.head(50).to_csv(index=False).splitlines()
+LONG = "t,zeile,spalte,wert\n" + "".join(
+    f"{t},{j // 4},{j % 4},{t * j % 7}\n" for t in range(40) for j in range(12)
+)
 
 
 @pytest.mark.parametrize(
@@ -176,6 +179,7 @@ LINES = ALL.head(50).to_csv(index=False).splitlines()
         ("\n".join([LINES[0], "s,N,mm,mm" + ",-" * 9, *LINES[1:]]), False, "set skip_after_header = 1"),
         ('t,F,px,py,skin\n0,1,2,3,"[1, 2]"\n', False, 'its elements are the columns "skin[0]"'),
         ("t,row,col,value\n0,0,0,5\n", False, 'one row per taxel ("row", "col")'),
+        (LONG, False, 'one row per taxel ("zeile", "spalte")'),
     ],
 )
 def test_other_layouts_are_named(tmp_path: Path, text: str, counted: bool, advice: str):

@@ -48,7 +48,7 @@ def test_everything_at_once(tmp_path: Path):
         "[sensor] rows: expected a whole number, at least 1; got 0",
         "[csv] delimeter: expected one of delimiter, decimal",
         'Did you mean "delimiter"?',
-        '[columns.force_n] unit: expected a unit of force: N, kN, cN, mN, uN, gf, kgf, lbf; got "mm". '
+        '[columns.force_n] unit: expected a unit of force: N, kN, cN, mN, uN, gf, kgf, lbf, ozf, dyn; got "mm". '
         "mm is a unit of length.",
         '[columns] temprature_c: expected a known column; got an unknown one. Did you mean "temperature_c"?',
         "[columns]: expected the column x_m (or position); got nothing. Add [columns.position].",
@@ -179,6 +179,9 @@ def test_template_names_every_key_that_there_is(tmp_path: Path, kind: str):
         ("force", "gf", 1000.0, 9.80665),
         ("force", "kgf", 1.0, 9.80665),
         ("force", "lbf", 1.0, 4.4482216152605),
+        ("force", "oz", 16.0, 4.4482216152605),
+        ("force", "kp", 1.0, 9.80665),
+        ("force", "dyn", 1e5, 1.0),
         ("angle", "deg", 180.0, np.pi),
         ("time", "ns", 5e9, 5.0),
         ("temperature", "K", 273.15, 0.0),
