@@ -22,6 +22,8 @@ ROBOT = {
     "contact_from_joints",
     "place_indenter",
     "read_hand",
+    "hand_named",
+    "joint_contact_force",
     "urdf_with_sphere",
 }
 SIM = {
