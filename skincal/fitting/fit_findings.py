@@ -180,6 +180,15 @@ def _lost(result: FitResult) -> Iterator[FitFinding]:
             "agrees on, and were left out: a taxel dropped out there.",
             "Look at the connection of the sensor; read each taxel again where it fails.",
         )
+    above = problem.observed.impossible
+    if above.any():
+        yield FitFinding(
+            "impossible_readings",
+            "info",
+            f"{above.sum()} readings of {above.any(axis=1).sum()} presses are far above what any load gives, with "
+            "nothing between, and were left out: a taxel dropped out to full scale there.",
+            "Look at the connection of the sensor; leave such words empty where they are read.",
+        )
 
 
 def _rest(result: FitResult) -> Iterator[FitFinding]:

@@ -16,11 +16,14 @@ from skincal.imports.mapping_file import PATTERN, VECTORS, BagTaxels, CsvTaxels,
 Image = NDArray[np.int64]
 
 
-def read_taxels(table: CsvTaxels | BagTaxels, sensor: SensorSpec, file: str, report: Translator) -> Taxels:
+def read_taxels(
+    table: CsvTaxels | BagTaxels, sensor: SensorSpec, file: str, report: Translator, *, moments: bool
+) -> Taxels:
     """Return ``[taxels]``, with placeholders for wrong values.
 
     The image of the source is first transposed (``transpose``), then its rows and columns are reversed
-    (``flip_rows``, ``flip_cols``). The result is the dataset's image, ``rows`` x ``cols``.
+    (``flip_rows``, ``flip_cols``). The result is the dataset's image, ``rows`` x ``cols``. With ``moments``, rows of
+    the source follow one another in time.
     """
     shape = (sensor.cols, sensor.rows) if table.transpose else (sensor.rows, sensor.cols)
     # Entry (r, c) of the source's image is its flat index in the source.
@@ -35,7 +38,7 @@ def read_taxels(table: CsvTaxels | BagTaxels, sensor: SensorSpec, file: str, rep
     ours = image.T if table.transpose else image
     ours = ours[::-1] if table.flip_rows else ours
     ours = ours[:, ::-1] if table.flip_cols else ours
-    return Taxels(f"{file}, [taxels]", table, names, tuple(ours.ravel().tolist()), axes)
+    return Taxels(f"{file}, [taxels]", table, names, tuple(ours.ravel().tolist()), axes, moments)
 
 
 def _ordered(table: TaxelTable, shape: tuple[int, int], report: Translator) -> Image:

@@ -435,5 +435,20 @@ def test_vectors_of_three_axes(tmp_path: Path):
     content = mapping(PLANE, ONE_FILE, taxels={"columns": None, "vectors": "S-{axis}[{j}]", "axes": ["X", "Y", "Z"],
                                                "rest_rows": 20}, sensor={"integer": None, "unit": "uT"})  # fmt: skip
     back = bring(tmp_path, tmp_path / "a.csv", content)
-    np.testing.assert_allclose(back.frames.counts, np.abs(load), atol=2.0)
+    np.testing.assert_allclose(np.abs(back.frames.counts), np.abs(load), atol=2.0)
     assert back.meta.sensor.unit == "uT"
+
+
+def test_noise_of_three_axes_at_rest_has_no_length(tmp_path: Path):
+    rng = np.random.default_rng(0)
+    load = FOUND.images(TIME) - 20.0
+    table = pd.DataFrame({"t": TIME, **GAUGE})
+    for j in range(9):
+        for axis, share in (("X", 0.6), ("Y", -0.8), ("Z", 0.0)):
+            table[f"S-{axis}[{j}]"] = share * load[:, j] + rng.normal(0.0, 2.0, len(TIME))
+    table.to_csv(tmp_path / "a.csv", index=False)
+    content = mapping(PLANE, ONE_FILE, taxels={"columns": None, "vectors": "S-{axis}[{j}]", "axes": ["X", "Y", "Z"],
+                                               "rest_rows": 20}, sensor={"integer": None, "unit": "uT"})  # fmt: skip
+    error = bring(tmp_path, tmp_path / "a.csv", content).frames.counts - load
+    # A length has 3.2 there; what is left is how well 20 rows tell the level.
+    assert abs(error[load < 2.0].mean()) < 1.0 and abs(error[load > 20.0].mean()) < 1.0
