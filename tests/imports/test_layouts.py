@@ -180,6 +180,7 @@ LONG = "t,zeile,spalte,wert\n" + "".join(
         ('t,F,px,py,skin\n0,1,2,3,"[1, 2]"\n', False, 'its elements are the columns "skin[0]"'),
         ("t,row,col,value\n0,0,0,5\n", False, 'one row per taxel ("row", "col")'),
         (LONG, False, 'one row per taxel ("zeile", "spalte")'),
+        ("x;y;z;", False, "expected "),
     ],
 )
 def test_other_layouts_are_named(tmp_path: Path, text: str, counted: bool, advice: str):
