@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Collection, Generator
 from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -54,7 +54,8 @@ def resumable(saved: Callable[[], str]) -> Generator[None]:
 def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
     """Keep signals from ending or suspending a verb that moves a hand before the hand has been stopped.
 
-    Every signal that can be caught interrupts, Ctrl-Z too: a hand that nobody watches must not go on pressing.
+    Every signal that can be caught interrupts, Ctrl-Z too: a hand that nobody watches must not go on pressing. So do
+    SIGINT and SIGQUIT of a verb in the background of a script, where the shell ignores them: Ctrl-C ends the script.
 
     Args:
         saved: returns what is saved of the work, for the message of a verb that ends early.
@@ -62,7 +63,8 @@ def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
     from skincal.errors import WorkError
 
     # `interruptible` uses the alarm to check again.
-    with interruptible(*(number for number in ENDING if number != signal.SIGALRM)):
+    more = (number for number in ENDING if number != signal.SIGALRM)
+    with interruptible(*more, ignored=(signal.SIGINT, signal.SIGQUIT)):
         try:
             yield
         except (KeyboardInterrupt, WorkError, OSError) as error:  # a full disk, for instance
@@ -109,15 +111,24 @@ def _danger_and_notes(error: BaseException | None) -> tuple[str, list[str]]:
 
 
 @contextmanager
-def interruptible(*more: int) -> Generator[None]:
+def interruptible(*more: int, ignored: Collection[int] = ()) -> Generator[None]:
     """Turn every request to end into a ``KeyboardInterrupt``, held back while an import is running.
 
     So a verb stops its hand, says what is saved and removes half-written files, whoever asks. An extension module that
     is interrupted during its import may swallow the interrupt, so that the work goes on, or fail with an error of its
     own. A signal that is ignored (``nohup``) or handled elsewhere is left alone.
+
+    Args:
+        *more: further signals.
+        ignored: signals that are taken even where they are ignored.
     """
-    ours = {signal.SIGINT: signal.default_int_handler} | dict.fromkeys((*REQUESTS, *more), signal.SIG_DFL)
-    before = {number: own for number, own in ours.items() if signal.getsignal(number) is own}
+    ours = dict.fromkeys((*REQUESTS, *more), signal.SIG_DFL) | {signal.SIGINT: signal.default_int_handler}
+    now = {number: signal.getsignal(number) for number in ours}
+    before = {
+        number: handler
+        for number, handler in now.items()
+        if handler is ours[number] or (handler is signal.SIG_IGN and number in ignored)
+    }
     if threading.current_thread() is not threading.main_thread() or not before:
         yield
         return

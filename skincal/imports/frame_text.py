@@ -23,9 +23,11 @@ from skincal.imports.columns_of import chosen
 from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.text_table import TextTable, text_lines
 
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-NAMED = re.compile(rf"([A-Za-z_][\w.\[\]-]*)\s*[:=,]?\s*({NUMBER})(?![\w.:])")
-PAIR = re.compile(rf"([A-Za-z_][\w.\[\]-]*)\s*[:=]\s*({NUMBER})(?![\w.:])")
+# No part goes back over what another may have, and names have an end: a long line takes time in proportion to its length.
+NUMBER = r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?"
+_NAME = r"(?<![\w.\[\]-])([A-Za-z_][\w.\[\]-]{0,99})"
+NAMED = re.compile(rf"{_NAME}\s*+[:=,]?\s*+({NUMBER})(?![\w.:])")
+PAIR = re.compile(rf"{_NAME}\s*+[:=]\s*+({NUMBER})(?![\w.:])")
 STAMP = re.compile(
     r"^\s*\[?(\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?|\d{4}-\d{2}-\d{2}[T ][\d:.]+)\]?\s*(?:->|[,;|])?\s*"
 )

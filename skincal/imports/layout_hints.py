@@ -205,7 +205,7 @@ def _named_keys(header: Sequence[str]) -> list[str]:
 
 def _counted_keys(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Return the columns that tell the taxel, by their cells: whole numbers that recur in every frame, each once."""
-    whole_rows = rows[:-1]
+    whole_rows = rows[:-1]  # the last one may be cut off
     if not whole_rows or len(header) > MOST_COLUMNS or any(len(row) != len(header) for row in whole_rows):
         return []
     columns = {name: list(cells) for name, cells in zip(header, zip(*whole_rows, strict=True), strict=True)}

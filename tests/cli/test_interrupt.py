@@ -59,6 +59,19 @@ def test_a_terminal_that_may_go_away_may() -> None:
         signal.signal(signal.SIGHUP, before)
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGQUIT])
+def test_background_of_a_script_keeps_no_hand_moving(number: int) -> None:
+    """A shell without job control has its background commands ignore both."""
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        with pytest.raises(SystemExit) as left, moving():
+            signal.raise_signal(number)
+        assert left.value.code == 130
+        assert signal.getsignal(number) is signal.SIG_IGN
+    finally:
+        signal.signal(number, before)
+
+
 def test_an_interrupted_verb_says_so_and_exits_with_130(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

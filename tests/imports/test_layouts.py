@@ -6,6 +6,7 @@ import gzip
 import io
 import json
 import pickle
+import time
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from skincal.dataset import Dataset, read_dataset
 from skincal.errors import InputError, WorkError
 from skincal.imports import import_csv, import_rosbag
 from skincal.imports.array_files import read_hdf5
+from skincal.imports.frame_text import NAMED, PAIR
 from tests.imports.devices import ONE_FILE, PLANE, contacts, gauge_table, taxel_table
 from tests.imports.foreign import mapping, write_mapping
 from tests.imports.ros import BAG
@@ -180,6 +182,7 @@ LONG = "t,zeile,spalte,wert\n" + "".join(
         ('t,F,px,py,skin\n0,1,2,3,"[1, 2]"\n', False, 'its elements are the columns "skin[0]"'),
         ("t,row,col,value\n0,0,0,5\n", False, 'one row per taxel ("row", "col")'),
         (LONG, False, 'one row per taxel ("zeile", "spalte")'),
+        ("x;y;z;", False, "expected "),
     ],
 )
 def test_other_layouts_are_named(tmp_path: Path, text: str, counted: bool, advice: str):
@@ -452,3 +455,12 @@ def test_noise_of_three_axes_at_rest_has_no_length(tmp_path: Path):
     error = bring(tmp_path, tmp_path / "a.csv", content).frames.counts - load
     # A length has 3.2 there; what is left is how well 20 rows tell the level.
     assert abs(error[load < 2.0].mean()) < 1.0 and abs(error[load > 20.0].mean()) < 1.0
+
+
+@pytest.mark.parametrize("line", ["x" * 200_000, "x" + "1" * 200_000 + "y", "a" + " " * 200_000 + "b"])
+def test_a_long_line_takes_no_time(line: str):
+    """Backtracking that grows with the square of a line's length would take minutes."""
+    begun = time.process_time()
+    assert not PAIR.findall(line)
+    assert not NAMED.findall(line + "?")
+    assert time.process_time() - begun < 5
