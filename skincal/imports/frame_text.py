@@ -23,7 +23,7 @@ from skincal.imports.columns_of import chosen
 from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.text_table import TextTable, text_lines
 
-# No part goes back over what another may have, and names have an end: a long line takes time in proportion to its length.
+# No part goes back over what another may have, and names have an end: a long line takes time as it is long, no more.
 NUMBER = r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?"
 _NAME = r"(?<![\w.\[\]-])([A-Za-z_][\w.\[\]-]{0,99})"
 NAMED = re.compile(rf"{_NAME}\s*+[:=,]?\s*+({NUMBER})(?![\w.:])")
