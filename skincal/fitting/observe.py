@@ -7,7 +7,7 @@ that everything after works with unclipped values.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -84,7 +84,7 @@ class Observed:
     rest_sigma_counts: float
     level_sigma_counts: Floats
     level_known: Bools
-    impossible: Bools
+    impossible: Bools = field(default_factory=lambda: np.zeros((0, 0), dtype=np.bool_))
 
 
 def expected_counts(value: Floats, sigma: float, readout: Readout) -> Floats:
@@ -215,7 +215,8 @@ def _observed(counts: Floats, readout: Readout, rest_mean: Floats | None, found:
 
 
 _JUMP = 3.0
-"""Impossible readings lie above all others by this factor at least, at the same force."""
+"""Impossible readings lie above all others by this factor at least, at the same force; this and the next two numbers
+were set by eye."""
 
 _SELDOM = 0.2
 """And they are at most this part of the readings that answer."""
@@ -350,10 +351,7 @@ def _plain(counts: Floats, readout: Readout, rest: Floats, scatter: float, level
     level, _, known = levels
     centre = 0.0 if readout.rest_subtracted else float(np.median(level[known])) if known.any() else 0.0
     sigma = _level_sigma(levels, scatter, centre, len(counts))
-    none = np.zeros(counts.shape, dtype=bool)
-    return Observed(
-        counts - rest, np.ones_like(counts), saturated, rest, float("nan"), scatter, sigma, known, none
-    )
+    return Observed(counts - rest, np.ones_like(counts), saturated, rest, float("nan"), scatter, sigma, known)
 
 
 _LEAST = 0.02
@@ -393,5 +391,4 @@ def _unclipped(
     slope = np.maximum(np.interp(counts, means, slopes), 0.05)
     _, measured, known = levels
     spread = _level_sigma((own, measured, known), scatter, 0.0, len(counts))
-    none = np.zeros(counts.shape, dtype=bool)
-    return Observed(values - low - offset, slope, saturated, offset, sigma, scatter, spread, known, none)
+    return Observed(values - low - offset, slope, saturated, offset, sigma, scatter, spread, known)

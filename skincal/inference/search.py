@@ -210,6 +210,9 @@ class Search:
         n = len(linear.prior)
         begin = n + np.cumsum([0, *(len(c.columns) for c in found)])
         alone = full_step(linear.blocks, np.arange(n), linear.prior, linear.pull)
+        pressed = self.fitter.press >= 0
+        cells = np.stack([self.fitter.press[pressed], self.fitter.phase[pressed]])
+        cells = np.unique(cells, axis=1, return_inverse=True)[1].ravel()
         best: dict[str, tuple[Score, int]] = {}
         for k, each in enumerate(self._gains(linear, found, linear.blocks.b[:, :, None], linear.pull)):
             s, name = Score(each[:, 0]), found[k].name
@@ -224,11 +227,11 @@ class Search:
             way = np.zeros(len(w.columns))
             way[own] = step
             way[:n] -= alone
-            owed = self._owed(errors, self._beyond_presses(linear.blocks, w, way)) if errors else 0.0
+            bar = owed(errors, cells, self._beyond_presses(linear.blocks, w, way)) if errors else 0.0
             least, p = self._null.limit(name), self._null.p_value(name, s.total)
             at = self.fitter.moved(linear, step, own)
             out.append(
-                Tried(name, s.total, s.error, s.sure, least, max(least, owed), p, c, step[n:], s.shared, at)
+                Tried(name, s.total, s.error, s.sure, least, max(least, bar), p, c, step[n:], s.shared, at)
             )
         return sorted(out, key=lambda t: -t.gain)
 
@@ -244,23 +247,6 @@ class Search:
         base = np.linalg.solve(h[:NB, :NB] + np.diag(prior), h[:NB, NB:])
         ways = np.vstack([-base, np.eye(w.own.shape[2])]).T
         return [self._beyond_presses(b, plain, way) for way in ways]
-
-    def _owed(self, errors: Sequence[FloatArray], new: FloatArray) -> float:
-        """What an effect may gain by what the equations of others err by [nats].
-
-        The shape of an equation's error is not known. In each phase of each press each taxel may be off by the part of
-        what an effect does that its equation may err by, by two standard deviations, all in the sense in which they are
-        like the new one.
-
-        Args:
-            errors: (M, J) of each.
-            new: (M, J) what the new one does that the model does not follow.
-        """
-        pressed = self.fitter.press >= 0
-        cell = np.stack([self.fitter.press[pressed], self.fitter.phase[pressed]])
-        cell = np.unique(cell, axis=1, return_inverse=True)[1].ravel()
-        along = sum(float(np.abs(_summed(cell, new * one)).sum()) ** 2 for one in errors)
-        return 0.5 * C.alike**2 * along / max(float((new**2).sum()), 1e-300)
 
     def _beyond_presses(self, blocks: Blocks, w: Whitened, step: FloatArray) -> FloatArray:
         """(M, J) what a step changes in presses, less what each press's place, force and image take up."""
@@ -344,18 +330,14 @@ class Search:
         One is not if its difference is not sure, or no more than what its equation may err by makes it lose.
         """
         before, scores = self.score(fit), [self.score(x) for _, x in fits]
-        k = int(np.argmax([s.sum() for s in scores]))
-        behind = [Score(scores[k] - own) for own in scores]
-        errs = [
-            0.5 * effect(t.name).equation_error ** 2 * Score(own - before).total
-            for (t, _), own in zip(fits, scores, strict=True)
-        ]
-        others = [
-            i
-            for i, (b, lost) in enumerate(zip(behind, errs, strict=True))
-            if i != k and b.total < max(C.alike * max(b.error, 1.0), lost)
-        ]
-        return [fits[k], *(fits[i] for i in sorted(others, key=lambda i: behind[i].total))]
+        best = max(scores, key=np.sum)
+        near: list[tuple[float, int]] = []
+        for i, ((tried, _), own) in enumerate(zip(fits, scores, strict=True)):
+            behind = Score(best - own)
+            lost = 0.5 * effect(tried.name).equation_error ** 2 * Score(own - before).total
+            if own is best or behind.total < max(C.alike * max(behind.error, 1.0), lost):
+                near.append((behind.total, i))
+        return [fits[i] for _, i in sorted(near)]
 
     # ------------------------------------------------------------------ fits
 
@@ -432,6 +414,22 @@ class Search:
     def scene(self) -> Scene:
         """The scale of the session."""
         return scene_of(self.fitter, self.base)
+
+
+def owed(errors: Sequence[FloatArray], cells: IntArray, new: FloatArray) -> float:
+    """What an effect may gain by what the equations of others err by [nats].
+
+    The shape of an equation's error is not known. In each phase of each press each taxel may be off by the part of
+    what an effect does that its equation may err by, by two standard deviations, all in the sense in which they are
+    like the new one.
+
+    Args:
+        errors: (M, J) of each.
+        cells: (M,) number of the press and phase.
+        new: (M, J) what the new one does that the model does not follow.
+    """
+    along = sum(float(np.abs(_summed(cells, new * one)).sum()) ** 2 for one in errors)
+    return 0.5 * C.alike**2 * along / max(float((new**2).sum()), 1e-300)
 
 
 def _summed(of: IntArray, values: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.search import Named, Search
+from skincal.inference.search import Named, Search, owed
 
 
 class Endless(Search):
@@ -69,10 +69,7 @@ def test_what_is_named_is_beyond_its_limit_when_its_fit_is_settled(settled: floa
 @pytest.mark.parametrize(("rows", "share"), [(slice(0, 6), 1.0), (slice(6, 12), 0.0)])
 def test_what_an_equation_errs_by_bars_what_is_like_it_and_nothing_else(rows: slice, share: float):
     """Twelve values of three presses; what is named acts on the first six, what is looked for on some of them."""
-    press, phase = np.repeat(np.arange(3), 4), np.tile([0, 1], 6)
+    cells = 2 * np.repeat(np.arange(3), 4) + np.tile([0, 1], 6)  # press and phase
     errors, new = np.zeros((12, 2)), np.zeros((12, 2))
     errors[:6], new[rows] = 0.5, 7.0
-    fitter: Any = SimpleNamespace(press=press, phase=phase)
-    none: Any = None
-    search = Search(fitter, none, (), frozenset(), np.random.default_rng(0))
-    assert search._owed([errors], new) == pytest.approx(share * 0.5 * C.alike**2 * float((errors**2).sum()))
+    assert owed([errors], cells, new) == pytest.approx(share * 0.5 * C.alike**2 * float((errors**2).sum()))
