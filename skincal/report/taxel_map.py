@@ -14,10 +14,13 @@ from numpy.typing import NDArray
 
 from skincal.model import TaxelLayout
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
-from skincal.report.style import BLACK, DIVERGING, GREY, LIGHT
+from skincal.report.style import BLACK, GREY, LIGHT
 
 MOST_LABELLED = 36
 """Largest number of taxels whose values are written on them."""
+
+LUMA = (0.299, 0.587, 0.114)
+"""How light red, green and blue look (ITU-R BT.601)."""
 
 
 def draw_outlines(axes: Axes, layout: TaxelLayout, edge: str = GREY) -> None:
@@ -76,7 +79,7 @@ def taxel_boxes(
 
 def _label(axes: Axes, centre: FloatArray, value: float, share: float, colours: str) -> None:
     """Write a value on a taxel, white on dark colours."""
-    dark = abs(share - 0.5) > 0.3 if colours == DIVERGING else share > 0.6
+    dark = np.dot(mpl.colormaps[colours](share)[:3], LUMA) < 0.5
     digits = 2 if abs(value) < 10 else 1 if abs(value) < 100 else 0
     # Adding zero turns a rounded −0.00 into 0.00.
     text = f"{round(float(value), digits) + 0.0:.{digits}f}"
