@@ -43,12 +43,7 @@ def read_kept(path: Path) -> tuple[Record, list[Record]]:
     return study, records
 
 
-def as_shipped(
-    record: Record,
-    quantiles: Sequence[float],
-    levels: Sequence[float],
-    level: float,
-) -> Record:
+def as_shipped(record: Record, quantiles: Sequence[float], levels: Sequence[float], level: float) -> Record:
     """A session with its intervals made as the fit makes them, from its kept quantiles.
 
     Args:
@@ -72,12 +67,7 @@ def as_shipped(
     }
     if record["no_interval"]:
         made = {one: {name: list(OPEN) for name in intervals} for one, intervals in made.items()}
-    anew = {
-        "quantiles": clouds,
-        "levels": made,
-        "intervals": made[str(level)],
-        "scale_widening": 1.0,
-    }
+    anew = {"quantiles": clouds, "levels": made, "intervals": made[str(level)], "scale_widening": 1.0}
     return record | anew
 
 

@@ -184,10 +184,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--steps", type=int, default=40_000, help="of each training")
     parser.add_argument(
-        "--from",
-        dest="start",
-        required=True,
-        help="training run or policy to go on from, or none",
+        "--from", dest="start", required=True, help="training run or policy to go on from, or none"
     )
     parser.add_argument("--backend", default="sb3", choices=("sb3", "sbx"))
     parser.add_argument("--train-engine", default="pybullet", choices=("pybullet", "mujoco"))

@@ -123,11 +123,7 @@ def predict(
 
 
 def diagnose(
-    dataset: Dataset,
-    calibration: Calibration,
-    *,
-    seed: int = 0,
-    progress: bool = False,
+    dataset: Dataset, calibration: Calibration, *, seed: int = 0, progress: bool = False
 ) -> Diagnosis:
     """Find what a calibrated simulation lacks against a dataset, as ``skincal diagnose`` does.
 

@@ -284,10 +284,7 @@ def _whole(kind: str) -> Generator[None]:
 def _array(stream: IO[bytes], most: int) -> NDArray[Any]:
     """One array of at most so many bytes; its header's shape has to be that of the bytes that follow."""
     version = np.lib.format.read_magic(stream)
-    read_header = {
-        (1, 0): np.lib.format.read_array_header_1_0,
-        (2, 0): np.lib.format.read_array_header_2_0,
-    }
+    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     shape, by_columns, kind = read_header[version](stream)
     if kind.hasobject:
         raise UnreadableError("plain numbers", "Python objects, which are not opened as they may run code")

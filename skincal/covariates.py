@@ -94,10 +94,7 @@ COVARIATES: Final[dict[str, Covariate]] = {
         "speed_m_per_s", ("speed_m_per_s",), "load slowly and fast, and record how fast", typical=(1e-3,)
     ),
     "cycle": Covariate(
-        "cycle",
-        ("cycle",),
-        "come back to sites, and record how often each was touched before",
-        typical=(9,),
+        "cycle", ("cycle",), "come back to sites, and record how often each was touched before", typical=(9,)
     ),
     "met": Covariate(
         "met_n", with_others=f"cycle and {', '.join(TARGET)} of every press", comes_with="cycle"

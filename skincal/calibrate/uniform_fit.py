@@ -9,14 +9,7 @@ import numpy as np
 from skincal.calibrate.assemble import provenance_of
 from skincal.calibrate.data_findings import for_the_rig
 from skincal.calibrate.problem import search_box
-from skincal.calibration import (
-    MARGIN_M,
-    Calibration,
-    Finding,
-    Loss,
-    ModelParameters,
-    Provenance,
-)
+from skincal.calibration import MARGIN_M, Calibration, Finding, Loss, ModelParameters, Provenance
 from skincal.dataset import Dataset, idle_means
 from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform_pressure import UNIFORM, at_centre

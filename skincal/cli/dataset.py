@@ -154,10 +154,7 @@ def _lines(data: Dataset, summary: Summary) -> list[tuple[str, str]]:
         ("indenter", shape(meta.indenter.kind, meta.indenter.radius_m)),
         ("presses", str(summary.presses) + ("" if summary.sites is None else f" at {summary.sites} targets")),
         ("force", f"{low:.3g} to {high:.3g} N, median {median:.3g} N"),
-        (
-            "answered",
-            f"{summary.usable} presses by two taxels or more (over {least} {sensor.unit_label})",
-        ),
+        ("answered", f"{summary.usable} presses by two taxels or more (over {least} {sensor.unit_label})"),
     ]
     if summary.frames:
         phases = ", ".join(f"{count} {phase}" for phase, count in summary.phases.items())

@@ -9,13 +9,7 @@ from skincal.dataset.columns import repeated
 from skincal.dataset.count_checks import named
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings, Sheet
-from skincal.dataset.rest import (
-    ACTIVE_COUNTS,
-    REST_IN_DOUBT,
-    active_taxels,
-    active_threshold,
-    rest_in_doubt,
-)
+from skincal.dataset.rest import ACTIVE_COUNTS, REST_IN_DOUBT, active_taxels, active_threshold, rest_in_doubt
 
 SLACK_SIGMAS = 50.0
 """Largest plausible slack, in sigmas: beyond it, one of the two is probably in another unit."""

@@ -27,13 +27,7 @@ from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.contact_law import beaten_foundation
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.search import Found, Search
-from skincal.inference.start import (
-    base_fit,
-    raw_residual,
-    wild_presses,
-    with_image_error,
-    without_presses,
-)
+from skincal.inference.start import base_fit, raw_residual, wild_presses, with_image_error, without_presses
 from skincal.model.arrays import FloatArray
 
 Heard = Callable[[str], None]

@@ -68,12 +68,7 @@ class Grasp:
         return self._postures.middle_m
 
     def take(
-        self,
-        scene: Scene,
-        values: Values,
-        body: Body,
-        rotation: FloatArray,
-        *places_m: FloatArray,
+        self, scene: Scene, values: Values, body: Body, rotation: FloatArray, *places_m: FloatArray
     ) -> FloatArray:
         """Begin an episode: the object is held midway between the tips until both touch it, then let go.
 
@@ -91,12 +86,7 @@ class Grasp:
         return self._close(scene, width, values, single=len(places_m) == 1)
 
     def open(
-        self,
-        scene: Scene,
-        values: Values,
-        body: Body,
-        rotation: FloatArray,
-        *places_m: FloatArray,
+        self, scene: Scene, values: Values, body: Body, rotation: FloatArray, *places_m: FloatArray
     ) -> float:
         """Begin a scene with the tips open about an object that is held midway between them.
 

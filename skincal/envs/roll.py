@@ -328,9 +328,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             values["truth"] = self._contact_truth()
         if self.policy is PolicyKind.tactile:
             self.image = self.skin.image(
-                self.skin_contact(),
-                k / POLICY_HZ,
-                np.asarray(self._drawn("skin.taxel_noise_counts")),
+                self.skin_contact(), k / POLICY_HZ, np.asarray(self._drawn("skin.taxel_noise_counts"))
             )
             values["image"] = self.image
         target = self._target_m()

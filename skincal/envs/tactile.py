@@ -171,12 +171,7 @@ class PatchMould:
         resolution_m: longest edge of a cell [m].
     """
 
-    def __init__(
-        self,
-        surface: Cylinder,
-        layout: TaxelLayout,
-        resolution_m: float = 0.25e-3,
-    ) -> None:
+    def __init__(self, surface: Cylinder, layout: TaxelLayout, resolution_m: float = 0.25e-3) -> None:
         self._surface = surface
         # Always at the same pose: the order of sums must not depend on what was asked for before.
         self._first = Patch.build(surface, layout, SensorPose(0.0, 0.0), resolution_m, MARGIN_M)

@@ -49,12 +49,7 @@ class ContactMap:
 
     @classmethod
     def of(
-        cls,
-        surface: Surface,
-        points_m: Floats,
-        rows: Ints,
-        half_m: float,
-        normals: Floats | None = None,
+        cls, surface: Surface, points_m: Floats, rows: Ints, half_m: float, normals: Floats | None = None
     ) -> ContactMap:
         """Tables the surface round the presses ``rows`` of a session.
 

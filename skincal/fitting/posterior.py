@@ -293,13 +293,7 @@ class _System:
 
 
 def _reduced(
-    problem: FitProblem,
-    state: PressStates,
-    rows: Ints,
-    sigmas: Floats,
-    trust: Floats,
-    *,
-    shared: bool = True,
+    problem: FitProblem, state: PressStates, rows: Ints, sigmas: Floats, trust: Floats, *, shared: bool = True
 ) -> _System:
     """Eliminates slack and force of every press (Schur complement).
 

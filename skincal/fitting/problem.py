@@ -42,17 +42,7 @@ USED, NO_POSITION = "used", "no position"
 
 COPY = "the very numbers of another press"
 
-_BY_PRESS = (
-    "across_m",
-    "along_m",
-    "force_n",
-    "values",
-    "weight",
-    "saturated",
-    "lit",
-    "indenter",
-    "rows",
-)
+_BY_PRESS = ("across_m", "along_m", "force_n", "values", "weight", "saturated", "lit", "indenter", "rows")
 
 
 @dataclass(frozen=True, eq=False)

@@ -67,11 +67,7 @@ def trust_of(state: PressStates, rows: Ints) -> Floats:
 
 
 def estimated_sigmas(
-    problem: FitProblem,
-    state: PressStates,
-    rows: Ints,
-    sigmas: Floats,
-    known: Floats | None,
+    problem: FitProblem, state: PressStates, rows: Ints, sigmas: Floats, known: Floats | None
 ) -> Floats:
     """One step of expectation-maximisation for the sigmas (6,), with the priors of :func:`log_prior`.
 
@@ -103,13 +99,7 @@ def estimated_sigmas(
 
 
 def _estimated_noise(
-    problem: FitProblem,
-    state: PressStates,
-    rows: Ints,
-    sigmas: Floats,
-    root: Floats,
-    *,
-    trimmed: bool,
+    problem: FitProblem, state: PressStates, rows: Ints, sigmas: Floats, root: Floats, *, trimmed: bool
 ) -> tuple[float, float]:
     """The most probable sigma_n and tau for the squares of the residuals and of what places leave open."""
     used = problem.used

@@ -14,16 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
-from skincal.hand.messages import (
-    REPLIES,
-    Message,
-    MessageError,
-    decode,
-    encode,
-    number,
-    refusal_of,
-    state_of,
-)
+from skincal.hand.messages import REPLIES, Message, MessageError, decode, encode, number, refusal_of, state_of
 from skincal.hand.resend import ResendTimer
 from skincal.hand.sockets import checked_address, client_keys, prepared, zmq_module
 from skincal.robot import hand_named

@@ -96,11 +96,7 @@ def _joined(file: CsvMapping | BagMapping, report: Translator, name: str) -> tup
 
 
 def _cut(
-    file: CsvMapping | BagMapping,
-    given: Any,
-    quantities: tuple[Quantity, ...],
-    rows: str,
-    report: Translator,
+    file: CsvMapping | BagMapping, given: Any, quantities: tuple[Quantity, ...], rows: str, report: Translator
 ) -> CutRules:
     """Return ``[series]``, of which some keys are given.
 

@@ -64,8 +64,4 @@ def known_targets(rows: str) -> tuple[str, ...]:
 
 def required_targets(rows: str, *, positions: bool) -> tuple[str, ...]:
     """Return the columns that a mapping must fill; ``positions``: whether positions are known."""
-    return (
-        *(("time_s",) if rows == SERIES else ()),
-        *(POSITION if positions else ()),
-        "force_n",
-    )
+    return (*(("time_s",) if rows == SERIES else ()), *(POSITION if positions else ()), "force_n")

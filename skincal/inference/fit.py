@@ -211,12 +211,7 @@ class Fitter:
         return factors
 
     def linear(
-        self,
-        state: State,
-        free: tuple[Free, ...],
-        seen: Seen | None = None,
-        *,
-        word: bool = False,
+        self, state: State, free: tuple[Free, ...], seen: Seen | None = None, *, word: bool = False
     ) -> Fitted:
         """A state with its linearisation."""
         seen = self.forward.see(state) if seen is None else seen

@@ -153,10 +153,7 @@ def binned(
 
 
 def _mean_contacts(
-    frames: Samples,
-    part: Samples,
-    mean: Callable[[FloatArray], FloatArray],
-    surface: Surface,
+    frames: Samples, part: Samples, mean: Callable[[FloatArray], FloatArray], surface: Surface
 ) -> Contacts:
     points, normals = mean(frames.contacts.points_m), mean(frames.contacts.normals)
     known = np.isfinite(points).all(axis=1)

@@ -8,15 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.model.arrays import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    check_shape,
-    floats,
-    frozen,
-    unit_rows,
-)
+from skincal.model.arrays import BoolArray, FloatArray, IntArray, check_shape, floats, frozen, unit_rows
 
 _DEGENERATE = 1e-6
 """Below this length the part of an axis that lies in the tangent plane has no direction."""

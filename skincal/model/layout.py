@@ -61,12 +61,7 @@ class TaxelLayout:
         r, c = np.divmod(np.arange(rows * cols), max(cols, 1))
         u = (c - (cols - 1) / 2) * pitch[0]
         v = (r - (rows - 1) / 2) * pitch[1]
-        return cls(
-            rows,
-            cols,
-            np.column_stack([u, v]),
-            np.asarray(taxel_size_m, dtype=np.float64),
-        )
+        return cls(rows, cols, np.column_stack([u, v]), np.asarray(taxel_size_m, dtype=np.float64))
 
     @property
     def taxels(self) -> int:

@@ -15,17 +15,7 @@ from skincal.dataset.summary import session_times_s
 from skincal.fitting.result import FitResult
 from skincal.fitting.types import Floats
 from skincal.model.arrays import BoolArray, as_floats
-from skincal.report.style import (
-    BLACK,
-    BLUE,
-    DIVERGING,
-    GREY,
-    ORANGE,
-    RED,
-    equal_axes_mm,
-    new_figure,
-    styled,
-)
+from skincal.report.style import BLACK, BLUE, DIVERGING, GREY, ORANGE, RED, equal_axes_mm, new_figure, styled
 from skincal.report.taxel_map import taxel_boxes
 
 TOUCHED_COUNTS, TOUCHED_SIGMAS = 1.0, 4.0

@@ -23,16 +23,7 @@ from skincal.fitting.fit_options import PAPER_BOUND_COUNTS2
 from skincal.fitting.result import FitResult
 from skincal.fitting.types import Floats
 from skincal.report.fit_quantities import Quantity, label_panel, quantities
-from skincal.report.style import (
-    BLACK,
-    BLUE,
-    OPEN,
-    ORANGE,
-    RED,
-    few_logarithmic_ticks,
-    new_figure,
-    styled,
-)
+from skincal.report.style import BLACK, BLUE, OPEN, ORANGE, RED, few_logarithmic_ticks, new_figure, styled
 
 COLOURS = "viridis_r"
 """Colour map that is yellow where the loss is low, so that black marks stand out."""

@@ -98,11 +98,7 @@ class _File(Description):
             yield ("joints", "home_deg"), "angles within the limits", self.joints.home_deg
         yield from self._finger_violations()
         if self.surface.kind == "mesh":
-            yield (
-                ("surface", "kind"),
-                '"cylinder" or "plane": contacts are found in closed form',
-                '"mesh"',
-            )
+            yield (("surface", "kind"), '"cylinder" or "plane": contacts are found in closed form', '"mesh"')
         if self.indenter.kind not in ("sphere", ""):
             kind = f'"{self.indenter.kind}"'
             yield ("indenter", "kind"), 'a "sphere": contacts are found from its centre', kind

@@ -60,9 +60,7 @@ class SimulatedHand:
         self._skin.remember([look.contact for look in past])
         stiffness = contact_stiffness(description, truth.elasticity_pa_per_m, options.contact_depth_force_n)
         self._drives = Drives(
-            _drive_parameters(description, truth, options),
-            description.home_rad,
-            1 / options.physics_hz,
+            _drive_parameters(description, truth, options), description.home_rad, 1 / options.physics_hz
         )
         self._fingers = Fingers(description, options, stiffness)
         self._between = options.physics_hz // options.taxel_hz

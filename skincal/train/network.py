@@ -36,11 +36,7 @@ class Network:
 
     @classmethod
     def build(
-        cls,
-        mean: ArrayLike,
-        variance: ArrayLike,
-        clip: float,
-        layers: Sequence[tuple[ArrayLike, ArrayLike]],
+        cls, mean: ArrayLike, variance: ArrayLike, clip: float, layers: Sequence[tuple[ArrayLike, ArrayLike]]
     ) -> Network:
         """Make one from running statistics and (weight, bias) of the layers."""
         variance = np.asarray(variance, dtype=np.float64)

@@ -213,9 +213,7 @@ WHOLE = Spec("one", 0, 7, effects=(("crosstalk", 1.2),))
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "some",
-    [(STATIC,), (Spec("none", 0, 7), WHOLE)],
-    ids=["static presses", "whole sessions"],
+    "some", [(STATIC,), (Spec("none", 0, 7), WHOLE)], ids=["static presses", "whole sessions"]
 )
 def test_a_slice_with_skincal_itself(tmp_path, some):
     bench = Bench(tmp_path / "out", extra=("--no-cache", "--no-report", "--workers", "1"))

@@ -192,9 +192,7 @@ def test_kept_sessions_get_the_intervals_of_their_draws(draws: dict[str, list[np
     assert as_shipped(found, QUANTILES, LEVELS, 0.98) is found
 
 
-def test_stored_draws_that_were_widened_are_narrowed(
-    draws: dict[str, list[np.ndarray]],
-) -> None:
+def test_stored_draws_that_were_widened_are_narrowed(draws: dict[str, list[np.ndarray]]) -> None:
     plain = as_shipped(_kept(draws, 1.0), QUANTILES, LEVELS, 0.98)["intervals"]
     narrower = as_shipped(_kept(draws, 2.0), QUANTILES, LEVELS, 0.98)["intervals"]
     middle = np.median(draws["scale_per_n"][0])
@@ -246,9 +244,7 @@ def test_documented_table_is_that_of_the_stored_sessions(tmp_path: Path) -> None
         )
 
 
-def test_missing_intervals_of_few_presses_are_counted(
-    draws: dict[str, list[np.ndarray]],
-) -> None:
+def test_missing_intervals_of_few_presses_are_counted(draws: dict[str, list[np.ndarray]]) -> None:
     def session(spare: int, shift: float) -> dict[str, Any]:
         told = {name: laws[0].mean() * (1 + shift) for name, laws in draws.items()}
         more = {"told": told, "presses_used": 5, "readings_to_spare": spare}

@@ -12,12 +12,7 @@ from skincal.envs.rewards import RewardInputs, RewardScales, falling, reward_ter
 from skincal.errors import InputError
 
 GOOD = RewardInputs(
-    distance_m=0.0,
-    force_n=1.5,
-    right_contact=True,
-    past_joint_rad=-1.0,
-    past_speed=-1.0,
-    past_torque=-1.0,
+    distance_m=0.0, force_n=1.5, right_contact=True, past_joint_rad=-1.0, past_speed=-1.0, past_torque=-1.0
 )
 
 

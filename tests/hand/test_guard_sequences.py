@@ -63,10 +63,7 @@ class Sequences(RuleBasedStateMachine):
 
 def test_no_sequence_breaks_a_limit() -> None:
     quick = settings(
-        max_examples=120,
-        stateful_step_count=20,
-        deadline=None,
-        suppress_health_check=[HealthCheck.too_slow],
+        max_examples=120, stateful_step_count=20, deadline=None, suppress_health_check=[HealthCheck.too_slow]
     )
     run_state_machine_as_test(Sequences, settings=quick)
 

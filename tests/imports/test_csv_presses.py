@@ -105,11 +105,7 @@ def test_columns_of_numbers_between_blanks_without_a_header(tmp_path: Path, orig
     content = mapping(
         PRESS_ROWS,
         csv={"delimiter": "whitespace", "decimal": ".", "header": False},
-        columns={
-            "press": "1",
-            "position": {"columns": ["2", "3", "4"]},
-            "force_n": {"column": "5"},
-        },
+        columns={"press": "1", "position": {"columns": ["2", "3", "4"]}, "force_n": {"column": "5"}},
         taxels={"columns": [str(j) for j in range(6, 22)], "first": None},
     )
     import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "p.dat"])

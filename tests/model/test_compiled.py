@@ -62,10 +62,7 @@ def test_read_only_installation_uses_the_users_cache(tmp_path: Path):
     copy = tmp_path / "site" / "skincal"
     shutil.copytree(Path(skincal.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
     (copy / "model" / "press" / "__pycache__").write_text("")
-    user = {
-        "PYTHONDONTWRITEBYTECODE": "1",
-        "XDG_CACHE_HOME": str(tmp_path / "user"),
-    }
+    user = {"PYTHONDONTWRITEBYTECODE": "1", "XDG_CACHE_HOME": str(tmp_path / "user")}
     assert _run(copy.parent, **user).stderr == "compiling\n"
     assert _run(copy.parent, **user).stderr == ""
     assert list((tmp_path / "user").rglob("*.nbi"))

@@ -36,13 +36,7 @@ def test_everything_wrong_in_a_set_is_said_at_once():
     assert "[object.marble.position_m]: expected one number, or three" in text
 
 
-@pytest.mark.parametrize(
-    "level",
-    [
-        U(0.0, 5.0, mode="step"),
-        Parameter.normal(1.0, 1.0, mode="episode"),
-    ],
-)
+@pytest.mark.parametrize("level", [U(0.0, 5.0, mode="step"), Parameter.normal(1.0, 1.0, mode="episode")])
 def test_noise_needs_a_level_drawn_per_episode(level):
     noise = Parameter.normal(0.0, "skin.noise_sigma_counts")
     with pytest.raises(InputError, match="sigma_from"):

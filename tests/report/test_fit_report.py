@@ -415,9 +415,7 @@ def test_what_only_noise_lights_has_no_residual(fitted: Fitted) -> None:
     lit, observed = result.problem.lit.copy(), result.presses.observed.copy()
     lit[k, j], observed[k, j] = True, 0.55
     changed = replace(
-        result,
-        problem=replace(result.problem, lit=lit),
-        presses=replace(result.presses, observed=observed),
+        result, problem=replace(result.problem, lit=lit), presses=replace(result.presses, observed=observed)
     )
     assert not Residuals.of(changed).touched[k, j]
     title = residuals_figure(changed, fitted[1]).get_suptitle()

@@ -14,16 +14,7 @@ from numpy.typing import NDArray
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 from skincal.model.press.jit import device
 from skincal.model.press.meet import FAR, ROUNDING, Frame
-from skincal.model.press.routine import (
-    Ground,
-    Told,
-    carry,
-    frame_of,
-    guess,
-    largest,
-    room_for,
-    untouched,
-)
+from skincal.model.press.routine import Ground, Told, carry, frame_of, guess, largest, room_for, untouched
 
 BOUND = 13
 """Numbers of a paraboloid: a point of its axis (3), a side (3), ``slope``, ``nearest``, three ``bend``, two ``reach``.

@@ -49,11 +49,7 @@ class MeshSurface(Surface):
         self._mesh.check_winding()
         self._settings = step_m, crease_rad
         self._outward = _outward_sign(self._mesh)
-        self._walker = Walker(
-            self._mesh,
-            corner_normals(self._mesh, crease_rad),
-            positive("step_m", step_m),
-        )
+        self._walker = Walker(self._mesh, corner_normals(self._mesh, crease_rad), positive("step_m", step_m))
         centroids = self._mesh.vertices_m[self._mesh.faces].mean(axis=1)
         self._centroids = KDTree(centroids)
         corners = self._mesh.vertices_m[self._mesh.faces]
@@ -81,10 +77,7 @@ class MeshSurface(Surface):
 
     def cell_areas(self, pose: SensorPose, uv_m: ArrayLike, size_m: ArrayLike) -> FloatArray:
         """Return areas (N,) [m²] of the cells whose corners are laid on the mesh. See :meth:`Surface.cell_areas`."""
-        uv, half = (
-            floats("uv_m", uv_m, (None, 2)),
-            floats("size_m", size_m, (None, 2)) / 2,
-        )
+        uv, half = (floats("uv_m", uv_m, (None, 2)), floats("size_m", size_m, (None, 2)) / 2)
         signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         corners, _ = self.wrap(pose, (uv + signs[:, None] * half).reshape(-1, 2))
         a, b, c, d = corners.reshape(4, -1, 3)
@@ -108,9 +101,7 @@ class MeshSurface(Surface):
         frame = contact_rotations(start.normals)
         heading = across[:, None] * frame[:, :, 0] + along[:, None] * frame[:, :, 1]
         heading = np.where(
-            length[:, None] > 0,
-            heading / np.where(length > 0, length, 1.0)[:, None],
-            frame[:, :, 1],
+            length[:, None] > 0, heading / np.where(length > 0, length, 1.0)[:, None], frame[:, :, 1]
         )
         start = Stand(start.points_m, start.normals, heading)
         return self._walker.walk(start, np.arange(count), length).points_m
