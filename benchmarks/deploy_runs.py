@@ -17,8 +17,8 @@ from skincal.envs.pinch import read_pinch
 from skincal.envs.reference_hand import ReferenceHand
 from skincal.errors import SkincalError
 from skincal.train import policy_path, read_policy
-from skincal.train.bundled import estimator_path
 from skincal.train.estimator import read_estimator
+from skincal.train.policy_file import estimator_path
 
 RESULTS = Path(__file__).parent / "results" / "deploy_runs.json"
 

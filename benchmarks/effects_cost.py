@@ -24,7 +24,7 @@ from skincal.errors import SkincalError
 from skincal.ranges import Parameter, Ranges, preset
 from skincal.train import Task, policy_path, read_policy
 from skincal.train.evaluate import Trial, environment_for, evaluate
-from skincal.train.fare import settled_m
+from skincal.train.scores import settled_m
 
 RESULTS = Path(__file__).parent / "results" / "effects_cost.json"
 

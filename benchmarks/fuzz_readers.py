@@ -137,8 +137,8 @@ def _of_datasets(scratch: Path) -> list[Reader]:
 
 
 def _of_hands() -> list[Reader]:
-    from skincal.collect.mount import Mount
     from skincal.collect.plan_file import read_plan
+    from skincal.collect.posture import Mount
     from skincal.envs.pinch import read_pinch
     from skincal.hand.messages import REPLIES, REQUESTS, decode, refusal_of, state_of
     from skincal.robot import read_hand
@@ -344,10 +344,10 @@ def _of_runs(scratch: Path) -> list[Reader]:
     from skincal.cli.rescale import read_deployed
     from skincal.collect.journal import Journal
     from skincal.fitting.grid import GridSlab
-    from skincal.sim.memory import SkinMemory
+    from skincal.sim.touch import SkinMemory
     from skincal.train import read_curve, read_policy, read_run
+    from skincal.train.curve import COLUMNS
     from skincal.train.estimator import read_estimator
-    from skincal.train.watch import COLUMNS
 
     policy = (ROOT / "skincal" / "policies" / "marble-desired-1.onnx").read_bytes()
     estimator = (ROOT / "skincal" / "policies" / "marble-estimator-1.npz").read_bytes()

@@ -23,7 +23,7 @@ from skincal.deploy.trials import reference_runs
 from skincal.ranges import from_calibration
 from skincal.train import Task, policy_path, read_policy
 from skincal.train.evaluate import Trial, environment_for, evaluate
-from skincal.train.fare import fare, settled_m
+from skincal.train.scores import fare, settled_m
 
 RESULTS = Path(__file__).parent / "results" / "how_it_fares.json"
 

@@ -29,7 +29,7 @@ from skincal.errors import WorkError
 from skincal.ranges import Parameter, Ranges, from_calibration, preset, write_ranges
 from skincal.train import Task, policy_path, read_policy
 from skincal.train.evaluate import Trial
-from skincal.train.fare import settled_m
+from skincal.train.scores import settled_m
 from skincal.train.training_run import CHECKPOINT, MARKER, POLICY
 
 FloatArray = NDArray[np.float64]

@@ -1,8 +1,7 @@
 """Calibrations: results of a fit, as a folder that loads into the simulator (``skincal-calibration/1``)."""
 
 from skincal.calibration.calibration import MARGIN_M, Calibration, Columns
-from skincal.calibration.draw_tables import SLACK_COLUMNS
-from skincal.calibration.files import read_calibration, write_calibration
+from skincal.calibration.files import SLACK_COLUMNS, read_calibration, write_calibration
 from skincal.calibration.matching import check_same_sensor, sensor_differences
 from skincal.calibration.parts import (
     EFFECT_NAMES,

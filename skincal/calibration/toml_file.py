@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import Annotated, Any, Final, cast
@@ -11,7 +11,6 @@ from typing import Annotated, Any, Final, cast
 import numpy as np
 
 from skincal.calibration.calibration import Calibration
-from skincal.calibration.effect_checks import effects_violations
 from skincal.calibration.parts import (
     LAW,
     REST,
@@ -24,10 +23,11 @@ from skincal.calibration.parts import (
     Provenance,
 )
 from skincal.dataset import IndenterSpec, MountSpec, PositionSpec, SensorSpec, SurfaceSpec
-from skincal.dataset.findings import Findings
+from skincal.dataset.findings import Findings, did_you_mean
 from skincal.dataset.keys import MILLIMETRES, Key, Range
 from skincal.dataset.schema import Table, plain_table
-from skincal.dataset.schema_errors import Violation
+from skincal.dataset.schema_errors import Violation, within
+from skincal.effects import EFFECTS
 from skincal.model import ContactLaw
 
 FILE: Final = "calibration.toml"
@@ -171,3 +171,40 @@ def toml_value(value: Any) -> Any:
     if isinstance(value, list | tuple | set | frozenset):
         return [toml_value(item) for item in cast("Iterable[Any]", value)]
     return value
+
+
+def effects_violations(effects: Sequence[Effect], taxels: int) -> Iterator[Violation]:
+    """Yield what is wrong with the parameters of effects; ``taxels`` is J, 0 if unknown."""
+    for i, effect in enumerate(effects):
+        if effect.name in EFFECTS:
+            yield from within(("effects", i), _effect(effect, taxels))
+        if effect.name and effect.name in [earlier.name for earlier in effects[:i]]:
+            fix = "Put its parameters into one table."
+            yield ("effects", i, "name"), "each effect once", f"{effect.name} twice", fix
+
+
+def _effect(effect: Effect, taxels: int) -> Iterator[Violation]:
+    known = {parameter.name: parameter for parameter in EFFECTS[effect.name].parameters}
+    for name, value in effect.parameters.items():
+        key, parameter = f"parameters.{name}", known.get(name)
+        if parameter is None:
+            yield key, f"one of {', '.join(known)}", name, _meant(name, known)
+        elif (
+            fault := parameter.fault(np.nan_to_num(value, nan=parameter.neutral), taxels, len(effect.poses))
+        ) is not None:
+            yield key, *fault
+    for name, (low, high) in effect.intervals.items():
+        like = effect.parameters.get(name)
+        if like is None:
+            expected = f"one of the parameters: {', '.join(effect.parameters) or 'none'}"
+            yield f"intervals.{name}", expected, "an unknown name"
+        elif not np.shape(low) == np.shape(high) == np.shape(like) or np.any(np.array(low) > np.array(high)):
+            size = f", each a list of {len(like)} numbers" if isinstance(like, tuple) else ""
+            yield f"intervals.{name}", f"[low, high], in ascending order{size}", (low, high)
+    if effect.poses and not any(p.shape == "per-pose" for p in known.values()):
+        yield "poses", f"nothing: {effect.name} does not depend on the hand pose", effect.poses
+
+
+def _meant(name: str, known: Iterable[str]) -> str:
+    close = did_you_mean(name, known)
+    return f'Did you mean "{close}"?' if close else ""

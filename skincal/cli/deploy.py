@@ -179,8 +179,8 @@ def _driver_options(
 
 
 def _estimator(task: Task, name: str | None, pinch: Path | None, hand: HandDescription) -> Estimator | None:
-    from skincal.train.bundled import estimator_path
     from skincal.train.estimator import read_estimator
+    from skincal.train.policy_file import estimator_path
 
     if task is Task.bolt and name not in (None, "none"):
         raise input_error("--estimator", "the task marble", "bolt")

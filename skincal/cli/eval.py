@@ -228,8 +228,7 @@ def _write(
 
 
 def _entry(one: Evaluated, trial: Trial, *, predicted: bool) -> dict[str, Any]:
-    from skincal.train.fare import fare
-    from skincal.train.scores import rolling
+    from skincal.train.scores import fare, rolling
 
     entry: dict[str, Any] = {"file": one.policy.file, "policy": str(one.policy.description.policy)}
     entry |= picked(
@@ -251,8 +250,7 @@ def _entry(one: Evaluated, trial: Trial, *, predicted: bool) -> dict[str, Any]:
 def _table(found: list[Evaluated], trial: Trial, *, predicted: bool) -> Table:
     from rich.markup import escape
 
-    from skincal.train.fare import fare
-    from skincal.train.scores import rolling
+    from skincal.train.scores import fare, rolling
 
     bolt = trial.task is Task.bolt
     titles = ["policy", "sees", "held", "error settled [mm]", "at the end [mm]"]

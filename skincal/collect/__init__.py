@@ -2,9 +2,9 @@
 
 from skincal.collect.collection import Collected, collect
 from skincal.collect.journal import journal_folder
-from skincal.collect.mount import Mount
 from skincal.collect.plan import KINDS, Plan, PlannedPress
 from skincal.collect.plan_file import read_plan, write_plan
+from skincal.collect.posture import Mount
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.progress import MakeDriver, Need, Progress
 from skincal.collect.protocols import PROTOCOLS, FullProtocol, PaperProtocol, full_plan, paper_plan

@@ -12,17 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.bounded import parse_toml, read_text
-from skincal.collect.assemble import dataset_of
+from skincal.collect.assemble import dataset_of, rest_shifts
 from skincal.collect.journal import Journal, digest_of, journal_folder
-from skincal.collect.mount import Mount
 from skincal.collect.plan import Plan
 from skincal.collect.plan_file import plan_as_toml, read_plan
 from skincal.collect.poses import with_poses
-from skincal.collect.posture import Fingers
+from skincal.collect.posture import Fingers, Mount
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.press_session import Session
 from skincal.collect.progress import MakeDriver, Watch
-from skincal.collect.rest_shift import rest_shifts
 from skincal.collect.stage import StageSession, check_height
 from skincal.dataset import Dataset, DatasetMeta, check_dataset, write_dataset
 from skincal.errors import InputError, Problem, input_error

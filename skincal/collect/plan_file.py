@@ -10,8 +10,8 @@ from typing import Annotated, Any, cast
 import numpy as np
 
 from skincal.bounded import UnreadableError, parse_csv, parse_toml, read_text
-from skincal.collect.mount import Mount
 from skincal.collect.plan import Kind, Plan, PlannedPress
+from skincal.collect.posture import Mount
 from skincal.collect.protocols import FullProtocol
 from skincal.dataset.columns import TAXEL
 from skincal.dataset.findings import Findings, did_you_mean

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from skincal.collect.journal import Journal
-from skincal.collect.mount import Mount
 from skincal.collect.plan import Plan, PlannedPress
+from skincal.collect.posture import Mount
 from skincal.collect.press import Moments
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.progress import MakeDriver, Need, Progress, StageSample, Watch

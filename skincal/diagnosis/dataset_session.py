@@ -17,8 +17,14 @@ from skincal.diagnosis.steady import steady_places
 from skincal.effects import Samples, hold_session, hold_times
 from skincal.inference.session import Binning, GapSession, binned, of_holds
 from skincal.model import Contacts
-from skincal.prediction.session_samples import frame_column, last_press, pose_names, recorded_covariates
-from skincal.prediction.sites import met_forces, sites
+from skincal.prediction.session_samples import (
+    frame_column,
+    last_press,
+    met_forces,
+    pose_names,
+    recorded_covariates,
+    sites,
+)
 from skincal.prediction.touches import frame_normals
 
 Floats = NDArray[np.float64]

@@ -12,12 +12,11 @@ from skincal.effects.effect import (
     Stage,
 )
 from skincal.effects.effect_skin import Contacted, EffectSkin
-from skincal.effects.holds import HoldSession, Steps, hold_session, hold_times
+from skincal.effects.holds import HoldSession, Steps, hold_session, hold_times, met_before
 from skincal.effects.parameter import EffectParameter, Values, start
 from skincal.effects.registry import EFFECTS, effect
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.site_history import met_before
 from skincal.effects.stream import SkinStream
 
 __all__ = [

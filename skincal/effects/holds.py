@@ -1,4 +1,4 @@
-"""Presses without frames as sessions of samples: load, hold, unload.
+"""Presses without frames as sessions of samples: load, hold, unload; the contact history of their sites.
 
 A dataset without frames has one mean image per press, that of the hold. Effects with memory depend on the course of
 the press, so a standard press is simulated: the force rises linearly from t_start to t_hold, stays until t_release and
@@ -16,6 +16,28 @@ from numpy.typing import ArrayLike
 
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD, Samples
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats, check_shape
+
+
+def met_before(site: IntArray, cycle: FloatArray, force_n: FloatArray) -> FloatArray:
+    """Return the largest force of earlier touches of the same site (P,) [N], zero at its first one.
+
+    For a site whose earlier touches are not among the presses, it is the median of the other sites' values. It is NaN
+    where the number of touches is unknown, and for all repeats if no press has an earlier touch in the data.
+
+    Args:
+        site: (P,) site of each press, presses in the order of time.
+        cycle: (P,) earlier touches of the site; equal in presses of one touch, such as plateaus of a staircase; NaN if
+            unknown.
+        force_n: (P,) force of each press [N].
+    """
+    met = np.where(cycle == 0, 0.0, np.nan)
+    for k in np.flatnonzero(cycle > 0):
+        before = (site[:k] == site[k]) & (cycle[:k] < cycle[k]) & np.isfinite(force_n[:k])
+        met[k] = force_n[:k][before].max() if before.any() else np.nan
+    again = cycle > 0
+    told = met[again & np.isfinite(met)]
+    return np.where(again & np.isnan(met), np.median(told) if len(told) else np.nan, met)
+
 
 LOADING_S = 0.5
 HOLD_S = 1.0

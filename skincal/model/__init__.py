@@ -2,14 +2,13 @@
 
 from skincal.model.contact import Contacts, contact_rotations
 from skincal.model.converter import Converter
-from skincal.model.equilibrium import solve_penetration
 from skincal.model.indenters import ClosedForm, FlatPunch, Indenter, MeshIndenter, RayHits, Sphere
 from skincal.model.law import ContactLaw, StressLaw
 from skincal.model.layout import TaxelLayout
 from skincal.model.patch import Patch, patch_cells
+from skincal.model.press.call import solve_penetration
 from skincal.model.press.status import Status
-from skincal.model.pressures import Pressures
-from skincal.model.response import SkinResponse
+from skincal.model.response import Pressures, SkinResponse
 from skincal.model.skin import Skin, SkinParameters
 from skincal.model.surfaces import Cylinder, MeshSurface, Plane, SensorPose, Surface
 

@@ -15,8 +15,7 @@ from skincal.model.law import ContactLaw, StressLaw
 from skincal.model.patch import Patch
 from skincal.model.press.call import Entries, press
 from skincal.model.press.status import Status
-from skincal.model.pressures import Pressures
-from skincal.model.response import SkinResponse, refuse
+from skincal.model.response import Pressures, SkinResponse, refuse
 from skincal.model.spreading import little_spread
 
 

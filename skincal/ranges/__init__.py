@@ -3,9 +3,8 @@
 from skincal.ranges.files import read_ranges, write_ranges
 from skincal.ranges.from_calibration import from_calibration
 from skincal.ranges.names import NAMES, Name
-from skincal.ranges.narrowing import Narrowing, narrowing
 from skincal.ranges.parameter import Parameter
-from skincal.ranges.presets import PRESETS, preset
+from skincal.ranges.presets import PRESETS, Narrowing, narrowing, preset
 from skincal.ranges.ranges import JointDraws, Ranges
 
 __all__ = [

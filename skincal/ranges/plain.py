@@ -12,9 +12,8 @@ from skincal.dataset.findings import Findings
 from skincal.dataset.keys import Key, Word
 from skincal.dataset.schema import Table, read_table
 from skincal.errors import InputError, Problem
-from skincal.ranges.distributions import DISTRIBUTIONS
 from skincal.ranges.names import EFFECTS_PREFIX, TABLES, find
-from skincal.ranges.parameter import Mode, Numbers, Parameter, Source
+from skincal.ranges.parameter import DISTRIBUTIONS, Mode, Numbers, Parameter, Source
 from skincal.ranges.ranges import JointDraws, Ranges
 from skincal.ranges.rules import collection_problems, unknown_name
 

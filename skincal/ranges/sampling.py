@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from skincal.model.arrays import FloatArray
-from skincal.ranges.distributions import DISTRIBUTIONS
 from skincal.ranges.names import EFFECTS_PREFIX, Shape, find
-from skincal.ranges.parameter import Parameter
+from skincal.ranges.parameter import DISTRIBUTIONS, Parameter
 
 if TYPE_CHECKING:
     from skincal.ranges.ranges import JointDraws

@@ -16,7 +16,7 @@ from skincal.fitting.result import FitResult
 from skincal.fitting.types import Floats
 from skincal.model import SensorPose
 from skincal.model.arrays import IntArray
-from skincal.prediction.slack import place_presses
+from skincal.prediction.holds import place_presses
 from skincal.prediction.touches import CalibratedSkin, Touches
 
 MOST = 8

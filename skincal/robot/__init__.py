@@ -1,6 +1,5 @@
 """The hand: its description, its kinematics, and the contact inferred from its joints."""
 
-from skincal.robot.bundled import DEFAULT_HAND, bundled_hand, hand_named
 from skincal.robot.chain import Chain, TipFrames
 from skincal.robot.contact import JointContact, contact_from_joints, joint_contact_force
 from skincal.robot.description import (
@@ -9,11 +8,10 @@ from skincal.robot.description import (
     HandState,
     ImpedanceGains,
     JointLimits,
+    check_limits,
 )
-from skincal.robot.hand_file import FORMAT, read_hand
-from skincal.robot.inverse import place_indenter
-from skincal.robot.kinematics import Kinematics
-from skincal.robot.limits import check_limits
+from skincal.robot.hand_file import DEFAULT_HAND, FORMAT, bundled_hand, hand_named, read_hand
+from skincal.robot.kinematics import Kinematics, place_indenter
 from skincal.robot.urdf import urdf_with_sphere
 
 __all__ = [

@@ -16,6 +16,7 @@ from skincal.dataset.keys import Key, Names
 from skincal.dataset.schema import Table, load_toml, read_table
 from skincal.dataset.schema_errors import Violation, report
 from skincal.dataset.spec import Description
+from skincal.errors import input_error
 from skincal.robot.description import (
     FingerDescription,
     FloatArray,
@@ -222,3 +223,30 @@ def _digest(*paths: Path) -> str:
             content = b""
         digest.update(len(content).to_bytes(8, "big") + content)
     return digest.hexdigest()
+
+
+DEFAULT_HAND = "dlr_hand_2"
+"""Thumb and forefinger after the DLR-Hand II."""
+
+
+def bundled_hand(name: str = DEFAULT_HAND) -> HandDescription:
+    """Return the description of a bundled hand.
+
+    Raises:
+        InputError: there is no bundled hand of that name.
+    """
+    folder = Path(__file__).parent / "hands"
+    known = sorted(path.parent.name for path in folder.glob("*/hand.toml"))
+    if name not in known:
+        raise input_error("hand", f"one of {', '.join(known)}", f'"{name}"')
+    return read_hand(folder / name)
+
+
+def hand_named(hand: str | Path = DEFAULT_HAND) -> HandDescription:
+    """Return the description of a hand: a bundled one by name, or a ``hand.toml``, or its folder.
+
+    Raises:
+        InputError: there is no hand of that name, or the file is invalid.
+    """
+    path = Path(hand).expanduser()
+    return read_hand(path) if path.exists() or path.suffix or len(path.parts) > 1 else bundled_hand(str(hand))

@@ -13,11 +13,10 @@ from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription, HandState, Kinematics, contact_from_joints
 from skincal.sim.bullet import Fingers
 from skincal.sim.drives import DriveParameters, Drives
-from skincal.sim.memory import Look, SkinMemory
 from skincal.sim.position_error import position_error, surface_error
 from skincal.sim.reference_skin import ReferenceSkin
 from skincal.sim.sim_options import SimOptions
-from skincal.sim.touch import TrueContact, contact_stiffness, true_contact
+from skincal.sim.touch import Look, SkinMemory, TrueContact, contact_stiffness, true_contact
 from skincal.sim.truth import Truth
 
 _TOUCH_N = 0.3

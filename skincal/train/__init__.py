@@ -11,15 +11,13 @@ from typing import TYPE_CHECKING, Any
 from skincal.tasks import PUBLISHED_STEPS, BackendName, PolicyKind, Task
 
 if TYPE_CHECKING:
-    from skincal.train.bundled import bundled_policies, policy_path
-    from skincal.train.curve import read_curve
+    from skincal.train.curve import Round, read_curve
     from skincal.train.environments import make_environment, maker, parallel
     from skincal.train.network import Network
     from skincal.train.onnx_file import write_policy
-    from skincal.train.policy_file import Description, Policy, read_policy
+    from skincal.train.policy_file import Description, Policy, bundled_policies, policy_path, read_policy
     from skincal.train.settings import PpoSettings, Settings, Work
     from skincal.train.training_run import Trained, begin, read_run, train
-    from skincal.train.watch import Round
 
 _MODULES = {
     "bundled": "bundled_policies policy_path",

@@ -1,21 +1,125 @@
-"""The learning curve as a table on disk: one row a round."""
+"""Rounds of learning: the learner's callback that observes them, and the learning curve as a table on disk."""
 
 from __future__ import annotations
 
 import csv
 import io
 import os
-from dataclasses import astuple
+import time
+from collections.abc import Callable
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-from typing import IO, Self
+from typing import IO, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from stable_baselines3.common.callbacks import BaseCallback
 
 from skincal.bounded import UnreadableError, parse_csv, read_text
 from skincal.errors import input_error
 from skincal.files import reason, whole_file
-from skincal.train.watch import COLUMNS, Round
+
+
+@dataclass(frozen=True)
+class Round:
+    """Figures of one round: the steps gathered in it, and the learning phase before it.
+
+    Attributes:
+        steps: environment steps since the beginning of the run.
+        reward: mean of a step.
+        error_m: mean distance between object and target [m].
+        episode_steps: mean length of the episodes that ended in the round; NaN where none did.
+        drops: share of those that ended because the object was lost; NaN where none did.
+        entropy_coefficient: as it is.
+        actor_loss: of the learning phase before.
+        critic_loss: of the learning phase before.
+        gather_s: time spent on steps [s].
+        learn_s: time spent on the learning phase before [s].
+    """
+
+    steps: int
+    reward: float
+    error_m: float
+    episode_steps: float
+    drops: float
+    entropy_coefficient: float
+    actor_loss: float
+    critic_loss: float
+    gather_s: float
+    learn_s: float
+
+
+COLUMNS = tuple(field.name for field in fields(Round))
+
+
+class RoundWatch(BaseCallback):
+    """Listens to a learner and sums up every round."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.report: Callable[[Round], None] = lambda _: None
+        self._length: Any = None
+        self._ended: float | None = None
+        self._learn_s = 0.0
+
+    def _on_training_start(self) -> None:
+        self._length = np.zeros(self.training_env.num_envs)
+
+    def _on_training_end(self) -> None:
+        self._end_learning()
+
+    def _end_learning(self) -> None:
+        if self._ended is not None:
+            self._learn_s, self._ended = time.perf_counter() - self._ended, None
+
+    def _on_rollout_start(self) -> None:
+        self._end_learning()
+        self._began = time.perf_counter()
+        self._rewards: list[float] = []
+        self._errors: list[float] = []
+        self._lengths: list[float] = []
+        self._drops: list[bool] = []
+
+    def _on_step(self) -> bool:
+        self._rewards.append(float(np.mean(np.asarray(self.locals["rewards"], dtype=np.float64))))
+        self._length += 1
+        for i, (done, info) in enumerate(zip(self.locals["dones"], self.locals["infos"], strict=True)):
+            self._errors.append(info["error_m"])
+            if done:
+                self._lengths.append(self._length[i])
+                self._drops.append(bool(info["drop"]))
+                self._length[i] = 0
+        return True
+
+    def _on_rollout_end(self) -> None:
+        now = time.perf_counter()
+        figures = self.logger.name_to_value
+        row = Round(
+            steps=self.num_timesteps,
+            reward=_mean(self._rewards),
+            error_m=_mean(self._errors),
+            episode_steps=_mean(self._lengths),
+            drops=_mean(self._drops),
+            entropy_coefficient=float(figures.get("train/ent_coef", np.nan)),
+            actor_loss=_figure(figures, "train/actor_loss", "train/policy_gradient_loss"),
+            critic_loss=_figure(figures, "train/critic_loss", "train/value_loss"),
+            gather_s=now - self._began,
+            learn_s=self._learn_s,
+        )
+        self._ended = now
+        self.report(row)
+
+
+def _figure(figures: dict[str, Any], *names: str) -> float:
+    """Return the first of some figures that there is: algorithms name them unlike."""
+    return next((float(figures[name]) for name in names if name in figures), float("nan"))
+
+
+def _mean(values: list[Any]) -> float:
+    """Return the mean of what is finite (an object that is lost has no distance); NaN of nothing."""
+    array = np.array(values, dtype=np.float64)
+    array = array[np.isfinite(array)]
+    return float(array.mean()) if array.size else float("nan")
 
 
 class Curve:
@@ -51,7 +155,7 @@ class Curve:
 
 
 def read_curve(path: str | Path) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of a learning curve by name (see :class:`~skincal.train.watch.Round`).
+    """Return the columns of a learning curve by name (see :class:`~skincal.train.curve.Round`).
 
     Raises:
         InputError: there is no such file, or it is something else.

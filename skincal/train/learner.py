@@ -15,9 +15,9 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from skincal.errors import input_error
+from skincal.train.curve import Round, RoundWatch
 from skincal.train.network import EPSILON, Network
 from skincal.train.settings import Settings
-from skincal.train.watch import Round, RoundWatch
 
 ACTOR_KEY: Final = "policy"
 """The part of an observation that the actor sees; the critics see all of it."""

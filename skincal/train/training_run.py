@@ -26,14 +26,13 @@ from skincal.train.checkpoint import (
     load_checkpoint,
     save_checkpoint,
 )
-from skincal.train.curve import Curve
+from skincal.train.curve import Curve, Round
 from skincal.train.describe import describe
 from skincal.train.environments import Make, end, in_full, parallel, segment_seed
 from skincal.train.learner import Learner
 from skincal.train.onnx_file import write_policy
 from skincal.train.policy_file import Description, Policy, read_policy
 from skincal.train.settings import PpoSettings, Settings, Work, rounds_of
-from skincal.train.watch import Round
 
 MARKER: Final = "run.toml"
 FORMAT: Final = "skincal-run/1"

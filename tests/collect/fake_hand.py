@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.collect.mount import Mount
-from skincal.collect.posture import Fingers
+from skincal.collect.posture import Fingers, Mount
 from skincal.dataset.placement import patch_coordinates
 from skincal.hand import HandCommand, HandDriver, HandState
 from skincal.robot import HandDescription, Kinematics, bundled_hand, contact_from_joints

@@ -12,8 +12,7 @@ from commands import run
 from skincal.deploy.trials import reference_runs
 from skincal.train import Task, policy_path, read_policy
 from skincal.train.evaluate import Trial
-from skincal.train.fare import fare
-from skincal.train.scores import Runs
+from skincal.train.scores import Runs, fare
 
 POLICY = "marble-tactile-1"
 

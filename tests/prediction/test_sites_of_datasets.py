@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from skincal.dataset import Dataset
-from skincal.prediction.sites import met_forces, sites
+from skincal.prediction.session_samples import met_forces, sites
 
 SITE = np.array([0, 1, 0, 1, 0])
 CYCLE = np.array([0.0, 0.0, 1.0, 1.0, 2.0])

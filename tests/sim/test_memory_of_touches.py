@@ -13,8 +13,7 @@ from skins import contact, images, ramp, skin
 from skincal.errors import InputError
 from skincal.hand.sim import BREAK_S, SimDriver
 from skincal.sim import SkinMemory
-from skincal.sim.memory import Look
-from skincal.sim.touch import contact_stiffness
+from skincal.sim.touch import Look, contact_stiffness
 
 
 def test_a_skin_with_memory_resumes_without_a_break() -> None:

@@ -17,7 +17,7 @@ from skincal.errors import InputError
 from skincal.model import ContactLaw, Sphere
 from skincal.robot import bundled_hand
 from skincal.sim import ReferenceSkin, Truth
-from skincal.sim.presses import PressTracker
+from skincal.sim.reference_skin import PressTracker
 
 
 def test_without_effects_it_is_the_base_model_rounded() -> None:

@@ -23,7 +23,6 @@ from skincal.errors import InputError
 from skincal.hand.driver import HandState
 from skincal.ranges import preset, write_ranges
 from skincal.train import policy_path, read_policy
-from skincal.train.bundled import estimator_path
 from skincal.train.estimator import (
     SPAN_M,
     Estimator,
@@ -34,8 +33,8 @@ from skincal.train.estimator import (
     read_estimator,
     write_estimator,
 )
-from skincal.train.estimator_run import judge, train_estimator
-from skincal.train.touches import draw_touches
+from skincal.train.estimator_run import draw_touches, judge, train_estimator
+from skincal.train.policy_file import estimator_path
 
 PINCH = read_pinch(None)
 

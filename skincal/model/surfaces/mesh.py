@@ -9,9 +9,8 @@ from scipy.spatial import KDTree
 from skincal.model.arrays import FloatArray, IntArray, floats, positive
 from skincal.model.contact import contact_rotations
 from skincal.model.mesh import TriangleMesh
-from skincal.model.surfaces.shading import corner_normals
 from skincal.model.surfaces.surface import SensorPose, Surface
-from skincal.model.surfaces.walk import Stand, Walker
+from skincal.model.surfaces.walk import Stand, Walker, corner_normals
 
 
 class MeshSurface(Surface):

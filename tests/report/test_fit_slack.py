@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation, Text
 
-from skincal.report.labels import name_points
+from skincal.report.fit_slack import name_points
 from skincal.report.style import new_figure, style
 
 
