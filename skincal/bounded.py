@@ -134,11 +134,6 @@ def parse_toml(text: str) -> dict[str, Any]:
 def parse_json(text: str, *, bits: int = 64, **options: Any) -> Any:
     """The value of a JSON text.
 
-    Args:
-        text: the text.
-        bits: of the largest whole number.
-        options: of :func:`json.loads`.
-
     Raises:
         UnreadableError: it is none, or beyond a bound.
     """
@@ -173,11 +168,6 @@ def parse_csv(text: str, delimiter: str = ",") -> list[list[str]]:
 
 def parsed(kind: str, parse: Callable[[str], Value], text: str) -> Value:
     """Return what a parser makes of a text; whatever it raises says that the text is none of its kind.
-
-    Args:
-        kind: what the text should be, for the message.
-        parse: a parser, of a library.
-        text: the text.
 
     Raises:
         UnreadableError: the parser failed.
@@ -303,11 +293,6 @@ def _array(stream: IO[bytes], most: int) -> NDArray[Any]:
 
 def check_table_size(rows: int, columns: int, most_rows: int = MOST_ROWS) -> None:
     """Checks the size of a table before any of it is read.
-
-    Args:
-        rows: number of rows.
-        columns: number of columns.
-        most_rows: how many rows it may have.
 
     Raises:
         UnreadableError: it is beyond the bounds.

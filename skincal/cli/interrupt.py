@@ -33,11 +33,7 @@ AGAIN = "give the same command again to continue"
 
 @contextmanager
 def resumable(saved: Callable[[], str]) -> Generator[None]:
-    """Say, when a verb ends early, what is saved of its work and how to continue.
-
-    Args:
-        saved: returns what to say; '' if nothing is saved.
-    """
+    """Say, when a verb ends early, what is saved of its work and how to continue."""
     try:
         yield
     except BaseException as error:
@@ -56,9 +52,6 @@ def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
 
     Every signal that can be caught interrupts, Ctrl-Z too: a hand that nobody watches must not go on pressing. So do
     SIGINT and SIGQUIT of a verb in the background of a script, where the shell ignores them: Ctrl-C ends the script.
-
-    Args:
-        saved: returns what is saved of the work, for the message of a verb that ends early.
     """
     from skincal.errors import WorkError
 
@@ -117,10 +110,6 @@ def interruptible(*more: int, ignored: Collection[int] = ()) -> Generator[None]:
     So a verb stops its hand, says what is saved and removes half-written files, whoever asks. An extension module that
     is interrupted during its import may swallow the interrupt, so that the work goes on, or fail with an error of its
     own. A signal that is ignored (``nohup``) or handled elsewhere is left alone.
-
-    Args:
-        *more: further signals.
-        ignored: signals that are taken even where they are ignored.
     """
     ours = dict.fromkeys((*REQUESTS, *more), signal.SIG_DFL) | {signal.SIGINT: signal.default_int_handler}
     now = {number: signal.getsignal(number) for number in ours}

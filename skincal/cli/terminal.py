@@ -21,13 +21,7 @@ if TYPE_CHECKING:
 
 
 def answer(as_json: bool, content: Mapping[str, Any], *shown: object) -> None:
-    """Print the result of a verb on standard output.
-
-    Args:
-        as_json: whether to print one JSON object, and nothing else.
-        content: the object.
-        shown: lines and tables for a person.
-    """
+    """Print the result of a verb on standard output."""
     if as_json:
         print_json(content)
         return
@@ -43,14 +37,7 @@ def answer(as_json: bool, content: Mapping[str, Any], *shown: object) -> None:
 def table(
     columns: Iterable[str], rows: Iterable[Sequence[Any]], *, right: bool = False, **look: Any
 ) -> Table:
-    """Return a table for the terminal.
-
-    Args:
-        columns: titles.
-        rows: cells of each row.
-        right: whether all columns but the first are numbers.
-        look: settings of :class:`rich.table.Table`.
-    """
+    """Return a table for the terminal."""
     from rich.table import Table
 
     made = Table(**{"box": None, "padding": (0, 2, 0, 0), **look})
@@ -77,11 +64,7 @@ _for_json: list[TextIO | None] = [None]
 
 @contextmanager
 def json_alone(wanted: bool) -> Generator[None]:
-    """Redirect other output, such as that of a driver or a library, to standard error while ``--json`` is on.
-
-    Args:
-        wanted: whether the verb has that option.
-    """
+    """Redirect other output, such as that of a driver or a library, to standard error while ``--json`` is on."""
     kept: TextIO | None = sys.stdout
     if not wanted or kept is None:  # it may be closed
         yield

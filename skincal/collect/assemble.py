@@ -32,12 +32,6 @@ LAST = ("missed_target", "slip_m", "status", "kind")
 def dataset_of(journal: Journal, meta: DatasetMeta, source: str, created: datetime) -> Dataset:
     """Return the dataset of all finished presses and the frames around them.
 
-    Args:
-        journal: journal of the session.
-        meta: sensor, surface, indenter and mount of the hand's description.
-        source: for ``dataset.toml``.
-        created: start of the session.
-
     Returns:
         The dataset, with presses in the order of their numbers, and frames in the order of time.
     """
@@ -135,11 +129,7 @@ FIX = (
 
 
 def rest_shifts(dataset: Dataset) -> tuple[Problem, ...]:
-    """Return the presses after which taxels rest at another level than before, permanently.
-
-    Args:
-        dataset: dataset with frames in the pauses between presses.
-    """
+    """Return the presses after which taxels rest at another level than before, permanently."""
     numbers, levels, errors = _pauses(dataset)
     found: list[Problem] = []
     for k in range(1, len(levels)):

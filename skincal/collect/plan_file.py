@@ -106,10 +106,6 @@ def read_plan(path: Path, mount: Mount) -> Plan:
     one row per press. A press has its site (``u_m``, ``v_m``, or ``beta_deg``, ``y_m``, on a plane ``x_m``, ``y_m``)
     and ``force_n``; pace, pose and kind default to those of the full protocol.
 
-    Args:
-        path: the file, ``.toml`` or ``.csv``.
-        mount: the surface with the patch at its nominal pose.
-
     Raises:
         InputError: the file has faults; all are reported.
     """

@@ -104,14 +104,7 @@ class ColumnReader:
     def checked(
         self, name: str, kind: str, *, may_be_nan: BoolArray | bool = True, if_empty: str = ""
     ) -> FloatArray:
-        """Return a column as numbers of a kind; NaN (not measured) is permitted only where ``may_be_nan`` holds.
-
-        Args:
-            name: its name.
-            kind: what its numbers have to be.
-            may_be_nan: cells that may be empty.
-            if_empty: advice if no cell holds a number.
-        """
+        """Return a column as numbers of a kind; NaN (not measured) is permitted only where ``may_be_nan`` holds."""
         values, text = self._numbers(name)
         if self.has(name):
             bad = ~_HOLDS[kind](values) & ~(np.isnan(values) & may_be_nan) & ~text

@@ -17,9 +17,6 @@ def dataset_hash(path: str | Path) -> str:
     These are ``dataset.toml``, the tables, and the files that ``dataset.toml`` names. Other files in the folder, such
     as a README, do not count.
 
-    Args:
-        path: the dataset's folder.
-
     Returns:
         The hash in hexadecimal, 64 characters.
 

@@ -24,9 +24,6 @@ def rest_drift(dataset: Dataset) -> NDArray[np.float64] | None:
     subtracted), shrunk by the part of its variance that the noise of these frames explains (James and Stein). So
     nothing is taken off where nothing drifts.
 
-    Args:
-        dataset: the data.
-
     Returns:
         Shifts [counts], shape (K, J), 0 where they are not known or the converter clips; None without idle frames
         between presses.

@@ -142,13 +142,7 @@ class SurfaceSpec(_Shape):
         yield from self.across_violations(mount, "mount", names)
 
     def across_violations(self, spec: Any, table: str, names: Mapping[str, str]) -> Iterator[Violation]:
-        """Yield keys of the position across that are missing in a table, or that only another surface has.
-
-        Args:
-            spec: the table.
-            table: its name.
-            names: what each key of ``x_m`` and ``beta_deg`` is, by key.
-        """
+        """Yield keys of the position across that are missing in a table, or that only another surface has."""
         if self.kind not in SURFACES:
             return
         reason = f"{'on a plane' if self.is_plane else 'off the plane'} it is {self.across}"

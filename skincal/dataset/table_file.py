@@ -77,11 +77,6 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
     """Read a table; add an error and return None if the file is not a readable table.
 
     The columns of a Parquet file are read on use and not cached.
-
-    Args:
-        path: the file.
-        findings: collects the errors.
-        most_rows: largest number of rows.
     """
     import pyarrow as pa
 

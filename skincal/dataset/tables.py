@@ -201,13 +201,7 @@ class Frames(_Table):
 
     @classmethod
     def stored(cls, taxels: OnUse, columns: OnUse, **own: NDArray[Any]) -> Self:
-        """Return frames whose counts and other columns are read from a file on use.
-
-        Args:
-            taxels: the taxel columns, in the order of the flat index.
-            columns: the other columns.
-            own: the attributes that precede ``counts``.
-        """
+        """Return frames whose counts and other columns are read from a file on use."""
         frames = cls(**own, counts=np.empty((len(own["press"]), 0)), columns=columns)  # type: ignore[arg-type]
         object.__delattr__(frames, "counts")
         object.__setattr__(frames, "_taxels", taxels)

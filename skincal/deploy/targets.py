@@ -51,11 +51,6 @@ def letters(
 
     A letter is one stroke; from its end the marble goes straight to the beginning of the next.
 
-    Args:
-        text: letters A to Z; others are left out.
-        size_m: height of a letter.
-        speed_m_per_s: along the way.
-
     Raises:
         InputError: no letter in the text.
     """

@@ -54,13 +54,6 @@ def reference_runs(
     """Run of a policy on reference hands, one on each; the marble.
 
     Everything is drawn but the object's radius. A run that stops on what is odd counts as a drop.
-
-    Args:
-        policy: acts without noise.
-        trial: how often, how long, and with which seed; see :func:`check_trial`.
-        ranges: the hands' truth is drawn from these.
-        engine: the hands' physics.
-        progress: progress callback; gets the number of runs that are done.
     """
     check_trial(trial)
     pinch = read_pinch(None)

@@ -48,10 +48,6 @@ class Applied:
 def applied(effects: Mapping[str, Mapping[str, ArrayLike]], taxels: int) -> tuple[Applied, ...]:
     """Return effects by name with their parameters, checked and in the order of the chain.
 
-    Args:
-        effects: parameters by effect; omitted ones are neutral or default.
-        taxels: number of taxels J.
-
     Raises:
         InputError: unknown effects or parameters, or values out of bounds.
     """
@@ -64,12 +60,6 @@ def at_work(
     all_of_them: tuple[Applied, ...], samples: Samples, kind: type[Kind], missing: Missing
 ) -> list[tuple[int, Kind, Values]]:
     """Return the effects of a kind that are not neutral and have their covariates: index, effect and values.
-
-    Args:
-        all_of_them: effects in the order of the chain.
-        samples: samples that they act on.
-        kind: subclass of effects.
-        missing: whether a missing covariate is an error, or makes the effect abstain.
 
     Raises:
         InputError: an effect lacks a covariate, and ``missing`` makes that an error.

@@ -128,12 +128,6 @@ def checked(
 ) -> Values:
     """Return the values of all parameters of an effect: given ones, and neutral or default ones for the rest.
 
-    Args:
-        effect: its name, for errors.
-        parameters: parameters of the effect.
-        given: numbers by parameter; one number stands for all taxels or poses.
-        taxels: number of taxels J.
-
     Raises:
         InputError: unknown parameters, or values out of bounds.
     """

@@ -24,14 +24,7 @@ from skincal.sim.bullet import load_engine, quiet
 
 
 class BulletScene(Scene):
-    """See :class:`Scene`.
-
-    Args:
-        pinch: the fingers.
-        iterations: of the contact solver in each step.
-        window: whether PyBullet opens a window.
-        visible: whether there is something to look at.
-    """
+    """See :class:`Scene`."""
 
     def __init__(self, pinch: Pinch, iterations: int, *, window: bool = False, visible: bool = False) -> None:
         with quiet():

@@ -22,15 +22,7 @@ def constant_parts(nominal: Values) -> list[Part]:
 
 
 def state_parts(joints: int, target: int, ahead: int, limit: float = 0.05, own: int = 0) -> list[Part]:
-    """Return the parts of the true state.
-
-    Args:
-        joints: number of joints n.
-        target: number of coordinates of the target.
-        ahead: how many targets ahead are seen.
-        limit: beyond this a target is cut off.
-        own: how many numbers a task alone has.
-    """
+    """Return the parts of the true state."""
     parts = [
         Part("angles", joints, -10.0, 10.0),
         Part("speeds", joints, -100.0, 100.0),
@@ -60,12 +52,7 @@ def state_parts(joints: int, target: int, ahead: int, limit: float = 0.05, own: 
 
 
 def state_values(seen: View, own: Mapping[str, ArrayLike]) -> dict[str, Any]:
-    """Return the parts of the true state by their names.
-
-    Args:
-        seen: what is true; positions and vectors are given in the fingertip frame.
-        own: what the environment itself knows.
-    """
+    """Return the parts of the true state by their names."""
     skin, thumb = seen.skin, seen.thumb
     vectors = np.zeros((6, 3))
     vectors[0], vectors[1] = seen.body.rotation[:, 0], seen.velocity_m_per_s

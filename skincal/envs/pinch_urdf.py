@@ -16,12 +16,7 @@ _BONE_COLOUR = "0.75 0.75 0.78 1"
 
 
 def pinch_urdf(pinch: Pinch, *, visible: bool) -> str:
-    """Return the URDF as text.
-
-    Args:
-        pinch: the hand; its URDF is read.
-        visible: whether links get shapes to look at; physics needs none.
-    """
+    """Return the URDF as text."""
     robot = parse_xml(read_text(pinch.description.urdf))
     for element in [*robot.findall("joint"), *robot.findall("link")]:
         child = element.find("child")

@@ -86,13 +86,6 @@ def make_scene(
 ) -> Scene:
     """Return a scene in an engine.
 
-    Args:
-        engine: one of :class:`skincal.tasks.Engine`.
-        pinch: the fingers.
-        iterations: of PyBullet's contact solver in each step; MuJoCo iterates until it has converged.
-        window: whether PyBullet opens a window.
-        visible: whether there is something to look at; PyBullet alone.
-
     Raises:
         InputError: the engine is not installed.
     """

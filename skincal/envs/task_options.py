@@ -128,11 +128,6 @@ Options = TypeVar("Options", TaskOptions, EpisodeOptions)
 def read_options(kind: type[Options], given: Mapping[str, Any], place: str) -> Options:
     """Return options from a mapping of names and values.
 
-    Args:
-        kind: the class of the options.
-        given: values that are not those by default.
-        place: what errors call it.
-
     Raises:
         InputError: unknown keys, or values that make no sense; all of them.
     """

@@ -56,16 +56,7 @@ def conclude(
     options: FitOptions,
     rng: np.random.Generator,
 ) -> FitResult:
-    """Best point, valley, intervals, and what a person should know.
-
-    Args:
-        grid: the macro grid.
-        slabs: its values, one for each turn.
-        found: peak, draws and contact law.
-        box: ranges that were searched.
-        options: settings.
-        rng: picks draws.
-    """
+    """Best point, valley, intervals, and what a person should know."""
     problem, images, peak = found.problem, found.images, found.peak
     centre = found.draws.mean
     macro, sigmas = centre[:5], np.exp(centre[5:])

@@ -31,12 +31,7 @@ _NAMES = {
 
 
 def find(result: FitResult, *, dropped: int) -> FitResult:
-    """Return the result with its findings.
-
-    Args:
-        result: a fit.
-        dropped: how many presses were left out as glitches.
-    """
+    """Return the result with its findings."""
     checks = (_edges, _flat, _presses, _spread, _rig, _misfit, _taxels, _lost, _rest, _sampling)
     found = [finding for check in checks for finding in check(result)]
     if dropped:

@@ -85,12 +85,6 @@ def least_squares_scale(forces: Floats, observed: Floats) -> tuple[Floats, Float
 def evaluate_slab(problem: FitProblem, grid: MacroGrid, turn: int, settings: MicroSettings) -> GridSlab:
     """Evaluates all combinations of one turn alpha.
 
-    Args:
-        problem: the presses.
-        grid: the macro variables.
-        turn: which of the grid's turns.
-        settings: of the micro problems.
-
     Returns:
         Loss, scale and slack of every combination (E, X, Y).
     """

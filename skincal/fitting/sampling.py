@@ -141,11 +141,6 @@ def smooth_term(draws: Draws, lacking: Lacking, rng: np.random.Generator) -> Den
 
     It is linear in all variables and quadratic in log E and log S, by least squares with a prior of one unit for each
     coefficient in standard deviations of the draws; the term may be noisier than that.
-
-    Args:
-        draws: of the density without the term.
-        lacking: the term.
-        rng: picks the points at which it is found.
     """
     some = Draws(draws.points, _tempered(draws.weight, float(lacking.count)))
     middle = some.mean
@@ -179,13 +174,7 @@ WALKERS, BURN_IN, STEPS = 44, 60, 220
 
 
 def walk(density: Density, start: Draws, rng: np.random.Generator) -> Draws:
-    """Draws of an ensemble of walkers, which needs no proposal that resembles the posterior.
-
-    Args:
-        density: the log posterior.
-        start: draws round which the walkers begin; their weights are tempered.
-        rng: the only source of chance.
-    """
+    """Draws of an ensemble of walkers, which needs no proposal that resembles the posterior."""
     import emcee  # pyright: ignore[reportMissingTypeStubs] - it loads scipy.stats, and few fits need it
 
     spread = Draws(start.points, _tempered(start.weight, float(WALKERS)))

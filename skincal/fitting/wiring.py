@@ -87,12 +87,7 @@ class TaxelOrder:
 
 
 def order_of_problem(problem: FitProblem, box: SearchBox) -> TaxelOrder | None:
-    """The order that explains the images of a problem; None where the one of the data does.
-
-    Args:
-        problem: presses with measured places and forces.
-        box: where the sensor may be.
-    """
+    """The order that explains the images of a problem; None where the one of the data does."""
     presses = Presses(
         np.stack([problem.across_m, problem.along_m], axis=1),
         problem.force_n,
@@ -107,14 +102,7 @@ def order_of_problem(problem: FitProblem, box: SearchBox) -> TaxelOrder | None:
 def find_order(
     presses: Presses, layout: TaxelLayout, box: SearchBox, noise: float = 0.0
 ) -> TaxelOrder | None:
-    """The order of taxels that explains the images; None where the order of the data does as well.
-
-    Args:
-        presses: what is measured.
-        layout: the taxels.
-        box: where the sensor may be.
-        noise: scatter of an untouched taxel, in the unit of the values.
-    """
+    """The order of taxels that explains the images; None where the order of the data does as well."""
     if layout.taxels < 2 or len(presses.force_n) < 3 or not np.isfinite(presses.sigma_m):
         return None  # a place that is not known predicts no trace
     if len(presses.force_n) > MOST_PRESSES:

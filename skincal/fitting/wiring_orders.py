@@ -28,10 +28,6 @@ def named_orders(rows: int, cols: int) -> list[Order]:
 
     The array is read by rows or by columns, straight or in a serpentine, from any of its corners. Its rows or columns
     may be shifted, round the end; two of them may be exchanged; or the even ones come first, then the odd ones.
-
-    Args:
-        rows: of the layout.
-        cols: of the layout.
     """
     found: dict[bytes, Order] = {}
 

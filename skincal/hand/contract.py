@@ -99,14 +99,7 @@ def run_contract(
     options: ContractOptions | None = None,
     progress: Callable[[CheckResult], None] = lambda result: None,
 ) -> ContractReport:
-    """Run every check against a driver.
-
-    Args:
-        name: the driver's name, for the report.
-        make: creates a driver that is not connected; called once per check.
-        options: options of the checks.
-        progress: callback with every result.
-    """
+    """Run every check against a driver."""
     results: list[CheckResult] = []
     for check in CHECKS:
         results.append(_run(check, make, options or ContractOptions()))

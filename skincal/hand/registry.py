@@ -59,9 +59,6 @@ def driver_names() -> tuple[str, ...]:
 def driver_class(name: str) -> Callable[..., HandDriver | StageDriver]:
     """Return the class of a driver, or its factory function.
 
-    Args:
-        name: a registered name, or ``module:Class``.
-
     Raises:
         InputError: there is no driver of that name, or two.
         WorkError: it cannot be imported.

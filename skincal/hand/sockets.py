@@ -64,10 +64,6 @@ class Keys:
 def make_keys(folder: Path, *, force: bool = False) -> None:
     """Write a key pair for a hand and one for a client that it trusts.
 
-    Args:
-        folder: folder for ``hand/`` and ``client/``.
-        force: whether to replace earlier keys.
-
     Raises:
         InputError: the folder exists.
         WorkError: pyzmq is not installed.

@@ -78,15 +78,7 @@ def run_stage_checks(
     guard: GuardOptions | None = None,
     progress: Callable[[CheckResult], None] = lambda result: None,
 ) -> ContractReport:
-    """Run every check against a driver of a stage.
-
-    Args:
-        name: the driver's name, for the report.
-        make: creates a driver that is not connected; called once per check.
-        move: whether to move the stage.
-        guard: limits and times.
-        progress: callback with every result.
-    """
+    """Run every check against a driver of a stage."""
     guard = guard or GuardOptions()
     results: list[CheckResult] = []
     for check in (describes, states, moves, stops):

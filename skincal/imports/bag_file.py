@@ -60,10 +60,6 @@ class Bag:
 def opened(path: Path, definitions: Mapping[str, Path]) -> Generator[Bag]:
     """Return an open bag: a ROS 1 file (``.bag``), a ROS 2 folder, or one ``.mcap`` or ``.db3`` of such a folder.
 
-    Args:
-        path: the bag.
-        definitions: files of message types by their names, for types that the bag does not define.
-
     Raises:
         InputError: the path is not a bag, or the bag is damaged.
         WorkError: the library is not installed.

@@ -88,9 +88,6 @@ def _imported(
 def bag_topics(bag: str | Path) -> dict[str, tuple[str, int]]:
     """Return type and number of messages of each topic of a bag, by name.
 
-    Args:
-        bag: a ROS 1 file or a ROS 2 folder.
-
     Raises:
         InputError: the bag cannot be read.
         WorkError: the library rosbags is not installed.

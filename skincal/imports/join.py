@@ -61,16 +61,7 @@ def join_file(
     mapping: Mapping,
     findings: Findings,
 ) -> Recording:
-    """Return the recording with the columns of one joined file at the times of the taxels.
-
-    Args:
-        recording: recording with ``time_s`` on its own clock.
-        kind: kind of that clock.
-        entry: the file's table.
-        paths: files: one for the whole recording, or, with own clocks, one for each of its files.
-        mapping: mapping with the columns to take.
-        findings: collects the errors.
-    """
+    """Return the recording with the columns of one joined file at the times of the taxels."""
     quantities = [q for q in mapping.quantities if q.topic == entry.name]
     texts = {name for q in quantities for name in q.sources if is_text(q)}
     numbers = [name for q in quantities for name in q.sources if not is_text(q)]

@@ -70,10 +70,6 @@ class Skin:
         A force of zero or less, and a press that touches no point, give no load; a force that is NaN or
         infinite, or a place with NaN, gives NaN; :attr:`SkinResponse.status` says which. A press that reaches the
         border of the patch or lies outside it, but touches it, is carried by the points it touches.
-
-        Args:
-            indenter: what presses.
-            contacts: K contacts.
         """
         loads, info = self._press(indenter, contacts)
         points, status = info[:, 5:7].astype(np.int64).T
@@ -110,12 +106,7 @@ class Skin:
         return self.converter.apply(loads * self.parameters.scale_per_n)
 
     def pressures(self, indenter: Indenter, contacts: Contacts) -> Pressures:
-        """Return the load of each contact on each tactile point: the terms of the sums of :meth:`loads`.
-
-        Args:
-            indenter: what presses.
-            contacts: K contacts.
-        """
+        """Return the load of each contact on each tactile point: the terms of the sums of :meth:`loads`."""
         # Counted first, then filled: how many points there will be is not known before.
         _, info = self._press(indenter, contacts)
         starts = np.cumsum(np.append(0, info[:, 5])).astype(np.int64)

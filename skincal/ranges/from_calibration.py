@@ -116,10 +116,6 @@ def _assumed_scale(calibration: Calibration, assumed: tuple[float, float] | None
 def joint_draws(calibration: Calibration, draws: int = DRAWS) -> JointDraws:
     """Return the joint posterior draws.
 
-    Args:
-        calibration: with draws.
-        draws: largest number of rows, evenly spaced over the calibration's.
-
     Raises:
         InputError: the calibration has no draws, or only unbounded parameters, or ``draws`` is below 1.
     """

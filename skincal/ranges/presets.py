@@ -132,13 +132,7 @@ _POSE = ("skin.x_m", "skin.y_m", "skin.alpha_deg")
 
 
 def narrowing(ranges: Ranges, published: Ranges, *, same_converter: bool = True) -> tuple[Narrowing, ...]:
-    """Return every calibrated parameter with the preset's range of it, in the order of the names.
-
-    Args:
-        ranges: ranges of a calibration.
-        published: ranges of a preset.
-        same_converter: whether the sensor counts as the published one does; else its S is not compared.
-    """
+    """Return every calibrated parameter with the preset's range of it, in the order of the names."""
     rows: list[Narrowing] = []
     flat = "skin.x_m" in ranges
     for path in ranges.calibrated():

@@ -36,15 +36,7 @@ FIGURES: Mapping[str, Callable[[Diagnosis, Dataset], Figure]] = {
 def write_diagnosis_report(
     found: Diagnosis, dataset: Dataset, folder: Path, content: Mapping[str, Any], *, pages: bool = True
 ) -> None:
-    """Write ``diagnosis.json``, and ``report.html`` with its figures, next to a calibration.
-
-    Args:
-        found: the diagnosis.
-        dataset: the dataset that was diagnosed.
-        folder: folder to write to.
-        content: the summary, with plain values only.
-        pages: whether to write the page and its figures.
-    """
+    """Write ``diagnosis.json``, and ``report.html`` with its figures, next to a calibration."""
     (folder / SUMMARY).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if not pages:
         return

@@ -47,13 +47,6 @@ def write_fit_report(
     """Write ``report.html`` and its figures (``valley.png`` ...) into a folder.
 
     The page contains its figures and needs nothing from elsewhere; it can be sent as a single file.
-
-    Args:
-        result: the fit.
-        calibration: the calibration of the fit, for the provenance.
-        dataset: the dataset that was fitted.
-        folder: an existing folder; files of the same names are replaced.
-        spread: spreads the drawing of figures over processes.
     """
     folder, without_frames = Path(folder), replace(dataset, frames=None)
     problem, grid, level = result.problem, result.grid, calibration.provenance.options.get("level")

@@ -142,10 +142,6 @@ FIX = "Correct it; if the hand really bears that, allow it with --beyond-limits.
 def check_limits(description: HandDescription, *, beyond: bool = False) -> None:
     """Refuse limits and gains that no finger has.
 
-    Args:
-        description: the hand.
-        beyond: whether the user allows any limit.
-
     Raises:
         InputError: some limits or gains are above their bounds; all are reported.
     """

@@ -20,15 +20,13 @@ if TYPE_CHECKING:
     from skincal.train.training_run import Trained, begin, read_run, train
 
 _MODULES = {
-    "bundled": "bundled_policies policy_path",
-    "curve": "read_curve",
+    "curve": "Round read_curve",
     "environments": "make_environment maker parallel",
     "network": "Network",
     "onnx_file": "write_policy",
-    "policy_file": "Description Policy read_policy",
+    "policy_file": "Description Policy bundled_policies policy_path read_policy",
     "settings": "PpoSettings Settings Work",
     "training_run": "Trained begin read_run train",
-    "watch": "Round",
 }
 
 __all__ = [

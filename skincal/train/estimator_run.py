@@ -37,16 +37,7 @@ def train_estimator(
     epochs: int = 40,
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Estimator:
-    """Draw hands, learns from most of them, and judges on the rest.
-
-    Args:
-        ranges: what is drawn.
-        pinch: the hand.
-        seed: of all randomness.
-        hands: how many, the ones kept back among them; at least 10.
-        epochs: passes over the images.
-        progress: progress callback: a stage, how much of it is done, and of how much.
-    """
+    """Draw hands, learns from most of them, and judges on the rest."""
     draws, learning = np.random.default_rng(seed).spawn(2)
     touches = draw_touches(
         ranges, pinch, hands, IMAGES, draws, lambda n: progress("images of drawn hands", n, hands)
@@ -125,16 +116,7 @@ def draw_touches(
     rng: np.random.Generator,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Touches:
-    """Let a marble wander over the skins of drawn hands, at forces that change.
-
-    Args:
-        ranges: what is drawn, effects included.
-        pinch: the hand.
-        hands: how many.
-        each: images of each.
-        rng: source of chance.
-        progress: progress callback; gets the number of hands that are done.
-    """
+    """Let a marble wander over the skins of drawn hands, at forces that change."""
     skin = TactileSkin(pinch, _RESOLUTION_M)
     drawer = Drawer(ranges, "marble", pinch, skin.taxels)
     surface = Cylinder(require_cylinder(pinch))

@@ -138,14 +138,7 @@ def evaluate(
     *,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Runs:
-    """Let a policy act for all episodes of a trial.
-
-    Args:
-        policy: acts without noise.
-        environment: see :func:`environment_for`.
-        trial: what is asked.
-        progress: progress callback; gets the number of episodes that are done.
-    """
+    """Let a policy act for all episodes of a trial."""
     runs = Runs.empty(trial.episodes, trial.steps, POLICY_HZ)
     if trial.task is Task.bolt:
         runs.orientation_deg[:] = np.resize(ORIENTATIONS_DEG, trial.episodes)

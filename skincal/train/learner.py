@@ -79,13 +79,7 @@ class Learner(ABC):
         return self.model.num_timesteps
 
     def learn(self, rounds: int, seed: int, progress: Callable[[Round], None]) -> None:
-        """Gather and learns for so many rounds, from fresh episodes on.
-
-        Args:
-            rounds: how many.
-            seed: of the environments.
-            progress: progress callback; gets the figures of every round.
-        """
+        """Gather and learns for so many rounds, from fresh episodes on."""
         self.normalised.seed(seed)
         # Without a last observation the learner resets its environments; the transition before was stored as one
         # that goes on, so nothing of the cut is seen in the buffer.

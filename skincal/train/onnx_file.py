@@ -27,14 +27,7 @@ IR_VERSION: Final = 8
 def write_policy(
     network: Network, description: Description, path: str | Path, *, force: bool = False
 ) -> None:
-    """Write a policy file; it appears whole or not at all.
-
-    Args:
-        network: what it computes.
-        description: what it is for.
-        path: where.
-        force: whether a file there is replaced.
-    """
+    """Write a policy file; it appears whole or not at all."""
     content = as_onnx(network, description).SerializeToString()
     with whole_file(path, force=force) as temporary:
         temporary.write_bytes(content)
