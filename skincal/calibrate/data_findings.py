@@ -11,7 +11,7 @@ from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import choose_way
 from skincal.calibration import Calibration, Finding
 from skincal.dataset import Dataset, rest_levels
-from skincal.dataset.rest_drift import rest_drift
+from skincal.dataset.rest import rest_drift
 from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.errors import WorkError
 from skincal.fitting.fit_options import FitOptions

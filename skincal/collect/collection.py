@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from skincal.bounded import parse_toml, read_text
 from skincal.collect.assemble import dataset_of, rest_shifts
+from skincal.collect.connection import Session
 from skincal.collect.journal import Journal, digest_of, journal_folder
 from skincal.collect.plan import Plan
 from skincal.collect.plan_file import plan_as_toml, read_plan
 from skincal.collect.poses import with_poses
 from skincal.collect.posture import Fingers, Mount
 from skincal.collect.press_options import CollectOptions
-from skincal.collect.press_session import Session
 from skincal.collect.progress import MakeDriver, Watch
 from skincal.collect.stage import StageSession, check_height
 from skincal.dataset import Dataset, DatasetMeta, check_dataset, write_dataset

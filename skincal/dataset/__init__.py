@@ -1,7 +1,7 @@
 """Datasets: a folder of presses, read, checked and written (contract ``skincal-dataset/1``)."""
 
 from skincal.dataset.dataset import Dataset
-from skincal.dataset.hashing import dataset_hash
+from skincal.dataset.meta_file import dataset_hash
 from skincal.dataset.reading import Check, check_dataset, read_dataset
 from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels, idle_means, rest_levels
 from skincal.dataset.spec import (

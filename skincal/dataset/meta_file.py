@@ -1,13 +1,17 @@
-"""``dataset.toml``: reading and writing."""
+"""``dataset.toml``: reading and writing; the hash of a dataset."""
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
+from skincal.bounded import parse_toml, read_text
 from skincal.dataset.findings import Findings
 from skincal.dataset.schema import Table, load_toml, plain_table, read_table
 from skincal.dataset.spec import FORMAT, DatasetMeta
+from skincal.dataset.table_file import SUFFIXES
+from skincal.files import open_input
 
 FILE = "dataset.toml"
 
@@ -37,3 +41,34 @@ def write_meta(meta: DatasetMeta, path: Path) -> None:
     order = ("created", "source", "assumed")
     top: dict[str, Any] = {"format": FORMAT} | {name: plain[name] for name in order if name in plain}
     path.write_bytes(tomli_w.dumps(top | plain).encode())
+
+
+def dataset_hash(path: str | Path) -> str:
+    """Return the SHA-256 over names and contents of the files that belong to a dataset.
+
+    These are ``dataset.toml``, the tables, and the files that ``dataset.toml`` names. Other files in the folder, such
+    as a README, do not count.
+
+    Returns:
+        The hash in hexadecimal, 64 characters.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    folder = Path(path)
+    digest = hashlib.sha256()
+    for name in sorted(_names(folder)):
+        file = folder / name
+        digest.update(f"{name}\0{file.stat().st_size}\0".encode())
+        with open_input(file, folder) as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def _names(folder: Path) -> set[str]:
+    values = parse_toml(read_text(folder / FILE, within=folder))
+    named = [values.get("surface", {}).get("file"), values.get("indenter", {}).get("file")]
+    named.append(values.get("sensor", {}).get("positions"))
+    tables = [f"{stem}{suffix}" for stem in ("presses", "frames") for suffix in SUFFIXES]
+    return {FILE} | {name for name in (*named, *tables) if name and (folder / name).is_file()}

@@ -12,8 +12,7 @@ from skincal.dataset.companions import read_meshes, read_positions
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
 from skincal.dataset.frame_table import frames_from
-from skincal.dataset.hashing import dataset_hash
-from skincal.dataset.meta_file import FILE, read_meta
+from skincal.dataset.meta_file import FILE, dataset_hash, read_meta
 from skincal.dataset.plausibility import check_plausible, check_scale
 from skincal.dataset.press_table import presses_from
 from skincal.dataset.remarks import add_remarks

@@ -14,11 +14,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.envs.bodies import Body
 from skincal.envs.bullet_scene import BulletScene
-from skincal.envs.critic import constant_parts, state_parts, state_values
 from skincal.envs.drawing import Drawer, Value, Values, array, check_given, is_chosen
 from skincal.envs.grasp import Grasp
 from skincal.envs.needed import ObjectName, ranges_for
-from skincal.envs.observations import KINDS, Observation, ObservationStack
+from skincal.envs.observations import (
+    KINDS,
+    Observation,
+    ObservationStack,
+    constant_parts,
+    state_parts,
+    state_values,
+)
 from skincal.envs.picture import Board, Picture, PictureState, display_there, picture
 from skincal.envs.pinch import Pinch, read_pinch
 from skincal.envs.rewards import RewardInputs, reward_terms

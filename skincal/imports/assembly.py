@@ -6,10 +6,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skincal.covariates import POSITION
+from skincal.covariates import NORMAL, POSITION, TARGET
 from skincal.dataset import Dataset, check_dataset
 from skincal.dataset.findings import Findings
 from skincal.dataset.meta_file import FILE
@@ -20,9 +21,12 @@ from skincal.errors import InputError, Problem
 from skincal.files import check_input, reason, whole_folder
 from skincal.imports.alignment import JoinedClock
 from skincal.imports.mapping import Mapping, Quantity
-from skincal.imports.placement import placed
+from skincal.imports.mapping_file import Frame
 from skincal.imports.press_recording import presses_and_frames
-from skincal.imports.recording import Dropped, ReadFile, Recording
+from skincal.imports.recording import Dropped, FloatArray, ReadFile, Recording
+
+if TYPE_CHECKING:
+    from skincal.model import Surface
 
 
 @dataclass(frozen=True)
@@ -173,3 +177,28 @@ def beside(mapping: Mapping, name: str, what: str) -> Path:
         fix = "Name it on the command line." if what.endswith("to read") else "Copy it there."
         raise InputError([Problem(f'{mapping.path.name}, "{name}"', what, reason(error), fix)]) from error
     return path
+
+
+def placed(recording: Recording, frame: Frame, surface: Surface | None) -> Recording:
+    """Return the recording with its positions, targets and normals in the fingertip frame."""
+    columns = dict(recording.columns)
+    rotation, translation = frame.rotation, np.asarray(frame.translation_m)
+    moves = translation.any() or not np.array_equal(rotation, np.eye(3))
+    for names, shift in ((POSITION, True), (TARGET, True), (NORMAL, False)):
+        if not any(name in columns for name in names):
+            continue
+        points = recording.vector(names)
+        if moves:
+            points = points @ rotation.T + (translation if shift else 0.0)
+        if shift and frame.project and surface is not None:
+            points = _projected(surface, points)
+        columns |= dict(zip(names, points.T, strict=True))
+    return replace(recording, columns=columns)
+
+
+def _projected(surface: Surface, points: FloatArray) -> FloatArray:
+    given = np.isfinite(points).all(axis=1)
+    result = points.copy()
+    if given.any():
+        result[given] = surface.project(points[given])
+    return result

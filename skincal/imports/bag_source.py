@@ -14,10 +14,10 @@ from skincal.imports import targets
 from skincal.imports.apart import apart
 from skincal.imports.assembly import beside
 from skincal.imports.bag_file import check_topics, opened
+from skincal.imports.clock import resampled, resampled_words
 from skincal.imports.mapping import Mapping, Quantity
 from skincal.imports.mapping_file import BagMapping, BagTaxels
 from skincal.imports.recording import Column, FloatArray, ReadFile, Recording, joined
-from skincal.imports.resample import resampled, resampled_words
 from skincal.imports.streams import Collector, Stream
 from skincal.imports.values import constant, length
 

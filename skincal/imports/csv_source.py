@@ -13,12 +13,11 @@ from skincal.dataset.findings import Findings
 from skincal.imports import targets
 from skincal.imports.join import assigned, join_file
 from skincal.imports.mapping import Mapping, Quantity
-from skincal.imports.mapping_file import CsvSource
-from skincal.imports.other_file import explain_missing
+from skincal.imports.mapping_file import CsvFormat, CsvSource
 from skincal.imports.recording import ReadFile, Recording, joined
 from skincal.imports.source_table import read_source_table
 from skincal.imports.stamps import read_clock
-from skincal.imports.text_table import TextTable
+from skincal.imports.text_table import TextTable, column_names
 from skincal.imports.values import is_text, quantity_values
 
 
@@ -124,3 +123,31 @@ def _unreported(quantity: Quantity, table: TextTable) -> NDArray[np.bool_]:
     """Return which rows hold no cell that has been reported as not a number."""
     cells = [table.text(name) for name in quantity.sources]
     return ~np.any([c != "" if c.dtype == object else np.zeros(table.rows, bool) for c in cells], axis=0)
+
+
+def explain_missing(paths: Sequence[Path], form: CsvFormat, mapping: Mapping, findings: Findings) -> None:
+    """Replace the errors of missing columns by one error if another file holds them."""
+    held = {path: column_names(path, form) for path in paths}
+    taxels = next((path for path in paths if set(mapping.taxels.names) <= set(held[path])), None)
+    if taxels is None:
+        return
+    elsewhere: dict[Path, list[str]] = {}
+    for quantity in mapping.quantities:
+        if quantity.sources and not set(quantity.sources) <= set(held[taxels]):
+            other = next((path for path in paths if set(quantity.sources) <= set(held[path])), None)
+            if other is None:
+                return
+            elsewhere.setdefault(other, []).append(quantity.target)
+    if not elsewhere:
+        return
+    findings.errors.clear()
+    for path, wanted in elsewhere.items():
+        name = "".join(letter if letter.isalnum() else "_" for letter in path.stem)
+        free = ", ".join(f'"{column}"' for column in held[path][:6])
+        findings.error(
+            path.name, f"the columns of {taxels.name}: files of one list follow each other in time",
+            f"those of another device, with {', '.join(wanted)} (columns {free})",
+            f'Describe it as a file with its own clock: [files.{name}] with file = "{path.name}" and '
+            f'time = {{ column = "...", unit = "..." }}, and write file = "{name}" in '
+            f"{', '.join(f'[columns.{target}]' for target in wanted)}.",
+        )  # fmt: skip

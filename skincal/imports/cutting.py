@@ -1,4 +1,4 @@
-"""Cutting of a time series into presses: contacts by a force threshold, and the hold of each contact.
+"""Cutting of a time series into presses: by force, by the taxels where no force was recorded, or by press numbers; holds and plateaus.
 
 The rule: a contact is a stretch with a force above ``off_n`` that rises above ``on_n`` somewhere. Its level is the
 force that it keeps longest: the middle of the band of width ``2 * band * level`` that holds most of the time, among
@@ -10,12 +10,28 @@ part after it unloading.
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import replace
+from itertools import pairwise
+from typing import Final
+
 import numpy as np
 
+from skincal.dataset import HOLD, PHASES
+from skincal.dataset.findings import Findings, listed
+from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import CutRules
-from skincal.imports.plateaus import cut_plateaus
-from skincal.imports.recording import FloatArray
-from skincal.imports.series import BoolArray, Cut, Rejected, Series, Span, longest, runs
+from skincal.imports.recording import (
+    BoolArray,
+    Column,
+    Cut,
+    FloatArray,
+    Rejected,
+    Series,
+    Span,
+    longest,
+    runs,
+)
 
 BRIDGED = 2
 """Samples in succession outside the band that do not end a hold: a spike of the force sensor is not a release."""
@@ -117,3 +133,131 @@ def _bridged(mask: BoolArray) -> BoolArray:
         if start > 0 and stop < len(mask) and stop - start <= BRIDGED:
             filled[start:stop] = True
     return filled
+
+
+def cut_plateaus(series: Series, rules: CutRules, contacts: list[tuple[int, int]]) -> Cut:
+    """Return the plateaus of every contact."""
+    spans: list[Span] = []
+    rejected: list[Rejected] = []
+    for start, stop in contacts:
+        time, force = series.time_s[start:stop], series.force_n[start:stop]
+        still = np.abs(slopes(time, force, rules.window_s)) < rules.slope_n_per_s
+        found = [run for run in runs(still & (force > rules.on_n)) if _lasts(time, run, rules)]
+        if not found:
+            why = f"no plateau of {rules.min_hold_s:g} s below {rules.slope_n_per_s:g} N/s"
+            rejected.append(Rejected(start, stop, why))
+        begin, before = start, 0.0
+        for i, (first, last) in enumerate(found):
+            hold = int(np.count_nonzero(time[:last] < time[first] + rules.settle_s))
+            level = float(np.median(force[hold:last]))
+            end = stop if i == len(found) - 1 else start + last
+            rising = level > before
+            branch = "up" if rising else "down"
+            spans.append(Span(len(spans), begin, start + hold, start + last, end, rising, branch))
+            begin, before = end, level
+    return Cut(tuple(spans), tuple(rejected))
+
+
+def slopes(time_s: FloatArray, force_n: FloatArray, window_s: float) -> FloatArray:
+    """Return the change of force over a window around each sample [N/s], shape (n,); a shorter one at the ends.
+
+    Args:
+        time_s: times, ascending [s], shape (n,).
+        force_n: forces [N], shape (n,).
+        window_s: width of the window [s].
+    """
+    if len(time_s) < 2:
+        return np.full(len(time_s), np.inf)
+    early = np.maximum(time_s - window_s / 2, time_s[0])
+    late = np.minimum(time_s + window_s / 2, time_s[-1])
+    change = np.interp(late, time_s, force_n) - np.interp(early, time_s, force_n)
+    return np.divide(change, late - early, out=np.full(len(time_s), np.inf), where=late > early)
+
+
+def _lasts(time_s: FloatArray, run: tuple[int, int], rules: CutRules) -> bool:
+    return float(time_s[run[1] - 1] - time_s[run[0]]) >= max(rules.min_hold_s + rules.settle_s, 1e-12)
+
+
+ON_SIGMAS, OFF_SIGMAS = 8.0, 4.0
+"""Thresholds of the sum of the taxels, in standard deviations of its noise at rest, for start and end of a contact."""
+
+LEAST_PART: Final = 0.1
+"""And as a part of the strongest contacts (a tolerance for creep and crosstalk of rests)."""
+
+
+def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
+    """Return the contacts of a series, by the distance of its images (M, J) from their level at rest."""
+    activity = taxel_activity(images)
+    low = activity <= np.quantile(activity, 0.95) / 2
+    rest = float(np.median(activity[low])) if low.any() else 0.0
+    sigma = 1.4826 * float(np.median(np.abs(activity[low] - rest))) if low.any() else 0.0
+    top = float(np.quantile(activity, 0.99)) - rest
+    on = max(ON_SIGMAS * sigma, LEAST_PART * top)
+    found = replace(rules, by="force", on_n=on, off_n=max(OFF_SIGMAS * sigma, on / 2))
+    return cut(replace(series, force_n=activity - rest), found)
+
+
+def taxel_activity(images: FloatArray) -> FloatArray:
+    """Return the sum over the taxels of their distance above rest, the lowest tenth of their values, shape (M,)."""
+    images = images[:, np.isfinite(images).any(axis=0)]  # without taxels that were never read
+    rest = np.nanquantile(images, 0.1, axis=0)
+    return np.nansum(np.maximum(images - rest, 0.0), axis=1)
+
+
+def in_contact(force_n: FloatArray, found: Cut, mapping: Mapping) -> FloatArray:
+    """Return the force [N] (M,); one that was not measured is kept during contact and set to 0 elsewhere."""
+    quantity = mapping.quantity("force_n")
+    if quantity is None or quantity.constant is None:
+        return force_n
+    touched = np.zeros(len(force_n), dtype=bool)
+    for span in found.spans:
+        touched[span.start : span.stop] = True
+    return np.where(touched, force_n, 0.0)
+
+
+def cut_numbered(series: Series, rules: CutRules, file: str, findings: Findings) -> Cut:
+    """Return one press per number; a number that recurs later is an error."""
+    assert series.press is not None
+    changes = np.flatnonzero((np.diff(series.press) != 0) | (np.diff(series.part) != 0)) + 1
+    edges = np.concatenate([[0], changes, [len(series)]]).astype(np.int64)
+    stretches = [(int(a), int(b)) for a, b in pairwise(edges) if series.press[a] >= 0]
+    numbers = [int(series.press[start]) for start, _ in stretches]
+    again = sorted(number for number, count in Counter(numbers).items() if count > 1)
+    if again:
+        fix = "Renumber them, or remove [columns.press] and cut by force."
+        findings.error(
+            f"{file}, press",
+            "each press in one stretch of rows",
+            f"{listed(again[:6], len(again))} again later",
+            fix,
+        )
+    found = [_span(series, rules, n, *stretch) for n, stretch in zip(numbers, stretches, strict=True)]
+    spans = tuple(item for item in found if isinstance(item, Span))
+    return Cut(spans, tuple(item for item in found if isinstance(item, Rejected)))
+
+
+def _span(series: Series, rules: CutRules, number: int, start: int, stop: int) -> Span | Rejected:
+    if series.phase is not None:
+        held = np.flatnonzero(series.phase[start:stop] == PHASES[HOLD])
+        if not held.size:
+            return Rejected(start, stop, f'no row with the phase "{PHASES[HOLD]}"')
+        return Span(number, start, start + int(held[0]), start + int(held[-1]) + 1, stop)
+    # The way to the skin and back, without force, does not belong to the press.
+    touching = np.flatnonzero(series.force_n[start:stop] > rules.off_n)
+    if not touching.size:
+        return Rejected(start, stop, f"no force above {rules.off_n:g} N (off_n)")
+    first, last = start + int(touching[0]), start + int(touching[-1]) + 1
+    hold = hold_of(series.time_s[first:last], series.force_n[first:last], rules)
+    if isinstance(hold, str):
+        return Rejected(start, stop, hold)
+    return Span(number, first, first + hold[0], first + hold[1], last)
+
+
+def check_phases(phase: Column, file: str, findings: Findings) -> None:
+    """Add an error for words that are not phases."""
+    strange = sorted({str(word) for word in phase} - set(PHASES))
+    if strange:
+        fix = f'Add words = {{ {strange[0] or chr(39) * 2} = "{PHASES[0]}", … }} to [columns.phase].'
+        findings.error(
+            f"{file}, phase", f"one of {', '.join(PHASES)}", listed(strange[:6], len(strange)), fix
+        )

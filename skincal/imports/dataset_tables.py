@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from skincal.covariates import NORMAL, POSITION, TIMES
 from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD, Frames, Presses
-from skincal.imports.recording import Column, FloatArray, Recording
-from skincal.imports.series import Cut, Series, Span
+from skincal.imports.recording import Column, Cut, FloatArray, Recording, Series, Span
 from skincal.imports.targets import LABELS
 
 OWN = ("press", "phase", "time_s", "force_n", *POSITION)

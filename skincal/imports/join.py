@@ -13,10 +13,9 @@ from skincal.dataset.findings import Findings
 from skincal.errors import InputError, Problem
 from skincal.imports import targets
 from skincal.imports.alignment import JoinedClock, NoOffsetError, estimate_offset
-from skincal.imports.clock import DAY_S, usual_step
+from skincal.imports.clock import DAY_S, resampled, resampled_words, usual_step
 from skincal.imports.mapping import JoinedFile, Mapping, Quantity
 from skincal.imports.recording import Column, FloatArray, Recording
-from skincal.imports.resample import resampled, resampled_words
 from skincal.imports.source_table import read_source_table
 from skincal.imports.stamps import Clock, Kind, read_clock
 from skincal.imports.values import is_text, quantity_values

@@ -11,15 +11,12 @@ from skincal.dataset import Frames, Presses
 from skincal.dataset.columns import repeated
 from skincal.dataset.findings import Findings, listed
 from skincal.imports import targets
-from skincal.imports.activity import cut_by_taxels, in_contact
-from skincal.imports.cutting import cut
+from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_numbered, in_contact
 from skincal.imports.dataset_tables import presses_of_rows, tables_of_series
 from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import CutRules
-from skincal.imports.numbered import check_phases, cut_numbered
-from skincal.imports.recording import Dropped, FloatArray, Recording, summed
+from skincal.imports.recording import Cut, Dropped, FloatArray, Recording, Series, summed
 from skincal.imports.resting import rested
-from skincal.imports.series import Cut, Series
 
 SPIKES = 0.001
 """Part of the samples that may be spikes of the force sensor."""

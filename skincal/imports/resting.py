@@ -10,8 +10,7 @@ from skincal.covariates import POSITION
 from skincal.dataset.findings import Findings
 from skincal.dataset.sliding import SMALLEST_M, rests, sample_noise_m, slide_m
 from skincal.imports.mapping import Mapping
-from skincal.imports.recording import FloatArray, Recording
-from skincal.imports.series import Cut, Rejected, Series, Span
+from skincal.imports.recording import Cut, FloatArray, Recording, Rejected, Series, Span
 
 SHOWN = 8
 TRIES, SMALLER = 6, 0.7

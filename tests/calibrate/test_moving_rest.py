@@ -11,7 +11,7 @@ import pytest
 from skincal.calibrate import fit_problem
 from skincal.calibrate.data_findings import with_moving_rest
 from skincal.dataset import IDLE, Dataset
-from skincal.dataset.rest_drift import rest_drift
+from skincal.dataset.rest import rest_drift
 from skincal.fitting.fit_options import FitOptions
 from tests.calibrations import make_calibration
 

@@ -12,7 +12,7 @@ from calibrations import make_calibration
 
 from skincal.calibration import read_calibration, write_calibration
 from skincal.cli.collect import Rig
-from skincal.cli.diagnose_collect import SESSION, Rounds
+from skincal.cli.diagnose import SESSION, Rounds
 from skincal.cli.main import main
 from skincal.collect import Mount, Plan, PlannedPress, collect
 from skincal.dataset import Dataset, read_dataset

@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skincal.imports.cutting import contacts, cut, hold_of, kept_level
+from skincal.imports.cutting import contacts, cut, hold_of, kept_level, slopes
 from skincal.imports.mapping_file import CutRules
-from skincal.imports.plateaus import slopes
-from skincal.imports.series import Series, runs
+from skincal.imports.recording import Series, runs
 
 
 def trapeze(
