@@ -28,11 +28,6 @@ from skincal.units import rad
 def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -> FitProblem:
     """Choose the presses to fit, and clean their values.
 
-    Args:
-        dataset: a session.
-        options: thresholds.
-        way: fast or general; None to choose.
-
     Returns:
         The problem. It may hold no press; its status says why.
 

@@ -160,10 +160,6 @@ class Calibration(Shown):
     def skin(self, resolution_m: float = 0.25e-3, margin_m: float = MARGIN_M) -> Skin:
         """Return the best skin of a calibration without effects; :func:`skincal.calibration.skin_of` accepts any.
 
-        Args:
-            resolution_m: longest edge of a tactile point's cell [m].
-            margin_m: margin of the skin around the taxels [m].
-
         Raises:
             WorkError: the calibration has effects, without which the images would be wrong.
         """
@@ -177,10 +173,6 @@ class Calibration(Shown):
 
     def base_skin(self, resolution_m: float = 0.25e-3, margin_m: float = MARGIN_M) -> Skin:
         """Return the best skin without its effects.
-
-        Args:
-            resolution_m: longest edge of a tactile point's cell [m].
-            margin_m: margin of the skin around the taxels [m].
 
         Raises:
             ValueError: the patch does not fit on its surface.

@@ -183,15 +183,7 @@ class Rig:
         return None if isinstance(self.driver, StageDriver) else self.driver.description
 
     def press(self, plan: Plan, out: Path, source: str, start_s: float = 0.0, **output: Any) -> Collected:
-        """Make the presses of a plan, or go on with them, with progress on the terminal.
-
-        Args:
-            plan: the presses.
-            out: folder of the dataset.
-            source: for ``dataset.toml``.
-            start_s: clock of a simulated hand at the beginning [s].
-            output: settings of :func:`skincal.collect.collect` about the output.
-        """
+        """Make the presses of a plan, or go on with them, with progress on the terminal."""
         from skincal.cli.live import SessionProgress
         from skincal.collect import collect as run
         from skincal.hand import GuardOptions

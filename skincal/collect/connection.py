@@ -1,4 +1,4 @@
-"""The presses of one connection to the hand, and a session of such connections: the way to the first site, between sites, and home."""
+"""The presses of one connection to the hand, and a session of connections: to the first site, between sites, home."""
 
 from __future__ import annotations
 
@@ -33,11 +33,7 @@ FEWEST_FOUND = 3
 
 
 class Connection:
-    """Executor of some presses of a session with a connected hand.
-
-    Args:
-        radius_m: radius of the indenter [m].
-    """
+    """Executor of some presses of a session with a connected hand."""
 
     def __init__(self, session: Session, loop: Loop, radius_m: float, numbers: list[int]) -> None:
         self._session, self._loop, self._radius_m, self._numbers = session, loop, radius_m, numbers
@@ -166,11 +162,7 @@ class Connection:
 
 
 class Session:
-    """Executor of a plan on a hand.
-
-    Args:
-        guard: limits of the guard; None: its defaults.
-    """
+    """Executor of a plan on a hand."""
 
     def __init__(
         self,

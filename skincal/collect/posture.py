@@ -130,13 +130,6 @@ class Fingers:
     ) -> Posture:
         """Return the posture over a site.
 
-        Args:
-            site: patch coordinates [m].
-            skin_rad: angles of the finger with the skin [rad].
-            indenter_radius_m: radius of the sphere [m].
-            range_m: lowest and highest height of the indenter above the skin [m].
-            start_rad: angles of all links from which the solution starts (n,) [rad]; None: home.
-
         Raises:
             WorkError: the site is out of reach.
         """

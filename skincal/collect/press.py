@@ -60,10 +60,6 @@ class Regulator:
 
         The measured force is compared with the force expected by now without friction. Otherwise a ramp would fill the
         integral, and the force would overshoot its target.
-
-        Args:
-            normal_n: reference of the normal force [N].
-            bound_n: bound of each part of the command, of either sign [N].
         """
         reference = np.array([normal_n, 0.0, 0.0])
         self._expected = self._expected + self._follow * (reference - self._expected)
@@ -102,11 +98,7 @@ class Moments:
 
 
 class Press:
-    """Executor of one press; the hand stands above the site at the posture's largest height.
-
-    Args:
-        near_m: below this height the approach is slow, as the skin may begin there [m].
-    """
+    """Executor of one press; the hand stands above the site at the posture's largest height."""
 
     def __init__(
         self, loop: Loop, posture: Posture, planned: PlannedPress, options: CollectOptions, near_m: float

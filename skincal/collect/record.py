@@ -62,11 +62,6 @@ class Series:
 def frames_of(samples: Sequence[Sample], last_s: float, rate_hz: float) -> Arrays:
     """Return the frames of the taxels, thinned to a rate, each with the joints' values at the time it was read.
 
-    Args:
-        samples: samples of a stretch of time, at least one.
-        last_s: time of the last frame before it [s].
-        rate_hz: largest rate of frames [Hz].
-
     Returns:
         Columns by name: ``time_s``, ``counts`` (M, J) and those of :class:`Series`; M is 0 without a new frame.
     """
@@ -98,18 +93,6 @@ def press_arrays(
     options: CollectOptions,
 ) -> Arrays:
     """Return everything that is stored of a press.
-
-    Args:
-        number: number of the press.
-        cycle: earlier touches of its site.
-        planned: the planned press.
-        target_m: commanded contact point (3,) [m].
-        moments: starts of its parts.
-        lost: whether the contact was lost in the hold.
-        samples: all samples of the press, with the way there.
-        last_frame_s: time of the last frame before it [s].
-        tare_nm: torques at rest that were subtracted (n,) [N m].
-        options: options of the press.
 
     Returns:
         Arrays by name: ``press.*`` of the row, ``frames.*`` of the frames.

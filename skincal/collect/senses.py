@@ -46,11 +46,7 @@ class Sample:
 
 
 class Senses:
-    """Converter of states to samples: contact from joints, the session's clock, torques at rest.
-
-    Args:
-        indenter_radius_m: radius of the sphere [m].
-    """
+    """Converter of states to samples: contact from joints, the session's clock, torques at rest."""
 
     def __init__(self, kinematics: Kinematics, indenter_radius_m: float) -> None:
         self._kinematics = kinematics

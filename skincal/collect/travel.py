@@ -49,13 +49,6 @@ def way_over_skin(
 ) -> FloatArray:
     """Return waypoints between two sites over the skin at one height; both fingers move, and nothing is dragged.
 
-    Args:
-        fingers: the hand.
-        start: position of the indenter.
-        site: site to go to [m].
-        skin_rad: angles of the finger with the skin there [rad].
-        centre_height_m: height of the sphere's centre above the skin [m].
-
     Returns:
         Angles of the links (W, n) [rad], the first those of the start.
 
@@ -83,13 +76,6 @@ def way_through_joints(
     fingers: Fingers, start_rad: FloatArray, end_rad: FloatArray, radius_m: float, least_m: float
 ) -> FloatArray:
     """Return a straight path in joint space if the indenter stays off the skin on it; else one that first goes up.
-
-    Args:
-        fingers: the hand.
-        start_rad: angles of the links (n,) [rad].
-        end_rad: the same at the end.
-        radius_m: radius of the indenter [m].
-        least_m: lowest allowed height of the indenter above the skin on the path [m].
 
     Returns:
         Angles of the links (W, n) [rad].
@@ -126,15 +112,7 @@ def _least_height(fingers: Fingers, links_rad: FloatArray, radius_m: float) -> f
 def follow(
     loop: Loop, way_rad: FloatArray, offset_rad: FloatArray, options: CollectOptions, length_m: float = 0.0
 ) -> None:
-    """Move along a path, slowly at both ends, while an offset of the commanded angles fades out.
-
-    Args:
-        loop: the hand.
-        way_rad: angles of the links (W, n) [rad].
-        offset_rad: offset of the commanded angles at the start (n,) [rad].
-        options: speeds.
-        length_m: length of the path over the skin [m].
-    """
+    """Move along a path, slowly at both ends, while an offset of the commanded angles fades out."""
     turn = float(np.abs(np.diff(way_rad, axis=0)).max(axis=1).sum())
     time_s = PEAK * max(turn / options.travel_rad_per_s, length_m / options.travel_m_per_s)
     steps = loop.steps(time_s)

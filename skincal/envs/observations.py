@@ -74,19 +74,7 @@ class Layout:
 
 
 class ObservationStack:
-    """The observation spaces of a policy and its critic, and the stack of what was seen.
-
-    Args:
-        kind: of the policy.
-        joints: number of joints n.
-        taxels: number of taxels J.
-        counts: smallest and largest count of a taxel.
-        target: number of coordinates of the target.
-        limit: beyond this a target is cut off.
-        objects: most objects that there can be.
-        critic: what the critic sees besides.
-        constant: what of it stays the same over an episode; it comes last.
-    """
+    """The observation spaces of a policy and its critic, and the stack of what was seen."""
 
     def __init__(
         self,

@@ -121,10 +121,6 @@ def merged(points: Sequence[Point], largest_n: float) -> Touching | None:
     So the result does not depend on how many points carry the same force. PyBullet now and then gives a force, a place
     or a normal that is NaN, infinite or absurd (bullet3 #4232): such a point is left out.
 
-    Args:
-        points: of the tip.
-        largest_n: forces beyond this are not believed [N].
-
     Returns:
         The contact; None where no point carries a force.
     """

@@ -43,12 +43,7 @@ class SkinContact:
 
 
 class TactileSkin:
-    """Makes tactile images, one after the other; begin an episode with :meth:`begin`.
-
-    Args:
-        pinch: the hand with the sensor.
-        resolution_m: longest edge of a tactile point's cell [m].
-    """
+    """Makes tactile images, one after the other; begin an episode with :meth:`begin`."""
 
     def __init__(self, pinch: Pinch, resolution_m: float) -> None:
         meta = pinch.description.meta
@@ -74,14 +69,7 @@ class TactileSkin:
         return -1e4 if low is None else low, 1e4 if high is None else high
 
     def begin(self, values: Values, pose: SensorPose, body: Body, age_s: float) -> None:
-        """Begin an episode.
-
-        Args:
-            values: the episode's draws.
-            pose: where the patch is.
-            body: what will touch.
-            age_s: for how long the session has gone on: what drifts depends on it [s].
-        """
+        """Begin an episode."""
         scale = np.maximum(number(values, "skin.scale_per_n") + array(values, "skin.scale_offset_per_n"), 0.0)
         parameters = SkinParameters(number(values, "skin.elasticity_pa_per_m"), scale)
         law = ContactLaw(**{name: number(values, f"skin.contact_law.{name}") for name in LAW})
@@ -101,13 +89,7 @@ class TactileSkin:
         self._skin.prepare(self._body.indenter)
 
     def image(self, felt: SkinContact | None, time_s: float, noise_counts: FloatArray) -> FloatArray:
-        """Return the next tactile image (J,) [counts].
-
-        Args:
-            felt: what touches; None: nothing.
-            time_s: since the beginning of the episode [s].
-            noise_counts: (J,) noise [counts].
-        """
+        """Return the next tactile image (J,) [counts]."""
         counts = self._values(felt, time_s) + self._offset + noise_counts
         # Adding zero turns the converter's -0 into 0; observations make of NaN a 0.
         return self._converter.apply(counts) + 0.0
@@ -164,11 +146,6 @@ class PatchMould:
 
     The patches are those of :meth:`skincal.model.Patch.build`; the compact tiles are those found at one pose, as
     neighbours stay neighbours.
-
-    Args:
-        surface: the fingertip.
-        layout: the taxels.
-        resolution_m: longest edge of a cell [m].
     """
 
     def __init__(self, surface: Cylinder, layout: TaxelLayout, resolution_m: float = 0.25e-3) -> None:

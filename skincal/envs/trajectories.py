@@ -29,11 +29,6 @@ def wander(rng: np.random.Generator, steps: int, half_width_m: float) -> FloatAr
     """Return targets (steps, 2) [m] that wander in a box, from its centre.
 
     Straight ways at constant speeds between places drawn in the box, the corners rounded more or less.
-
-    Args:
-        rng: draws places, speeds and rounding.
-        steps: how many.
-        half_width_m: half the width of the box [m].
     """
     rounding = int(rng.integers(1, SMOOTH_STEPS + 1))
     parts, here, count = [np.zeros((rounding, 2))], np.zeros(2), 0

@@ -1,4 +1,4 @@
-"""Cutting of a time series into presses: by force, by the taxels where no force was recorded, or by press numbers; holds and plateaus.
+"""Cutting of a time series into presses: by force, by the taxels alone, or by press numbers; holds and plateaus.
 
 The rule: a contact is a stretch with a force above ``off_n`` that rises above ``on_n`` somewhere. Its level is the
 force that it keeps longest: the middle of the band of width ``2 * band * level`` that holds most of the time, among
@@ -66,13 +66,7 @@ def contacts(series: Series, rules: CutRules) -> list[tuple[int, int]]:
 
 
 def hold_of(time_s: FloatArray, force_n: FloatArray, rules: CutRules) -> tuple[int, int] | str:
-    """Return the hold of one contact ``[start, stop)``, or the reason why there is none.
-
-    Args:
-        time_s: times of the contact [s], shape (n,).
-        force_n: forces of the contact [N], shape (n,).
-        rules: band, settling time and shortest length.
-    """
+    """Return the hold of one contact ``[start, stop)``, or the reason why there is none."""
     level = kept_level(time_s, force_n, rules.band)
     inside = np.abs(force_n - level) <= rules.band * abs(level)
     stretch = longest(runs(_bridged(inside)), time_s)
@@ -99,13 +93,7 @@ def _trimmed(force_n: FloatArray, start: int, stop: int, band: float) -> tuple[i
 
 
 def kept_level(time_s: FloatArray, force_n: FloatArray, band: float) -> float:
-    """Return the force that a contact keeps longest [N].
-
-    Args:
-        time_s: times [s], shape (n,).
-        force_n: forces [N], shape (n,).
-        band: relative half width of the band of equal forces.
-    """
+    """Return the force that a contact keeps longest [N]."""
     high = float(np.quantile(force_n, HIGH_SHARE, method="lower"))
     weight = np.gradient(time_s) if len(time_s) > 1 else np.ones(1)
     chosen = force_n >= high / 2
@@ -159,13 +147,7 @@ def cut_plateaus(series: Series, rules: CutRules, contacts: list[tuple[int, int]
 
 
 def slopes(time_s: FloatArray, force_n: FloatArray, window_s: float) -> FloatArray:
-    """Return the change of force over a window around each sample [N/s], shape (n,); a shorter one at the ends.
-
-    Args:
-        time_s: times, ascending [s], shape (n,).
-        force_n: forces [N], shape (n,).
-        window_s: width of the window [s].
-    """
+    """Return the change of force over a window around each sample [N/s], shape (n,); a shorter one at the ends."""
     if len(time_s) < 2:
         return np.full(len(time_s), np.inf)
     early = np.maximum(time_s - window_s / 2, time_s[0])

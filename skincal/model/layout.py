@@ -48,12 +48,6 @@ class TaxelLayout:
     def grid(cls, rows: int, cols: int, *, taxel_size_m: Pair, pitch_m: Pair) -> TaxelLayout:
         """Return a regular grid, centred on the patch.
 
-        Args:
-            rows: taxels along v.
-            cols: taxels along u.
-            taxel_size_m: edge length of a taxel [m].
-            pitch_m: distance between the centres of neighbours [m].
-
         Raises:
             ValueError: no taxels, lengths that are not positive, or taxels that overlap.
         """
@@ -76,9 +70,6 @@ class TaxelLayout:
 
     def taxel_at(self, uv_m: ArrayLike) -> IntArray:
         """Return the taxel that each point of the patch lies in.
-
-        Args:
-            uv_m: (N, 2) patch coordinates [m].
 
         Returns:
             (N,) flat taxel index, -1 in the gaps and the margin.

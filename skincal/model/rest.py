@@ -106,10 +106,6 @@ def half_scatter(readings: FloatArray, finest: float) -> float:
 
     Readings above the lowest one are half of a normal distribution with some even spread signals among them: both
     parts are found by expectation-maximisation.
-
-    Args:
-        readings: (K,) of one taxel, of which some lie on the bound.
-        finest: least standard deviation.
     """
     above = readings[readings > readings.min()] - readings.min()
     on_bound, top = len(readings) - len(above), float(above.max(initial=0.0))

@@ -18,10 +18,6 @@ def little_spread(patch: Patch, variance_m2: float) -> FloatArray:
 
     A negative variance sharpens.
 
-    Args:
-        patch: the points.
-        variance_m2: variance [m²].
-
     Raises:
         ValueError: the patch lacks the coordinates of its points.
     """

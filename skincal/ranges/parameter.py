@@ -195,12 +195,7 @@ def as_tuple(numbers: Numbers | None) -> tuple[float, ...]:
 
 
 def problems(parameter: Parameter, place: str) -> list[Problem]:
-    """Return every problem of a parameter.
-
-    Args:
-        parameter: the parameter, valid or not.
-        place: name of the place in messages: ``ranges.toml, [skin.y_m]``.
-    """
+    """Return every problem of a parameter."""
     found = [
         Problem(f"{place} {key}", f"one of {', '.join(allowed)}", repr(got))
         for key, allowed, got in (

@@ -15,13 +15,7 @@ from skincal.ranges.parameter import SOURCES, Parameter, as_tuple
 def collection_problems(
     parameters: Mapping[str, Parameter], place: str = "", reported: Collection[str] = ()
 ) -> list[Problem]:
-    """Return every problem of a set of parameters that are valid one by one.
-
-    Args:
-        parameters: by full name.
-        place: start of messages: the file, a comma and a space.
-        reported: names that are present, but already have problems.
-    """
+    """Return every problem of a set of parameters that are valid one by one."""
     found: list[Problem] = []
     for path, parameter in parameters.items():
         name = find(path)
@@ -82,14 +76,7 @@ def _reference_problems(
 def joint_problems(
     columns: tuple[str, ...], draws: NDArray[np.float64], source: str, place: str
 ) -> list[Problem]:
-    """Return every problem of joint draws.
-
-    Args:
-        columns: full names.
-        draws: shape (N, columns) if valid.
-        source: where the draws come from.
-        place: name of the place in messages.
-    """
+    """Return every problem of joint draws."""
     found: list[Problem] = []
     for column in columns:
         name = find(column)

@@ -31,16 +31,7 @@ def draw(
     taxels: int,
     episode: Draws | None,
 ) -> dict[str, Draw]:
-    """Draw parameters by full name; see :meth:`skincal.ranges.Ranges.sample`.
-
-    Args:
-        parameters: those that are drawn by themselves.
-        joint: those that are drawn together, or None.
-        rng: the generator, advanced by the draws.
-        joints: number of joints.
-        taxels: number of taxels J.
-        episode: the episode's draws, for a standard deviation that is one of them.
-    """
+    """Draw parameters by full name; see :meth:`skincal.ranges.Ranges.sample`."""
     # The joint draws come first, so that the others do not depend on how many there are.
     together = {} if joint is None else _draw_row(joint, rng)
     drawn: dict[str, Draw] = {}

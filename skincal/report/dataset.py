@@ -42,12 +42,7 @@ MOST_NAMED_TAXELS = 36
 
 @styled
 def dataset_figure(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> Figure:
-    """Draw a dataset: the patch, the forces, the number of active taxels, the session and the taxels.
-
-    Args:
-        dataset: the data.
-        threshold_counts: threshold above the level at rest from which a taxel is active [counts].
-    """
+    """Draw a dataset: the patch, the forces, the number of active taxels, the session and the taxels."""
     active = active_taxels(dataset, threshold_counts)
     name = dataset.folder.name if dataset.folder else "dataset"
     figure = new_figure(11.5, 8.5, f"{name}: {len(dataset.presses)} presses")

@@ -50,14 +50,7 @@ def _captions() -> dict[str, dict[str, str]]:
 
 
 def picture(figure: Figure, stem: str, folder: Path, unit: str | None = None) -> Picture:
-    """Write a figure into a folder; return it for a page, with its title and caption of ``captions.toml``.
-
-    Args:
-        figure: the figure; its texts may speak of counts.
-        stem: name of its file without the suffix.
-        folder: an existing folder.
-        unit: unit of the taxel values; None: counts.
-    """
+    """Write a figure into a folder; return it for a page, with its title and caption of ``captions.toml``."""
     relabel(figure, unit)
     content, words = png_bytes(figure), _captions()[stem]
     (folder / f"{stem}.png").write_bytes(content)

@@ -142,11 +142,6 @@ def summed_force(points: Sequence[Sequence[Any]], skin_link: int, largest_n: flo
 
     PyBullet sometimes gives a force or a normal that is NaN, infinite or absurd (bullet3 #4232): such a point is left
     out, as is one that pulls.
-
-    Args:
-        points: rows of ``getContactPoints``.
-        skin_link: index of the link.
-        largest_n: larger forces are rejected [N].
     """
     total = np.zeros(3)
     for row in points:

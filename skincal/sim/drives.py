@@ -51,11 +51,6 @@ class DriveParameters:
 class Drives:
     """All drives of a hand: a compiled step, as six joints are too few for numpy.
 
-    Args:
-        parameters: parameters of the drives.
-        q_rad: initial angles of the links, at rest [rad].
-        step_s: time step [s].
-
     Attributes:
         filtered_rad: (n,) commanded angles after the low-pass [rad].
         motor_rad: (n,) angles of the motors [rad].
@@ -92,10 +87,6 @@ class Drives:
 
     def step(self, q_rad: Sequence[float], dq_rad_per_s: Sequence[float]) -> list[float]:
         """Advance by one step.
-
-        Args:
-            q_rad: angles of the links [rad].
-            dq_rad_per_s: their velocities [rad/s].
 
         Returns:
             Torques on the links [N m].

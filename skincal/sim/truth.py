@@ -98,12 +98,6 @@ class Truth:
     ) -> Truth:
         """Draw a truth.
 
-        Args:
-            rng: random generator.
-            description: the hand; its ``[mount]`` bounds the pose.
-            options: ranges.
-            effects: strengths of effects by name. They do not change the other draws.
-
         Raises:
             InputError: an unknown effect, or an invalid strength.
         """

@@ -56,13 +56,7 @@ def train_estimator(
 
 
 def judge(places_of: Callable[[FloatArray], FloatArray], touches: Touches, back: int) -> Quality:
-    """Return the errors on the last hands, where the contact lies on the taxels.
-
-    Args:
-        places_of: places (N, 2) [m] of images (N, J).
-        touches: images and places.
-        back: number of hands at the end that count.
-    """
+    """Return the errors on the last hands, where the contact lies on the taxels."""
     inside = touches.inside[-back:]
     images, true = touches.images_counts[-back:][inside], touches.places_m[-back:][inside]
     errors = np.linalg.norm(places_of(images) - true, axis=1)

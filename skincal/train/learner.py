@@ -60,10 +60,6 @@ class Learner(ABC):
     def go_on_from(self, network: Network | None, steps: int) -> None:
         """Let the actor begin as a policy; before it learns, the critics learn alone, as they know nothing.
 
-        Args:
-            network: the policy; None: the state is one that was restored.
-            steps: that the policy's normalisation counts for.
-
         Raises:
             InputError: the algorithm does not do that.
         """
@@ -165,12 +161,7 @@ class OffPolicyLearner(Learner):
     settings: Settings
 
     def go_on_from(self, network: Network | None, steps: int) -> None:
-        """Let the actor begin as a policy; before ``learning_starts`` the critics alone learn, as they know nothing.
-
-        Args:
-            network: the policy; None: the state is one that was restored.
-            steps: that the policy's normalisation counts for.
-        """
+        """Let the actor begin as a policy; before ``learning_starts`` the critics alone learn, as they know nothing."""
         model, most = self.model, self.settings.learning_starts
         model.learning_starts = 0
         learn = model.train

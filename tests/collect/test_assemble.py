@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from collect.fake_hand import FakeHand
-from collect.test_press_session import GUARD, HAND, PLAN
+from collect.test_connection import GUARD, HAND, PLAN
 
 from skincal.collect import Collected, collect
 from skincal.hand import HandState

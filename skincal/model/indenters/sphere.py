@@ -34,13 +34,6 @@ def meet(radius: float, frame: tuple[float, ...], x: float, y: float, z: float) 
 
     Compiled: scalar code, no numpy.
 
-    Args:
-        radius: the indenter's [m].
-        frame: contact normal and the axes of the indenter's frame, fingertip frame.
-        x: the point from the origin of the indenter's frame, fingertip frame [m].
-        y: the same.
-        z: the same.
-
     Returns:
         Distance [m], inf where it misses, and max(-n_s . n_c, 0).
     """
