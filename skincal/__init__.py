@@ -29,19 +29,9 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "Skin",
-    "__version__",
-    "diagnose",
-    "export_ranges",
-    "fit",
-    "plot",
-    "predict",
-    "read_calibration",
-    "read_dataset",
-    "skin_of",
-    "write_calibration",
-    "write_dataset",
-]
+    "Skin", "__version__", "diagnose", "export_ranges", "fit", "plot", "predict", "read_calibration",
+    "read_dataset", "skin_of", "write_calibration", "write_dataset",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> object:

@@ -28,18 +28,9 @@ Progress = Callable[[str, int, int], None]
 """Callback of a stage, how much of it is done, and of how much."""
 
 __all__ = [
-    "Skin",
-    "diagnose",
-    "export_ranges",
-    "fit",
-    "plot",
-    "predict",
-    "read_calibration",
-    "read_dataset",
-    "skin_of",
-    "write_calibration",
-    "write_dataset",
-]
+    "Skin", "diagnose", "export_ranges", "fit", "plot", "predict", "read_calibration", "read_dataset",
+    "skin_of", "write_calibration", "write_dataset",
+]  # fmt: skip
 
 
 def fit(

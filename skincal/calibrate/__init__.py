@@ -6,14 +6,6 @@ from skincal.calibrate.uniform_fit import UniformOutcome, calibrate_uniform
 from skincal.calibrate.way import METHODS, Method, Way, choose_way
 
 __all__ = [
-    "METHODS",
-    "Method",
-    "Outcome",
-    "UniformOutcome",
-    "Way",
-    "calibrate",
-    "calibrate_uniform",
-    "choose_way",
-    "fit_problem",
-    "search_box",
-]
+    "METHODS", "Method", "Outcome", "UniformOutcome", "Way", "calibrate", "calibrate_uniform", "choose_way",
+    "fit_problem", "search_box",
+]  # fmt: skip

@@ -22,13 +22,8 @@ MOST_NAMED = 8
 """So many moved taxels are named."""
 
 _FROM_WRONG_IMAGES = (
-    "dead_taxel",
-    "misfit",
-    "force_scatter",
-    "positions_worse",
-    "positions_bent",
-    "glitches",
-)
+    "dead_taxel", "misfit", "force_scatter", "positions_worse", "positions_bent", "glitches",
+)  # fmt: skip
 """Findings that images in the wrong order bring about."""
 
 

@@ -41,15 +41,10 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
     across, along = unroll(rig.arc_radius_m, presses.position_m, rad(beta or 0.0))
     shifts = rest_drift(dataset)
     table = PressTable(
-        presses.press.astype(np.intp),
-        across,
-        along,
-        presses.force_n,
-        presses.counts if shifts is None else presses.counts - shifts,
-        kinds,
-        idle_means(dataset),
+        presses.press.astype(np.intp), across, along, presses.force_n,
+        presses.counts if shifts is None else presses.counts - shifts, kinds, idle_means(dataset),
         joint_angles(presses),
-    )
+    )  # fmt: skip
     problem = pose_problem(rig, table, active_counts=options.active_counts, min_active=options.min_active)
     if way.method == "fast":
         return problem

@@ -123,13 +123,9 @@ def _assumed(dataset: Dataset) -> Calibration:
     pose, plane = dataset.nominal_pose(), dataset.meta.surface.is_plane
     low, high = search_box(dataset).elasticity_pa_per_m
     model = ModelParameters(
-        pose.y_m,
-        deg(pose.alpha_rad),
-        float(np.sqrt(low * high)),
-        1.0,
-        beta_deg=None if plane else deg(pose.beta_rad),
-        x_m=pose.x_m if plane else None,
-    )
+        pose.y_m, deg(pose.alpha_rad), float(np.sqrt(low * high)), 1.0,
+        beta_deg=None if plane else deg(pose.beta_rad), x_m=pose.x_m if plane else None,
+    )  # fmt: skip
     intervals = dict.fromkeys(model.best(), (float("-inf"), float("inf")))
     loss, provenance = Loss(0.0, 0.0, 0), Provenance("")
     return Calibration.of_dataset(dataset, model=model, intervals=intervals, loss=loss, provenance=provenance)

@@ -17,25 +17,7 @@ from skincal.calibration.skin import effect_from, effects_of, skin_of, stream_of
 from skincal.calibration.toml_file import FORMAT
 
 __all__ = [
-    "EFFECT_NAMES",
-    "FORMAT",
-    "MARGIN_M",
-    "SLACK_COLUMNS",
-    "Calibration",
-    "Columns",
-    "Effect",
-    "Finding",
-    "FittedLaw",
-    "Interval",
-    "Loss",
-    "ModelParameters",
-    "Provenance",
-    "check_same_sensor",
-    "effect_from",
-    "effects_of",
-    "read_calibration",
-    "sensor_differences",
-    "skin_of",
-    "stream_of",
-    "write_calibration",
-]
+    "EFFECT_NAMES", "FORMAT", "MARGIN_M", "SLACK_COLUMNS", "Calibration", "Columns", "Effect", "Finding",
+    "FittedLaw", "Interval", "Loss", "ModelParameters", "Provenance", "check_same_sensor", "effect_from",
+    "effects_of", "read_calibration", "sensor_differences", "skin_of", "stream_of", "write_calibration",
+]  # fmt: skip

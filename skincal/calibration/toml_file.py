@@ -130,16 +130,8 @@ class CalibrationFile(Table):
 def plain_file(calibration: Calibration) -> dict[str, Any]:
     """Return the content of ``calibration.toml`` as plain tables, without None."""
     names = (
-        "sensor",
-        "surface",
-        "indenter",
-        "mount",
-        "position",
-        "loss",
-        "effects",
-        "findings",
-        "provenance",
-    )
+        "sensor", "surface", "indenter", "mount", "position", "loss", "effects", "findings", "provenance",
+    )  # fmt: skip
     model, law = calibration.model, calibration.contact_law
     plain = {"format": FORMAT} | {name: _plain(getattr(calibration, name)) for name in names}
     best = model.best() | {REST: model.rest_counts, "scale_per_taxel_per_n": model.scale_per_taxel_per_n}

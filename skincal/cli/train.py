@@ -133,14 +133,10 @@ def _work(task: Task, given: dict[str, Any], first: Policy | None) -> Work:
     if first is not None and isinstance(settings, Settings):
         settings = replace(settings, entropy_coefficient=LATE_ENTROPY)
     work = Work(
-        task,
-        given.get("--policy", PolicyKind.tactile),
-        given.get("--seed", 0),
-        given.get("--steps", PUBLISHED_STEPS[task]),
-        given.get("--backend", BackendName.sb3),
-        settings,
+        task, given.get("--policy", PolicyKind.tactile), given.get("--seed", 0),
+        given.get("--steps", PUBLISHED_STEPS[task]), given.get("--backend", BackendName.sb3), settings,
         environment={"engine": str(given["--engine"])} if "--engine" in given else {},
-    )
+    )  # fmt: skip
     # A round of proximal policy optimisation is as long as many of the others.
     return replace(work, rounds_per_checkpoint=1) if task is Task.pellets else work
 

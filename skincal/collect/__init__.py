@@ -10,22 +10,7 @@ from skincal.collect.progress import MakeDriver, Need, Progress
 from skincal.collect.protocols import PROTOCOLS, FullProtocol, PaperProtocol, full_plan, paper_plan
 
 __all__ = [
-    "KINDS",
-    "PROTOCOLS",
-    "CollectOptions",
-    "Collected",
-    "FullProtocol",
-    "MakeDriver",
-    "Mount",
-    "Need",
-    "PaperProtocol",
-    "Plan",
-    "PlannedPress",
-    "Progress",
-    "collect",
-    "full_plan",
-    "journal_folder",
-    "paper_plan",
-    "read_plan",
-    "write_plan",
-]
+    "KINDS", "PROTOCOLS", "CollectOptions", "Collected", "FullProtocol", "MakeDriver", "Mount", "Need",
+    "PaperProtocol", "Plan", "PlannedPress", "Progress", "collect", "full_plan", "journal_folder",
+    "paper_plan", "read_plan", "write_plan",
+]  # fmt: skip

@@ -63,14 +63,9 @@ def _frames(stretches: Sequence[Arrays]) -> Frames:
     position = np.stack([own[name] for name in POSITION], axis=1)
     nothing = own["press"] < 0
     return Frames(
-        own["press"].astype(np.int64),
-        own["phase"].astype(np.int8),
-        own["time_s"],
-        own["force_n"],
-        np.where(nothing[:, None], np.nan, position),
-        own["counts"],
-        columns=_given(table),
-    )
+        own["press"].astype(np.int64), own["phase"].astype(np.int8), own["time_s"], own["force_n"],
+        np.where(nothing[:, None], np.nan, position), own["counts"], columns=_given(table),
+    )  # fmt: skip
 
 
 def _answered(counts: NDArray[np.float64]) -> NDArray[np.bool_]:

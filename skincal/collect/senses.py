@@ -78,16 +78,10 @@ class Senses:
         found = contact_from_joints(self._kinematics, state.q_rad, torque, indenter_radius_m=self._radius_m)
         links = self._kinematics.link_angles(state.q_rad, torque)[0]
         self._last = Sample(
-            state.time_s + self._shift_s,
-            float(found.force_n[0]),
-            float(found.shear_u_n[0]),
-            float(found.shear_v_n[0]),
-            found.points_m[0],
-            float(found.gap_m[0]),
-            links,
-            state,
+            state.time_s + self._shift_s, float(found.force_n[0]), float(found.shear_u_n[0]),
+            float(found.shear_v_n[0]), found.points_m[0], float(found.gap_m[0]), links, state,
             _frame_time(state) + self._shift_s,
-        )
+        )  # fmt: skip
         return self._last
 
     def take_tare(self, samples: list[Sample]) -> None:

@@ -87,13 +87,9 @@ class Translator:
                 fix = "Write it without quotes."
             words = told.get("got") or shown(got)
             self._add(
-                table,
-                key,
-                expected,
-                words,
-                fix or self._add_it(table, key, got),
+                table, key, expected, words, fix or self._add_it(table, key, got),
                 warn=told.get("warn", False),
-            )
+            )  # fmt: skip
             if not told.get("unknown"):
                 yield (*table, *key[:1])
 

@@ -182,16 +182,10 @@ class _PolicyLoop:
     def found(self) -> Deployed:
         """Return the result of the run."""
         return Deployed(
-            Record.of(self._motion, self._first, self._forces),
-            self._targets,
-            len(self._errors),
-            self._missed,
-            self.lost_s,
-            np.array(self._errors),
-            np.diff(self._begun),
-            np.diff(self._own),
+            Record.of(self._motion, self._first, self._forces), self._targets, len(self._errors),
+            self._missed, self.lost_s, np.array(self._errors), np.diff(self._begun), np.diff(self._own),
             np.array(self._inference),
-        )
+        )  # fmt: skip
 
     def _action(self, k: int, desired_rad: FloatArray) -> FloatArray:
         state, target = self._motion.now, self._targets[k]

@@ -101,14 +101,10 @@ def _tables(record: Record, description: HandDescription) -> tuple[Presses, Fram
     }
     columns |= {"object_u_m": record.places_m[:, 0], "object_v_m": record.places_m[:, 1]}
     frames = Frames(
-        np.where(acting, 0, -1),
-        np.where(acting, HOLD, IDLE).astype(np.int8),
-        np.array([state.time_s for state in states]),
-        np.where(acting, record.force_n, 0.0),
-        np.where(acting[:, None], points, np.nan),
-        counts,
-        columns=columns,
-    )
+        np.where(acting, 0, -1), np.where(acting, HOLD, IDLE).astype(np.int8),
+        np.array([state.time_s for state in states]), np.where(acting, record.force_n, 0.0),
+        np.where(acting[:, None], points, np.nan), counts, columns=columns,
+    )  # fmt: skip
     presses = Presses(
         np.array([0]),
         points[acting].mean(axis=0, keepdims=True),

@@ -47,16 +47,6 @@ def __getattr__(name: str) -> Any:
 
 
 __all__ = [
-    "ENVIRONMENTS",
-    "JOINT_OFFSETS",
-    "ORIENTATIONS_DEG",
-    "BoltRollEnv",
-    "EpisodeOptions",
-    "GraspOptions",
-    "MarbleRollEnv",
-    "PelletSeparateEnv",
-    "RewardScales",
-    "RollEnv",
-    "TaskOptions",
-    "register_environments",
-]
+    "ENVIRONMENTS", "JOINT_OFFSETS", "ORIENTATIONS_DEG", "BoltRollEnv", "EpisodeOptions", "GraspOptions",
+    "MarbleRollEnv", "PelletSeparateEnv", "RewardScales", "RollEnv", "TaskOptions", "register_environments",
+]  # fmt: skip

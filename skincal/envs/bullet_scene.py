@@ -97,13 +97,9 @@ class BulletScene(Scene):
     def _load_body(self, placed: Placed, grip: Grip) -> int:
         engine, client, body = self.engine, self.client, placed.body
         made: int = engine.createMultiBody(
-            body.mass_kg,
-            self._shape(body),
-            body.look(engine, client) if self._visible else -1,
-            placed.position_m.tolist(),
-            quaternion(placed.rotation),
-            physicsClientId=client,
-        )
+            body.mass_kg, self._shape(body), body.look(engine, client) if self._visible else -1,
+            placed.position_m.tolist(), quaternion(placed.rotation), physicsClientId=client,
+        )  # fmt: skip
         engine.changeDynamics(
             made,
             -1,
@@ -134,18 +130,9 @@ class BulletScene(Scene):
     def _hold(self, body: int, placed: Placed) -> int:
         engine = self.engine
         return engine.createConstraint(
-            body,
-            -1,
-            -1,
-            -1,
-            engine.JOINT_FIXED,
-            [0, 0, 0],
-            [0, 0, 0],
-            placed.position_m.tolist(),
-            [0, 0, 0, 1],
-            quaternion(placed.rotation),
-            physicsClientId=self.client,
-        )
+            body, -1, -1, -1, engine.JOINT_FIXED, [0, 0, 0], [0, 0, 0], placed.position_m.tolist(),
+            [0, 0, 0, 1], quaternion(placed.rotation), physicsClientId=self.client,
+        )  # fmt: skip
 
     def _shape(self, body: Body) -> int:
         """Return a collision shape of round parts, each along +x of the body's frame."""

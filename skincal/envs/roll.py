@@ -109,16 +109,9 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         state = state_parts(n, self.target_size, len(AHEAD), self.target_limit, self.own_size)
         constant = constant_parts(self._drawer.nominal)
         self._observation = ObservationStack(
-            self.policy,
-            n,
-            self.skin.taxels,
-            self.skin.range_counts,
-            self.target_size,
-            self.target_limit,
-            self.objects,
-            state,
-            constant,
-        )
+            self.policy, n, self.skin.taxels, self.skin.range_counts, self.target_size, self.target_limit,
+            self.objects, state, constant,
+        )  # fmt: skip
         self.observation_space = cast("gymnasium.Space[Observation]", self._observation.space)
 
     @property

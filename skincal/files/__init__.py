@@ -7,12 +7,6 @@ from skincal.files.recovery import recover
 from skincal.files.refusals import refuse_existing
 
 __all__ = [
-    "alone",
-    "check_input",
-    "open_input",
-    "reason",
-    "recover",
-    "refuse_existing",
-    "whole_file",
+    "alone", "check_input", "open_input", "reason", "recover", "refuse_existing", "whole_file",
     "whole_folder",
-]
+]  # fmt: skip

@@ -9,17 +9,6 @@ from skincal.hand.stage import StageDescription, StageDriver, StageState
 from skincal.hand.stage_guard import GuardedStage
 
 __all__ = [
-    "GuardOptions",
-    "GuardedHand",
-    "GuardedStage",
-    "HandCommand",
-    "HandDriver",
-    "HandError",
-    "HandState",
-    "StageDescription",
-    "StageDriver",
-    "StageState",
-    "create_driver",
-    "create_rig",
-    "driver_names",
-]
+    "GuardOptions", "GuardedHand", "GuardedStage", "HandCommand", "HandDriver", "HandError", "HandState",
+    "StageDescription", "StageDriver", "StageState", "create_driver", "create_rig", "driver_names",
+]  # fmt: skip

@@ -208,13 +208,9 @@ def _mended(
             mapping = f"wraps_at = {period}"
             fix = f"It was unwrapped. To set the period: {mapping} there."
             findings.note(
-                time.place,
-                "a clock that runs on",
-                f"one that {got}",
-                fix,
-                code="counter_wrapped",
+                time.place, "a clock that runs on", f"one that {got}", fix, code="counter_wrapped",
                 mapping=mapping,
-            )
+            )  # fmt: skip
         else:
             notes.append(f"{time.place}: the clock {got}; it was unwrapped")
     missing = int(np.isnan(stamps).sum())

@@ -6,11 +6,5 @@ from skincal.prediction.prediction import Prediction, predict_dataset
 from skincal.prediction.session_samples import pose_names
 
 __all__ = [
-    "Mismatch",
-    "ObservedImages",
-    "Places",
-    "Prediction",
-    "best_places",
-    "pose_names",
-    "predict_dataset",
-]
+    "Mismatch", "ObservedImages", "Places", "Prediction", "best_places", "pose_names", "predict_dataset",
+]  # fmt: skip

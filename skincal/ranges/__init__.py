@@ -8,16 +8,6 @@ from skincal.ranges.presets import PRESETS, Narrowing, narrowing, preset
 from skincal.ranges.ranges import JointDraws, Ranges
 
 __all__ = [
-    "NAMES",
-    "PRESETS",
-    "JointDraws",
-    "Name",
-    "Narrowing",
-    "Parameter",
-    "Ranges",
-    "from_calibration",
-    "narrowing",
-    "preset",
-    "read_ranges",
-    "write_ranges",
-]
+    "NAMES", "PRESETS", "JointDraws", "Name", "Narrowing", "Parameter", "Ranges", "from_calibration",
+    "narrowing", "preset", "read_ranges", "write_ranges",
+]  # fmt: skip

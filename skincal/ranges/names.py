@@ -128,13 +128,8 @@ NAMES: Final[dict[str, Name]] = {
 """Every parameter by its full name, in the order of the files; without effects."""
 
 TABLES: Final[tuple[str, ...]] = (
-    "finger",
-    "object.marble",
-    "object.bolt",
-    "skin",
-    "skin.contact_law",
-    "skin.effects.NAME",
-)
+    "finger", "object.marble", "object.bolt", "skin", "skin.contact_law", "skin.effects.NAME",
+)  # fmt: skip
 
 EFFECTS_PREFIX: Final = "skin.effects."
 

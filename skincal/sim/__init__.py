@@ -8,14 +8,6 @@ from skincal.sim.touch import SkinMemory, TrueContact
 from skincal.sim.truth import JointTruth, Truth
 
 __all__ = [
-    "JointTruth",
-    "PositionError",
-    "ReferenceSkin",
-    "SimOptions",
-    "SimulatedHand",
-    "SkinMemory",
-    "TrueContact",
-    "Truth",
-    "TruthOptions",
-    "position_error",
-]
+    "JointTruth", "PositionError", "ReferenceSkin", "SimOptions", "SimulatedHand", "SkinMemory",
+    "TrueContact", "Truth", "TruthOptions", "position_error",
+]  # fmt: skip

@@ -30,30 +30,10 @@ _MODULES = {
 }
 
 __all__ = [
-    "PUBLISHED_STEPS",
-    "BackendName",
-    "Description",
-    "Network",
-    "Policy",
-    "PolicyKind",
-    "PpoSettings",
-    "Round",
-    "Settings",
-    "Task",
-    "Trained",
-    "Work",
-    "begin",
-    "bundled_policies",
-    "make_environment",
-    "maker",
-    "parallel",
-    "policy_path",
-    "read_curve",
-    "read_policy",
-    "read_run",
-    "train",
-    "write_policy",
-]
+    "PUBLISHED_STEPS", "BackendName", "Description", "Network", "Policy", "PolicyKind", "PpoSettings",
+    "Round", "Settings", "Task", "Trained", "Work", "begin", "bundled_policies", "make_environment",
+    "maker", "parallel", "policy_path", "read_curve", "read_policy", "read_run", "train", "write_policy",
+]  # fmt: skip
 
 
 def __dir__() -> list[str]:
