@@ -93,10 +93,8 @@ def collect(
 
 def _conclude(found: Collected, out: Path, as_json: bool) -> None:
     """Report a finished session; status 1 if its dataset cannot be fitted."""
-    presses, marks = (
-        len(found.dataset.presses),
-        ", ".join(f"{n} {name}" for name, n in found.statuses.items()),
-    )
+    presses = len(found.dataset.presses)
+    marks = ", ".join(f"{n} {name}" for name, n in found.statuses.items())
     if found.resumed and not as_json:
         say(f"{found.resumed} presses come from the interrupted session.")
     content = {

@@ -75,10 +75,8 @@ def export_dr(
         )
         for row in rows
     ]
-    known, cloud = (
-        len(ranges.calibrated()),
-        f", {len(ranges.joint)} draws of the valley" if ranges.joint else "",
-    )
+    known = len(ranges.calibrated())
+    cloud = f", {len(ranges.joint)} draws of the valley" if ranges.joint else ""
     answer(
         as_json,
         content,

@@ -161,11 +161,9 @@ class BulletScene(Scene):
         engine, client, fingers, bodies = self.engine, self.client, self.fingers, self.bodies
         joints, force, drive = self._joints, self.force_n, self.drives.step
         states, torques = engine.getJointStates, engine.setJointMotorControlArray
-        pose, push, move = (
-            engine.getBasePositionAndOrientation,
-            engine.applyExternalForce,
-            engine.stepSimulation,
-        )
+        pose = engine.getBasePositionAndOrientation
+        push = engine.applyExternalForce
+        move = engine.stepSimulation
         torque_control, world_frame = engine.TORQUE_CONTROL, engine.WORLD_FRAME
         for _ in range(steps):
             q, dq, _forces, _torques = zip(*states(fingers, joints, client), strict=True)

@@ -73,10 +73,8 @@ class PelletSeparateEnv(RollEnv):
 
     def _places(self, values: Values) -> list[FloatArray]:
         """Side by side along the finger, or in a triangle about the middle."""
-        width, middle = (
-            APART * number(values, "object.marble.radius_m"),
-            array(values, "object.marble.position_m"),
-        )
+        width = APART * number(values, "object.marble.radius_m")
+        middle = array(values, "object.marble.position_m")
         about = width if self._count == 2 else 2 * width / np.sqrt(3)
         angles = np.pi / 2 + 2 * np.pi * np.arange(self._count) / self._count
         return [middle / 4 + about * np.array([np.cos(a), np.sin(a), 0.0]) for a in angles]

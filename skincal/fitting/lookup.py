@@ -240,10 +240,8 @@ def _in_images(
         weights[0, c], weights[1, c], weights[2, c] = macro[d] - tables.centre[d], 0.0, 0.0
     at_row = (u - tables.anchor[slot, 0]) / step + (side - 1) / 2
     at_col = (v - tables.anchor[slot, 1]) / step + (side - 1) / 2
-    near_row, near_col = (
-        int(min(max(at_row, 0.0), side - 1.0) + 0.5),
-        int(min(max(at_col, 0.0), side - 1.0) + 0.5),
-    )
+    near_row = int(min(max(at_row, 0.0), side - 1.0) + 0.5)
+    near_col = int(min(max(at_col, 0.0), side - 1.0) + 0.5)
     r0, rw, rs = keys(at_row, side)
     c0, cw, cs = keys(at_col, side)
     for r in range(4):

@@ -142,11 +142,9 @@ def _evaluate(
 @inlined
 def _step(hessian: Any, g: Any, damping: float, most: Any, out: Any) -> float:  # pragma: no cover - compiled
     """Fill ``out`` (3,) with a damped step, no axis longer than ``most``; return its longest, in parts of that."""
-    d0, d1, d2 = (
-        (1.0 + damping) * hessian[0, 0],
-        (1.0 + damping) * hessian[1, 1],
-        (1.0 + damping) * hessian[2, 2],
-    )
+    d0 = (1.0 + damping) * hessian[0, 0]
+    d1 = (1.0 + damping) * hessian[1, 1]
+    d2 = (1.0 + damping) * hessian[2, 2]
     # L D L', row by row.
     a, b = hessian[1, 0] / d0, hessian[2, 0] / d0
     d1 -= a * hessian[1, 0]

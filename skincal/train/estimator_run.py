@@ -44,10 +44,8 @@ def train_estimator(
     )
     back = max(1, round(KEPT_BACK * hands))
     taxels = touches.images_counts.shape[-1]
-    images, places = (
-        touches.images_counts[:-back].reshape(-1, taxels),
-        touches.places_m[:-back].reshape(-1, 2),
-    )
+    images = touches.images_counts[:-back].reshape(-1, taxels)
+    places = touches.places_m[:-back].reshape(-1, 2)
     network = learn(
         images, places, learning, epochs=epochs, progress=lambda n: progress("learning", n, epochs)
     )

@@ -65,11 +65,9 @@ def test_has_every_effect_of_the_catalogue():
 
 
 def test_foundation_agrees_with_skincals_contact():
-    arc, along, force = (
-        np.array([1e-3, 4e-3, -3e-3]),
-        np.array([22.5e-3, 26e-3, 20.5e-3]),
-        np.array([0.3, 1.0, 5.0]),
-    )
+    arc = np.array([1e-3, 4e-3, -3e-3])
+    along = np.array([22.5e-3, 26e-3, 20.5e-3])
+    force = np.array([0.3, 1.0, 5.0])
     pose = SensorPose(0.0235, float(np.radians(5.0)), float(np.radians(2.0)))
     surface, layout = Cylinder(0.0115), TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
     patch = Patch.build(surface, layout, pose, resolution_m=0.1e-3)

@@ -40,10 +40,8 @@ def test_hysteresis_loads_as_the_base_and_unloads_above_it():
 
 def test_hysteresis_of_an_inner_loop_stays_within_the_outer_one():
     inner = np.concatenate([np.linspace(0, 3, 31), np.linspace(2.9, 1.5, 15), np.linspace(1.6, 3.0, 15)])
-    base, shown = (
-        total("hysteresis", course(inner), height=0.0),
-        total("hysteresis", course(inner), height=0.5),
-    )
+    base = total("hysteresis", course(inner), height=0.0)
+    shown = total("hysteresis", course(inner), height=0.5)
     outer = total("hysteresis", course(UP_AND_DOWN), height=0.5)
     assert (shown[31:] >= base[31:] - 1e-9).all()
     np.testing.assert_allclose(shown[31:46], outer[31:46], atol=1e-9)
@@ -67,10 +65,8 @@ def test_hysteresis_side_by_side_is_one_after_the_other():
 def test_creep_reaches_its_limit_as_an_exponential():
     time = np.concatenate([[0.0, 1e-6], np.linspace(0.5, 40.0, 80)])
     held = course(np.r_[0.0, np.full(81, 2.0)], time)
-    base, shown = (
-        total("creep", held, amplitude=0.0),
-        total("creep", held, amplitude=0.3, time_constant_s=2.0),
-    )
+    base = total("creep", held, amplitude=0.0)
+    shown = total("creep", held, amplitude=0.3, time_constant_s=2.0)
     np.testing.assert_allclose(shown[1:] / base[1:], 1 + 0.3 * (1 - np.exp(-time[1:] / 2.0)), atol=1e-6)
 
 

@@ -100,10 +100,8 @@ def test_session_truth_has_its_position_error_in_the_pose() -> None:
         assert json.loads(json.dumps(hand.truth_dict()))["session"] == {"contacts": 0}
         press(hand)
         truth = json.loads(json.dumps(hand.truth_dict()))
-    told, error = (
-        truth["session"]["truth_as_the_positions_tell_it"],
-        truth["session"]["constant_position_error_m"],
-    )
+    told = truth["session"]["truth_as_the_positions_tell_it"]
+    error = truth["session"]["constant_position_error_m"]
     assert truth["session"]["contacts"] > 5
     assert told["y_m"] - truth["model"]["y_m"] == pytest.approx(error["along"])
     turned = math.radians(told["beta_deg"] - truth["model"]["beta_deg"]) * 0.0115
