@@ -67,15 +67,9 @@ def outside(frame: Frame, x: float, y: float, z: float) -> tuple[float, float, f
 
 
 def enclose(
-    vertices: FloatArray,
-    parts: IntArray,
-    axes: FloatArray,
-    middles: FloatArray,
-    rows: FloatArray,
-    turned: bool,
-    at: IntArray,
-    bounds: FloatArray,
-) -> None:
+    vertices: FloatArray, parts: IntArray, axes: FloatArray, middles: FloatArray, rows: FloatArray,
+    turned: bool, at: IntArray, bounds: FloatArray,
+) -> None:  # fmt: skip
     """Paraboloids behind which the parts of a mesh lie, in its own frame.
 
     What lies behind a paraboloid is a convex set: where all vertices are in it, so are the faces. Of those about the
@@ -145,13 +139,9 @@ def enclose(
 
 @device
 def bound_tiles_by_part(
-    tiles: FloatArray,
-    frame: Frame,
-    origin: tuple[float, float, float],
-    bound: FloatArray,
-    begin: FloatArray,
-    near: FloatArray,
-) -> None:
+    tiles: FloatArray, frame: Frame, origin: tuple[float, float, float], bound: FloatArray,
+    begin: FloatArray, near: FloatArray,
+) -> None:  # fmt: skip
     """Lower ``begin`` and ``near`` (B,) to those of one part: see :func:`skincal.model.press.meet.bound_tile`."""
     nx, ny, nz = frame[0], frame[1], frame[2]
     sx, sy, sz = bound[3], bound[4], bound[5]
@@ -191,40 +181,17 @@ def first_met(bound: FloatArray, frame: Frame, x: float, y: float, z: float) -> 
     return bound[7] - along + bound[6] * side + bent if met else math.inf
 
 
-def select(
-    points: FloatArray,
-    tiles: FloatArray,
-    rows: FloatArray,
-    turned: bool,
-    force: FloatArray,
-    elasticity: float,
-    exponent: float,
-    reference: float,
-    info: FloatArray,
-    starts: IntArray,
-    at: IntArray,
-    bounds: FloatArray,
-    limits: FloatArray,
-    guesses: FloatArray,
-    ahead: float,
-    asked: BoolArray,
-    middle: FloatArray,
-    back: float,
-    scale: float,
-    begins: IntArray,
-) -> tuple[IntArray, NDArray[np.float32], NDArray[np.float32]]:
+def select(  # noqa: D417
+    points: FloatArray, tiles: FloatArray, rows: FloatArray, turned: bool, force: FloatArray,
+    elasticity: float, exponent: float, reference: float, info: FloatArray, starts: IntArray,
+    at: IntArray, bounds: FloatArray, limits: FloatArray, guesses: FloatArray, ahead: float,
+    asked: BoolArray, middle: FloatArray, back: float, scale: float, begins: IntArray,
+) -> tuple[IntArray, NDArray[np.float32], NDArray[np.float32]]:  # fmt: skip
     """The points that may be nearer than a limit, and their rays as embree takes them.
 
+    What is not told of here is as in :func:`skincal.model.press.routine.press`.
+
     Args:
-        points: see :func:`skincal.model.press.routine.press`, as the following.
-        tiles: the same.
-        rows: the same.
-        turned: the same.
-        force: the same.
-        elasticity: the same.
-        exponent: the same.
-        reference: the same.
-        info: the same.
         starts: (P + 1,) see :func:`skincal.model.press.routine.group`.
         at: (P,) the same.
         bounds: (P or 1, Q, 13) of :func:`enclose`.
@@ -309,32 +276,12 @@ def select(
 
 
 def press_cast(  # noqa: D417
-    points: FloatArray,
-    taxel: IntArray,
-    border: FloatArray,
-    through: float,
-    rows: FloatArray,
-    turned: bool,
-    force: FloatArray,
-    elasticity: float,
-    exponent: float,
-    reference: float,
-    loads: FloatArray,
-    info: FloatArray,
-    entry: IntArray,
-    entries: IntArray,
-    entry_loads: FloatArray,
-    starts: IntArray,
-    at: IntArray,
-    cast: IntArray,
-    begins: IntArray,
-    face: NDArray[np.int32],
-    normals: FloatArray,
-    heights: FloatArray,
-    middle: FloatArray,
-    limits: FloatArray,
-    again: BoolArray,
-) -> None:
+    points: FloatArray, taxel: IntArray, border: FloatArray, through: float, rows: FloatArray,
+    turned: bool, force: FloatArray, elasticity: float, exponent: float, reference: float,
+    loads: FloatArray, info: FloatArray, entry: IntArray, entries: IntArray, entry_loads: FloatArray,
+    starts: IntArray, at: IntArray, cast: IntArray, begins: IntArray, face: NDArray[np.int32],
+    normals: FloatArray, heights: FloatArray, middle: FloatArray, limits: FloatArray, again: BoolArray,
+) -> None:  # fmt: skip
     """Settle presses of a mesh, once embree has said which triangle each point meets.
 
     What is not told of here is as in :func:`skincal.model.press.routine.press`.

@@ -19,40 +19,19 @@ _PLACES = _F2, _B, _F1
 """Rows, whether they are turned, and forces."""
 _LAW = _F, _F, _F
 _OUT = _F2, _F2, _I1, _I1, _F1
+_SELECT = _F2, _F2, *_PLACES, *_LAW, _F2, _I1, _I1, _F3, _F1, _F2, _F, _FLAGS, _R1, _F, _F, _I1
+_PRESS_CAST = (
+    *(_F2, _I1, _F1, _F, *_PLACES, *_LAW, *_OUT),
+    *(_I1, _I1, _I1, _I1, types.int32[::1], _R2, _R1, _R1, _F1, _FLAGS),
+)
 SIGNATURES: dict[str, tuple[Any, Any]] = {
     "depth": (balance.linear_depth, _F(_F1, _F1, _I, _F, _F)),
     "cast": (meet.cast, types.void(_I, _F, _F1, _F2, _F1, _F1)),
     "group": (routine.group, _I(*_PLACES, _F2, _F2, _I1, _I1)),
     "press": (routine.press, types.void(_F2, _I1, _F1, _F2, _I, _F, _F, *_PLACES, *_LAW, *_OUT)),
     "enclose": (casting.enclose, types.void(_F2, _I1, _F2, _F2, _F2, _B, _I1, _F3)),
-    "select": (
-        casting.select,
-        types.Tuple((_I1, _S2, _S2))(
-            _F2, _F2, *_PLACES, *_LAW, _F2, _I1, _I1, _F3, _F1, _F2, _F, _FLAGS, _R1, _F, _F, _I1
-        ),
-    ),
-    "press_cast": (
-        casting.press_cast,
-        types.void(
-            _F2,
-            _I1,
-            _F1,
-            _F,
-            *_PLACES,
-            *_LAW,
-            *_OUT,
-            _I1,
-            _I1,
-            _I1,
-            _I1,
-            types.int32[::1],
-            _R2,
-            _R1,
-            _R1,
-            _F1,
-            _FLAGS,
-        ),
-    ),
+    "select": (casting.select, types.Tuple((_I1, _S2, _S2))(*_SELECT)),
+    "press_cast": (casting.press_cast, types.void(*_PRESS_CAST)),
 }
 """Entry points by name, with the types of what they take: they are compiled for these and no others."""
 
