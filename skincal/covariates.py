@@ -27,7 +27,6 @@ class Column:
     """An optional column of presses and frames.
 
     Attributes:
-        cells: what its cells hold.
         quantity: kind of quantity, which decides the units that an import may convert from.
         of_press: whether it describes a whole press, so that it is not averaged over a hold.
     """

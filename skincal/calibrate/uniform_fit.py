@@ -33,7 +33,6 @@ class UniformOutcome(Shown):
 
     Attributes:
         calibration: S of each taxel; pose and E as they were given.
-        scales: of all taxels.
         loads_n: (K, J) load of each taxel in each press [N].
         values: (K, J) values above the level at rest [counts].
         use: (K, J) values that were used: read, and not saturated.

@@ -122,9 +122,6 @@ class Rig:
     """The hand or stage of a command line.
 
     Attributes:
-        name_of_driver: as given.
-        options: of the driver.
-        seed: of the command.
         beyond_limits: whether the guard's limits may be exceeded.
         driver: not connected.
     """

@@ -155,7 +155,6 @@ class Rounds:
     Attributes:
         folder: where rounds are saved until the run is over.
         key: what must be equal to continue an interrupted run.
-        rig: the hand.
     """
 
     folder: Path

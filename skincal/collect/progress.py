@@ -17,7 +17,6 @@ class Need:
     Attributes:
         session_s: time at which the session's clock continues [s]; 0 at the start.
         indenter_radius_m: radius of the indenter to mount [m]; None: the rig's own.
-        connections: number of connections for this session.
     """
 
     session_s: float = 0.0
@@ -30,9 +29,7 @@ class StageSample:
     """A state of a stage.
 
     Attributes:
-        time_s: session clock [s].
         force_n: normal force without the reading at rest [N].
-        state: state of the stage.
         phase: phase of the press, by the code of the dataset.
     """
 

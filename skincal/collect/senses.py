@@ -23,14 +23,12 @@ class Sample:
     """A state of the hand, with the contact inferred from its joints.
 
     Attributes:
-        time_s: session clock [s].
         force_n: normal force without the torques at rest [N].
         shear_u_n: force on the skin towards growing beta [N].
         shear_v_n: force on the skin along +y [N].
         point_m: point of the surface nearest to the indenter, fingertip frame (3,) [m].
         height_m: height of the indenter above the surface [m].
         links_rad: angles of the links (n,) [rad].
-        state: state of the hand.
         frame_s: time of the taxels' reading, session clock [s]; NaN without a reading.
     """
 

@@ -54,7 +54,6 @@ class EffectSkin:
 
     Attributes:
         skin: the base model.
-        surface: surface that carries the skin.
         effects: effects in the order of the chain.
         missing: policy if all samples lack a covariate: ``error``, or the effect abstains. If
             single samples lack it, the effect abstains in them.

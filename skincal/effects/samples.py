@@ -25,7 +25,6 @@ class Samples:
     Attributes:
         contacts: K contacts; the row of a sample without contact is a placeholder.
         touching: (K,) False without contact: there is no load, whatever the contact says.
-        indenters: the indenters.
         indenter: (K,) index of each sample's indenter.
         press: (K,) number of the press, -1 for none.
         time_s: (K,) session clock, non-decreasing [s].

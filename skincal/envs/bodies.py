@@ -20,7 +20,6 @@ class Part:
     """A round part of a body: a ball, or a cylinder along +x of the body's frame.
 
     Attributes:
-        radius_m: [m].
         length_m: of the cylinder [m]; None: a ball.
         at_m: its centre on the body's x axis [m].
     """
@@ -36,7 +35,6 @@ class Body(ABC):
 
     Attributes:
         radius_m: of what the fingers hold [m].
-        mass_kg: [kg].
     """
 
     radius_m: float

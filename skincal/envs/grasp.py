@@ -30,7 +30,6 @@ class GraspOptions:
         squeeze_s: time over which that force comes up [s].
         settle_s: time for the grasp to come to rest [s].
         stiffness_at_n: the contact's spring constant is force over depth of the skin at this force [N].
-        damping_ns_per_m: damping of a contact [N s/m].
         link_damping_nms_per_rad: damping in the drives' elasticity [N m s/rad].
     """
 

@@ -52,7 +52,6 @@ class PictureState:
 
     Attributes:
         centre_m: (3,) where the hand is [m].
-        layout: the taxels.
         image: (J,) counts; None: nothing is felt, the taxels stay dark.
         target_m: (2,) where on the sensor the object shall be: a green cross [m].
         place_m: (2,) where it is: a white ring [m].

@@ -17,7 +17,6 @@ class Placed:
     """An object and where it is held.
 
     Attributes:
-        body: the object.
         position_m: (3,) where its centre of mass is held [m].
         rotation: (3, 3) from its frame to the root's.
     """
@@ -34,14 +33,12 @@ class Grip:
     Attributes:
         angles_rad: (n,) angles of the links [rad].
         command_rad: (n,) what the drives hold to [rad].
-        drives: what the drives are.
         objects: what is held: one object, or several.
         finger_friction: friction coefficient of the tips; that of a pair is the product.
         lateral_friction: the objects', against sliding.
         spinning_friction: the objects', against spinning about the normal [m].
         rolling_friction: the objects', against rolling [m].
         stiffness_n_per_m: spring constant of a contact [N/m].
-        damping_ns_per_m: damping of a contact [N s/m].
     """
 
     angles_rad: FloatArray
@@ -103,9 +100,7 @@ class Point(NamedTuple):
     """A contact point on a tip, frame of the URDF's root.
 
     Attributes:
-        place_m: on the tip [m].
         normal: unit normal, out of the tip and into the object.
-        force_n: normal force [N].
         friction_n: tangential force on the tip [N].
     """
 

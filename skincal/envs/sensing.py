@@ -22,9 +22,7 @@ class Sensor:
     """Pose of the sensor on the fingertip.
 
     Attributes:
-        radius_m: of the fingertip [m].
         y_m: along the finger [m].
-        beta_rad: round it [rad].
         alpha_rad: turn about the normal [rad].
     """
 
@@ -73,7 +71,6 @@ class View:
         q_rad: (n,) true angles of the links [rad].
         dq_rad_per_s: (n,) their velocities [rad/s].
         skin: what the finger with the skin feels; None: nothing.
-        thumb: what the thumb feels.
         tip: frame of the fingertip.
         thumb_tip: frame of the thumb's tip.
         body: the object's frame.

@@ -49,7 +49,6 @@ class JoinedClock:
         middle_s: time at which the rate has no influence [s].
         estimated: whether the offset was found by correlation.
         by: the column that was correlated with the taxels.
-        correlation: correlation at the offset.
         lags_s: lags around the best [s], shape (n,); empty without an estimate.
         correlations: at these lags, shape (n,).
         time_s: times of the two traces below, on the clock of the taxels [s], shape (m,).

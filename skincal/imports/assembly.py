@@ -34,8 +34,6 @@ class Imported:
     """Result of an import: what was read, written and left out.
 
     Attributes:
-        folder: the dataset.
-        presses: number of presses.
         frames: number of frames; 0 where there are none.
         read: files, with their rows or messages.
         dropped: samples that were left out, with reasons.

@@ -25,8 +25,6 @@ class Bag:
     """An open bag.
 
     Attributes:
-        path: the bag.
-        reader: reader of the library.
         types: type of the messages of each topic.
     """
 

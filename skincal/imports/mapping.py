@@ -41,7 +41,6 @@ class Quantity:
         sources: names of source columns, or field paths in a message; several: the length of that vector.
         topic: the topic of a bag, or the table of ``[files]``; '' for the file of the taxels and for a constant.
         constant: constant value instead of a source, in SI if it is a number; None if it is measured.
-        unit: unit of the source.
         scale: factor, with its sign.
         offset: added after the factor.
         words: meaning of words of the source; others are kept.
@@ -93,7 +92,6 @@ class Taxels:
 
     Attributes:
         place: place of this table in the mapping.
-        table: the table.
         names: columns of the source in its own flat order; empty for a bag.
         order: for each of our taxels, in our flat order, its index in the source; shape (J,).
         axes: source columns of a taxel, side by side in ``names``; its value is the length of their change from rest.
@@ -129,7 +127,6 @@ class JoinedFile:
     Attributes:
         name: name of its table in ``[files]``.
         place: place of that table in the mapping.
-        form: the table.
         time: its stamps; None with a fixed rate.
     """
 
@@ -145,10 +142,8 @@ class Mapping:
 
     Attributes:
         path: the file; paths in it are relative to its folder.
-        file: its tables.
         meta: content of ``dataset.toml``.
         quantities: one per column of the dataset.
-        taxels: the image.
         cut: rules for cutting time series.
         joined: other files, in the order of ``[files]``.
         positions: positions of taxels that form no grid.

@@ -44,7 +44,6 @@ class CutRules(Table, unknown="refuse"):
         settle_s: time at the start of a hold that still counts as loading [s].
         min_hold_s: a press with a shorter hold is left out [s].
         slope_n_per_s: largest change of force on a plateau [N/s].
-        window_s: window of that slope [s].
         start_at_zero: whether the session clock begins at the first sample.
         own_clocks: whether each file has its own clock; then files follow each other.
         gap_s: gap between such files [s].
@@ -121,7 +120,6 @@ class CsvSource(CsvFormat):
     """The text files with the taxels.
 
     Attributes:
-        rows: meaning of a row.
         files: their names, relative to the mapping.
         drop_incomplete: whether rows without force or position are left out, instead of refused.
     """

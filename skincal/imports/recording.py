@@ -44,10 +44,8 @@ class Span:
     """A press in a series, as indices; ``stop`` and ``hold_stop`` are one past the last.
 
     Attributes:
-        number: number of the press.
         start: first sample of the contact, or of the ramp that leads to a plateau.
         hold: first sample of the hold.
-        hold_stop: end of the hold.
         stop: end of the contact.
         rising: whether the force rises before the hold, which is then loading.
         branch: ``up`` or ``down`` for a plateau; '' for a single press.
@@ -138,7 +136,6 @@ class Recording:
         columns: columns by name of the dataset's column, in SI; numbers with NaN, or text with ''.
         counts: images, shape (M, J).
         part: index of the file of each row, shape (M,).
-        files: the files.
         dropped: rows that a reader left out.
         notes: repairs by the reader that the user should know.
         clocks: alignment of the clocks of other files with that of the taxels.

@@ -65,7 +65,6 @@ class Clock:
         times_s: times of the rows of each file, ascending within a file [s].
         rows: order of the rows of each file.
         kind: ``day`` for times of day, ``date`` for times since 1970, ``number`` for any others.
-        notes: repairs.
     """
 
     times_s: tuple[FloatArray, ...]

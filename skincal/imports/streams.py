@@ -21,8 +21,6 @@ class Stream:
     """Samples of one topic while they are read.
 
     Attributes:
-        topic: the topic.
-        rules: its clock.
         stamps_ns: times of the messages on their clock [ns].
         samples: values by field path, or by name of a joint's column: one per message.
     """

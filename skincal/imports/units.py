@@ -18,7 +18,6 @@ class Unit:
     """A unit of a source: ``SI = factor * value + offset``.
 
     Attributes:
-        name: name in a mapping.
         factor: value of one unit in SI.
         offset: value of its zero in SI; only temperatures have one.
     """

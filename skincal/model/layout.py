@@ -20,7 +20,6 @@ class TaxelLayout:
     ``c`` grows with u and ``r`` with v. Use :meth:`grid` for the usual layout, the constructor for any other.
 
     Attributes:
-        rows: number of rows of the image.
         cols: number of columns of the image.
         centres_m: (J, 2) centres (u, v) [m], J = rows * cols.
         sizes_m: (J, 2) edge lengths along u and v [m]; one pair (2,) stands for all.

@@ -45,7 +45,6 @@ class Patch:
         normals: (N, 3) outward unit normals n_t.
         areas_m2: (N,) areas a_t [m²].
         taxel: (N,) flat taxel index; -1 in the gaps and the margin.
-        layout: the taxels.
         border: (N,) True where the patch ends; a press that reaches such a point is not wholly on the patch. Left
             out, no point counts as border.
         uv_m: (N, 2) patch coordinates [m]; None for points that no patch was cut into.

@@ -86,7 +86,6 @@ class Pressures:
         points: (P,) index of the tactile point of each entry.
         load_n: (P,) what it adds to its taxel [N]: E eps_i a_i max(n_c . n_t,i, 0) max(-n_s,i . n_c, 0).
         known: (K,) False where the force or the place is NaN or infinite.
-        patch_points: number of points of the patch.
     """
 
     starts: IntArray

@@ -36,7 +36,6 @@ class Prediction:
 
     Attributes:
         dataset: the given dataset with predicted values in the taxel columns.
-        presses: mismatch of the presses.
         frames: mismatch of the frames with contact; None without frames.
         slack_m: (K, 2) chosen slack of the presses, across and along [m]; None with measured positions.
         abstaining: effects that are left out, with the covariates that the dataset lacks.

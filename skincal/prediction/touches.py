@@ -31,7 +31,6 @@ class CalibratedSkin:
     Attributes:
         skin: skin of the calibration, without its effects.
         full: skin with its effects; an effect without its covariates abstains.
-        surface: surface that carries the skin.
         centre_m: (3,) the centre of its patch [m].
         indenters: by radius in nanometres; 0 for a mesh.
     """
@@ -79,7 +78,6 @@ class Touches:
     """N contacts; a row of unknown position is NaN, one without force gives the level at rest.
 
     Attributes:
-        on: the skin.
         points_m: (N, 3) contact points on the surface [m].
         normals: (N, 3) measured normals, NaN where not measured; None: the surface's own everywhere.
         force_n: (N,) normal forces [N].

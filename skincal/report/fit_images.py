@@ -114,9 +114,6 @@ class _Tiles:
 
     Attributes:
         corners: (J, 4, 2) corners of the taxels in a map.
-        map_width: width of a map.
-        map_height: height of a map.
-        rows: rows of tiles.
     """
 
     corners: Floats

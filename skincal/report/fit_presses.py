@@ -90,7 +90,6 @@ class LeftOut:
     """A press that was left out, though enough taxels were active.
 
     Attributes:
-        row: its row in the table of presses.
         observed: (J,) observed values above rest; NaN where not read [counts].
         simulated: (J,) simulated values at the best position within its slack [counts].
         rmse_counts: root mean square difference over the taxels that were read [counts].

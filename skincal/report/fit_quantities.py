@@ -19,9 +19,7 @@ class Quantity:
     Attributes:
         name: name in the fit, one of ``PARAMETERS``.
         label: displayed name.
-        unit: displayed unit.
         factor: converts the fit's SI value to that unit.
-        best: the best value.
         low: lower end of the interval; -inf if the data do not bound it.
         high: upper end; inf if the data do not bound it.
         searched: low and high of the searched range; None for S, which is solved analytically.

@@ -31,7 +31,6 @@ class Picture:
     """A figure of a page.
 
     Attributes:
-        title: title above it.
         caption: explanation; text between backticks is code.
         file: its file name next to the page.
         data: its content as base64.

@@ -19,8 +19,6 @@ class JointLimits:
     """Limits that no command may exceed; each (n,), in the order of the joints.
 
     Attributes:
-        lower_rad: smallest angle [rad].
-        upper_rad: largest angle [rad].
         velocity_rad_per_s: largest speed of a commanded angle [rad/s].
         torque_nm: largest torque [N m], of either sign.
     """
@@ -51,7 +49,6 @@ class FingerDescription:
     """One finger: which joints move it, and the link whose frame matters.
 
     Attributes:
-        name: name of the finger.
         joints: names of its joints, from the base to the tip.
         tip_link: the URDF link with the tip's frame: for the finger that carries the skin, the fingertip frame of the
             datasets (origin on the axis of the cylindrical part at its base, +y to the tip, +z out of the surface

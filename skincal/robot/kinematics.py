@@ -23,7 +23,6 @@ class ChainPair:
     """Two chains side by side; the shorter one is padded with joints that do nothing.
 
     Attributes:
-        counts: number of joints of each.
         columns: (2, J) indices of the joints among all joints of the hand.
         steps_m: (J, 2, 3, 1) from joint to joint [m].
         constant: (2, J, 3, 3) rotation = constant + sin q * sine + cos q * cosine, as are the next two.

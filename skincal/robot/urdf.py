@@ -30,10 +30,7 @@ class UrdfJoint:
     """A joint of a URDF.
 
     Attributes:
-        name: its name.
         kind: revolute, continuous, prismatic or fixed.
-        parent: its parent link.
-        child: its child link.
         rotation: (3, 3) from the joint's frame to the parent's, at angle 0.
         origin_m: (3,) its origin in the parent's frame [m].
         axis: (3,) unit axis in its own frame.
@@ -58,7 +55,6 @@ class Urdf:
 
     Attributes:
         root: the link without a parent, whose frame all positions use.
-        links: names of all links.
         joints: the joint above each link but the root, by the link's name.
     """
 

@@ -34,8 +34,6 @@ class DriveParameters:
         damping_nms_per_rad: K_d [N m s/rad].
         low_pass_hz: corner frequency of the filter on commanded angles [Hz].
         drive_stiffness_nm_per_rad: K_e [N m/rad].
-        friction_nm: stick friction [N m].
-        torque_limit_nm: largest torque of the controller [N m].
         link_damping_nms_per_rad: d, damping in the drive's elasticity [N m s/rad].
     """
 

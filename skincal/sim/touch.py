@@ -21,10 +21,8 @@ class TrueContact:
     """True contact at one moment; positions and vectors are in the fingertip frame.
 
     Attributes:
-        time_s: the hand's clock [s].
         point_m: (3,) the point of the surface nearest to the indenter [m].
         normal: (3,) unit normal there.
-        force_n: normal force [N].
         shear_u_n: force on the skin towards growing beta [N].
         shear_v_n: force on the skin along +y [N].
         gap_m: distance of sphere and surface at rest; negative where it penetrates [m].
@@ -106,7 +104,6 @@ class Look:
     """State of the contact when an image was taken.
 
     Attributes:
-        contact: the true contact.
         q_rad: angles (n,) where the hand measures them, without noise [rad].
         tau_nm: torques (n,) of the drives [N m].
     """

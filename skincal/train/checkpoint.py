@@ -25,7 +25,6 @@ class Progress:
 
     Attributes:
         rounds: finished.
-        steps: environment steps.
         wall_s: time it took, interruptions left out [s].
     """
 

@@ -30,7 +30,6 @@ class Round:
         error_m: mean distance between object and target [m].
         episode_steps: mean length of the episodes that ended in the round; NaN where none did.
         drops: share of those that ended because the object was lost; NaN where none did.
-        entropy_coefficient: as it is.
         actor_loss: of the learning phase before.
         critic_loss: of the learning phase before.
         gather_s: time spent on steps [s].

@@ -33,7 +33,6 @@ class Quality:
     """Errors on hands that were not learned from, the marble's contact inside the patch.
 
     Attributes:
-        images: how many.
         median_m: median distance from the truth [m].
         p95_m: 95 % of the errors are below [m].
         centroid_median_m: the median of the images' centroids, for comparison [m].
@@ -51,9 +50,7 @@ class Estimator:
 
     Attributes:
         network: from features to places in parts of :data:`SPAN_M`.
-        taxels: number of taxels J.
         ranges_sha256: of the ranges that it was learned over.
-        seed: of all randomness.
         quality: on hands that were kept back.
     """
 

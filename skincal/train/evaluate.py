@@ -25,14 +25,11 @@ class Trial:
     """Options of an evaluation.
 
     Attributes:
-        task: what is rolled.
-        episodes: how often.
         seed: of the episodes: the same ones for all policies.
         duration_s: length of an episode [s]; None: 8 s for the marble, 24 s for the bolt.
         randomize: names of parameters and tables that are drawn, the rest being nominal; None: all.
         values: values by full name that take the place of draws.
         trajectory: of the marble: ``circle``, ``random``, or targets (N, 2) at 10 Hz [m].
-        environment: further arguments of the environment.
     """
 
     task: Task

@@ -42,15 +42,11 @@ class Description(Table, unknown="keep"):
     """Purpose and provenance of a policy.
 
     Attributes:
-        task: what it rolls.
-        policy: what it sees.
         observation: the parts of an observation in their order, each with ``name``, ``size``, and what is known of it.
-        actions: length of an action.
         ranges_sha256: of the ranges it was trained over.
         seed: of the training run.
         steps: environment steps of the training run.
         wall_time_s: of the training run [s].
-        backend: who learned.
         environment: further arguments of the environment it was trained in.
         versions: of the packages that made it.
         created: date and time.

@@ -71,7 +71,6 @@ class Score:
     """Figures of one policy. Means are over the runs still going at that time; NaN where there is none.
 
     Attributes:
-        episodes: number of runs.
         drops: runs in which the object was lost.
         time_s: shape (T,) [s].
         error_m: mean tracking error, shape (T,) [m].
@@ -79,7 +78,6 @@ class Score:
         error_high_m: upper end, shape (T,) [m].
         error_settled_m: mean of the mean error from 2 s to 8 s [m].
         error_settled_interval_m: its 95 % interval [m].
-        error_end_m: mean error at the end [m].
         reward: mean sum of an episode.
     """
 
@@ -105,13 +103,11 @@ class Rolling:
     """Scores of a rolled bolt.
 
     Attributes:
-        episodes: number of runs.
         drops: runs in which it was lost.
         direction_right: share of runs in which it was rolled as its orientation asks.
         held_to_end: share of runs that went to the end.
         held_s: mean time that it was held [s].
         angle_error_rad: mean amount by which it had turned from its first orientation [rad].
-        by_orientation_deg: the same for each orientation.
     """
 
     episodes: int
@@ -226,7 +222,6 @@ class Fare:
     """A prediction for one hand.
 
     Attributes:
-        hands: how many were drawn.
         success: share of them on which the object was held to the end.
         success_interval: of that share, at 95 % (Wilson).
         error_m: median over hands of a run's tracking error from 2 s on [m].

@@ -67,10 +67,8 @@ class PpoSettings(Table, unknown="refuse"):
         rollout_steps: environment steps that are gathered before learning, of all environments together.
         batch_size: steps in an update.
         epochs: passes over what was gathered.
-        learning_rate: of Adam.
         discount: of the reward of the next step.
         gae_lambda: of the generalised advantage estimate.
-        gradient_clip: largest norm of a gradient.
         value_coefficient: weight of the critic's loss.
         deviation: of the actions at first; assumed.
         hidden: neurons in the hidden layers of actor and critic; assumed.
@@ -101,12 +99,9 @@ class Work(Table, unknown="keep"):
     """One training run: everything its result depends on.
 
     Attributes:
-        task: what is learned.
-        policy: what the policy sees.
         seed: of everything random in it.
         steps: environment steps that are planned.
         backend: who does the learning.
-        settings: of the algorithm.
         rounds_per_checkpoint: learning rounds between two checkpoints. All environments begin a new episode after a
             checkpoint, so that a run that goes on from it is the same as one that was never interrupted.
         environment: further arguments for the environment, by name.

@@ -55,8 +55,6 @@ class Trained:
     """A training run that has come to its end.
 
     Attributes:
-        folder: of the run.
-        policy: the file.
         description: what the file says of itself.
         last: figures of the last round; None where no round was missing.
     """

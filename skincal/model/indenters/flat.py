@@ -12,11 +12,7 @@ from skincal.model.indenters.indenter import MISSED, ClosedForm
 
 @dataclass(frozen=True)
 class FlatPunch(ClosedForm):
-    """A rigid disc in the plane z = 0 of its frame, facing -z. Larger than the patch it stands for a pressure chamber.
-
-    Attributes:
-        radius_m: radius of the disc [m].
-    """
+    """A rigid disc in the plane z = 0 of its frame, facing -z; one larger than the patch is a pressure chamber."""
 
     radius_m: float
     kind: ClassVar[int] = 1

@@ -12,11 +12,7 @@ from skincal.model.indenters.indenter import MISSED, ClosedForm
 
 @dataclass(frozen=True)
 class Sphere(ClosedForm):
-    """A ball that touches its frame's origin from above: its centre is (0, 0, radius).
-
-    Attributes:
-        radius_m: radius [m].
-    """
+    """A ball that touches its frame's origin from above: its centre is (0, 0, radius)."""
 
     radius_m: float
     kind: ClassVar[int] = 0
