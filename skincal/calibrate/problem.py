@@ -26,10 +26,7 @@ from skincal.units import rad
 
 
 def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -> FitProblem:
-    """Choose the presses to fit, and clean their values.
-
-    Returns:
-        The problem. It may hold no press; its status says why.
+    """Choose the presses to fit, and clean their values; a problem without presses says why in its status.
 
     Raises:
         WorkError: the session cannot tell the parameters, whatever its presses are.

@@ -30,11 +30,7 @@ LAST = ("missed_target", "slip_m", "status", "kind")
 
 
 def dataset_of(journal: Journal, meta: DatasetMeta, source: str, created: datetime) -> Dataset:
-    """Return the dataset of all finished presses and the frames around them.
-
-    Returns:
-        The dataset, with presses in the order of their numbers, and frames in the order of time.
-    """
+    """Return the dataset of all finished presses, by number, and of the frames around them, in the order of time."""
     presses = [arrays for _, arrays in sorted(journal.presses().items())]
     stretches = [_part(arrays, "frames.") for arrays in [*presses, *journal.rests()]]
     stretches = [stretch for stretch in stretches if len(stretch["time_s"])]

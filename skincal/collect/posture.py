@@ -47,14 +47,11 @@ class Mount:
         return self.surface.wrap(self.pose, np.reshape(np.asarray(uv_m, dtype=np.float64), (-1, 2)))
 
     def site_at(self, across: float, y_m: float) -> tuple[float, float]:
-        """Return the site at a position on the surface.
+        """Return the site (u, v) [m] at a position on the surface; NaN for NaN.
 
         Args:
             across: beta [rad], on a plane x [m].
             y_m: along the finger [m].
-
-        Returns:
-            Patch coordinates (u, v) [m]; NaN for NaN.
         """
         if not np.isfinite([across, y_m]).all():
             return float("nan"), float("nan")
@@ -101,14 +98,11 @@ class Posture:
         return (1 - share) * self.links_rad[i] + share * self.links_rad[i + 1]
 
     def command(self, height_m: float, force_n: FloatArray) -> FloatArray:
-        """Return the commanded angles at which a hand without friction stands at a height and presses with a force.
+        """Return the commanded angles (n,) [rad] at which a hand without friction presses with a force at a height.
 
         Args:
             height_m: height of the indenter above the skin [m].
             force_n: normal force and shears along u and v (3,) [N].
-
-        Returns:
-            Angles (n,) [rad].
         """
         return self.links_at(height_m) + self.give_rad @ force_n
 

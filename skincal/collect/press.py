@@ -128,11 +128,7 @@ class Press:
         return self._command() - self._posture.links_at(self._height_m)
 
     def run(self) -> Moments:
-        """Make the press.
-
-        Returns:
-            The starts of its parts. The samples are in the loop.
-        """
+        """Make the press; return the starts of its parts. The samples are in the loop."""
         self._still()
         if self._approach():
             self._load()

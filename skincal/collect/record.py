@@ -92,11 +92,7 @@ def press_arrays(
     tare_nm: FloatArray,
     options: CollectOptions,
 ) -> Arrays:
-    """Return everything that is stored of a press.
-
-    Returns:
-        Arrays by name: ``press.*`` of the row, ``frames.*`` of the frames.
-    """
+    """Return all that is stored of a press: arrays ``press.*`` of the row, ``frames.*`` of the frames."""
     frames = frames_of(samples, last_frame_s, options.frame_rate_hz)
     series = Series.of(samples)
     steady = _steady(series.time_s, moments, options.settle_s)

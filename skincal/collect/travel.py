@@ -47,10 +47,7 @@ class Place:
 def way_over_skin(
     fingers: Fingers, start: Place, site: tuple[float, float], skin_rad: FloatArray, centre_height_m: float
 ) -> FloatArray:
-    """Return waypoints between two sites over the skin at one height; both fingers move, and nothing is dragged.
-
-    Returns:
-        Angles of the links (W, n) [rad], the first those of the start.
+    """Return angles of the links (W, n) [rad] on the way between two sites at one height; nothing is dragged.
 
     Raises:
         WorkError: the path leads out of reach.
@@ -75,10 +72,7 @@ def way_over_skin(
 def way_through_joints(
     fingers: Fingers, start_rad: FloatArray, end_rad: FloatArray, radius_m: float, least_m: float
 ) -> FloatArray:
-    """Return a straight path in joint space if the indenter stays off the skin on it; else one that first goes up.
-
-    Returns:
-        Angles of the links (W, n) [rad].
+    """Return a straight path (W, n) [rad] of the joints if the indenter stays off the skin; else one that first rises.
 
     Raises:
         WorkError: both paths lead through the finger.

@@ -25,16 +25,13 @@ class Relaxing(NamedTuple):
 def relaxed(
     x: FloatArray, time_s: FloatArray, time_constant_s: float, before: Relaxing | None
 ) -> tuple[FloatArray, Relaxing | None]:
-    """Return the exact solution of tau dq/dt = x - q for an input that is linear between samples.
+    """Return q (K, J), which solves tau dq/dt = x - q for an input linear between samples, and the last state.
 
     Args:
         x: (K, J) input.
         time_s: (K,) its times, never falling [s].
         time_constant_s: tau [s].
         before: state after the previous call; None: q = 0 at the first sample.
-
-    Returns:
-        q (K, J), and the state after the last sample.
     """
     if not len(x):
         return x.copy(), before

@@ -87,12 +87,9 @@ class Grasp:
     def open(
         self, scene: Scene, values: Values, body: Body, rotation: FloatArray, *places_m: FloatArray
     ) -> float:
-        """Begin a scene with the tips open about an object that is held midway between them.
+        """Begin a scene with the tips open about an object held between them; return their distance [m].
 
         Arguments are those of :meth:`take`.
-
-        Returns:
-            Distance of the tips at which the posture is [m].
         """
         options, offset = self._options, array(values, "finger.joint_offset_rad")
         width = 2 * (body.radius_m + options.gap_m)

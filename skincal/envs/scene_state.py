@@ -111,13 +111,10 @@ class Point(NamedTuple):
 
 
 def merged(points: Sequence[Point], largest_n: float) -> Touching | None:
-    """Return all contact points of a tip with the object as one, weighted by their normal forces.
+    """Return all contact points of a tip as one, weighted by their normal forces; None where no point carries any.
 
     So the result does not depend on how many points carry the same force. PyBullet now and then gives a force, a place
     or a normal that is NaN, infinite or absurd (bullet3 #4232): such a point is left out.
-
-    Returns:
-        The contact; None where no point carries a force.
     """
     total, count = 0.0, 0
     x = y = z = nx = ny = nz = fx = fy = fz = 0.0

@@ -178,7 +178,7 @@ def _last_given(stamps: FloatArray) -> FloatArray:
 def resampled(
     time_s: FloatArray, values: FloatArray, onto_s: FloatArray, resample: Resampling, max_age_s: float
 ) -> FloatArray:
-    """Return a stream resampled at other times.
+    """Return a stream resampled at other times (M,); NaN where the stream has no valid sample.
 
     ``previous`` takes the last sample that is not later; ``linear`` interpolates between the last and the next sample,
     and needs both. A sample older than ``max_age_s``, or two samples farther apart, give NaN.
@@ -189,9 +189,6 @@ def resampled(
         onto_s: times to resample at [s], shape (M,).
         resample: method.
         max_age_s: greatest age of a sample [s].
-
-    Returns:
-        Shape (M,); NaN where the stream has no valid sample.
     """
     if not len(time_s):
         return np.full(len(onto_s), np.nan)

@@ -16,16 +16,13 @@ _Item = TypeVar("_Item", bound=np.generic)
 
 
 def floats(name: str, value: ArrayLike, shape: Sequence[int | None], *, finite: bool = True) -> FloatArray:
-    """Return a read-only float array of the given shape.
+    """Return a read-only float array of the given shape, a copy.
 
     Args:
         name: what the array is called, for the error.
         value: anything numpy can turn into an array; it is copied.
         shape: length of each axis; ``None`` where any length is good.
         finite: refuse NaN and infinity.
-
-    Returns:
-        A read-only copy.
 
     Raises:
         ValueError: another shape, or a value that is not finite.

@@ -68,11 +68,7 @@ class TaxelLayout:
         return np.stack([(self.centres_m - half).min(axis=0), (self.centres_m + half).max(axis=0)])
 
     def taxel_at(self, uv_m: ArrayLike) -> IntArray:
-        """Return the taxel that each point of the patch lies in.
-
-        Returns:
-            (N,) flat taxel index, -1 in the gaps and the margin.
-        """
+        """Return the flat index (N,) of the taxel that each point lies in; -1 in the gaps and the margin."""
         uv = np.asarray(uv_m, dtype=np.float64)
         by_v = np.argsort(uv[:, 1], kind="stable")
         low, high = self.centres_m - self.sizes_m / 2, self.centres_m + self.sizes_m / 2

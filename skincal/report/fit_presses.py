@@ -66,15 +66,12 @@ def why_unused(result: FitResult) -> list[tuple[str, int]]:
 
 
 def chosen_presses(rmse_counts: Floats, most: int, few: int = 30) -> IntArray:
-    """Return the presses to show, the worst first: all of them, or a selection with the worst and best.
+    """Return indices of the presses to show, the worst first: all, or a selection with the worst and best.
 
     Args:
         rmse_counts: (K,) error of each press [counts].
         most: largest number of which all are shown.
         few: else the number shown: a third are the worst, a sixth the best, the rest evenly from between.
-
-    Returns:
-        Indices of the presses.
     """
     order = np.argsort(-rmse_counts, kind="stable")
     count = len(order)

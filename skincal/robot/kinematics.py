@@ -194,7 +194,7 @@ _LONGEST_RAD = 0.2
 
 
 def place_indenter(kinematics: Kinematics, centre_m: ArrayLike, q_rad: ArrayLike) -> FloatArray:
-    """Return the joint angles at which the sphere's centre lies at a point of the fingertip frame.
+    """Return the joint angles (n,) [rad] at which the sphere's centre lies at a point of the fingertip frame.
 
     Damped Newton steps, clipped to the joint limits. The finger with the skin stays where it is.
 
@@ -202,9 +202,6 @@ def place_indenter(kinematics: Kinematics, centre_m: ArrayLike, q_rad: ArrayLike
         kinematics: the hand.
         centre_m: (3,) target of the centre, fingertip frame [m].
         q_rad: (n,) angles of the links to start from [rad]; those of the skin's finger stay.
-
-    Returns:
-        (n,) angles of the links [rad].
 
     Raises:
         WorkError: the point is out of reach within the joint limits.

@@ -84,11 +84,7 @@ class Drives:
         self._state[:2] = self.motor_rad
 
     def step(self, q_rad: Sequence[float], dq_rad_per_s: Sequence[float]) -> list[float]:
-        """Advance by one step.
-
-        Returns:
-            Torques on the links [N m].
-        """
+        """Advance by one step; return the torques on the links [N m]."""
         self._step(self._constants, self._numbers, self._state, tuple(q_rad), tuple(dq_rad_per_s))
         return self.torque_nm.tolist()
 

@@ -103,13 +103,10 @@ class Policy:
         self.network, self.description, self.file = network, description, file
 
     def __call__(self, observation: ArrayLike) -> NDArray[np.float32]:
-        """Acts.
+        """Return the actions in [-1, 1], shape (A,) or (N, A).
 
         Args:
             observation: shape (O,) or (N, O), not normalised.
-
-        Returns:
-            Actions in [-1, 1], shape (A,) or (N, A).
 
         Raises:
             WorkError: the observation is not finite, or too large for the network.

@@ -142,14 +142,11 @@ def score(runs: Runs, rng: np.random.Generator) -> Score:
 
 
 def mean_error_m(error_m: FloatArray, weights: NDArray[np.integer] | FloatArray) -> FloatArray:
-    """Return the mean over the episodes still going.
+    """Return the mean (B, T) over the episodes still going; NaN where none goes on.
 
     Args:
         error_m: shape (N, T), NaN after an episode's end.
         weights: how often each episode counts, shape (B, N).
-
-    Returns:
-        Shape (B, T); NaN where no episode goes on.
     """
     going = np.isfinite(error_m)
     number = weights @ going.astype(np.float64)

@@ -101,15 +101,12 @@ class Surface(ABC):
 
     @abstractmethod
     def offset(self, points_m: ArrayLike, across_m: ArrayLike, along_m: ArrayLike) -> FloatArray:
-        """Move points along the surface.
+        """Move points along the surface; return points (K, 3) of the surface [m].
 
         Args:
             points_m: (K, 3) points [m]; those off the surface are projected first.
             across_m: (K,) arc length towards growing beta (on a plane +x) [m].
             along_m: (K,) arc length towards +y [m].
-
-        Returns:
-            (K, 3) points of the surface [m].
         """
 
     def cell_areas(self, pose: SensorPose, uv_m: ArrayLike, size_m: ArrayLike) -> FloatArray:

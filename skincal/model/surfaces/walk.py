@@ -14,7 +14,7 @@ _FAN = 256
 
 
 def corner_normals(mesh: TriangleMesh, crease_rad: float) -> FloatArray:
-    """Return a normal for each corner of each face, averaged over the faces that continue it smoothly.
+    """Return a unit normal of each corner of each face (F, 3, 3), averaged over the faces that continue it smoothly.
 
     At a corner the normals of the faces round the vertex are added, each with its angle there as weight, as far
     as they differ from the corner's own face by less than ``crease_rad``. Linear interpolation over a face then
@@ -23,9 +23,6 @@ def corner_normals(mesh: TriangleMesh, crease_rad: float) -> FloatArray:
     Args:
         mesh: wound consistently.
         crease_rad: angle between faces from which on an edge is real [rad].
-
-    Returns:
-        (F, 3, 3) unit normals: face, corner, component.
     """
     vertex, weight = mesh.faces.ravel(), _corner_angles(mesh).ravel()
     first, second = _pairs(vertex)
@@ -127,15 +124,12 @@ class Walker:
     step_m: float
 
     def walk(self, start: Stand, walker: IntArray, length_m: FloatArray) -> Stand:
-        """Return the ends of walks of given lengths.
+        """Return the M ends of walks of given lengths; NaN where a walk leaves the mesh.
 
         Args:
             start: W places to start from.
             walker: (M,) which of them each walk starts from.
             length_m: (M,) lengths [m], zero or more.
-
-        Returns:
-            The M ends; NaN where a walk leaves the mesh.
         """
         ends = _nowhere(len(walker))
         walked = np.zeros(len(start.points_m))
