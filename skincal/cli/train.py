@@ -187,8 +187,8 @@ def _check_same(out: Path, task: Task, given: dict[str, Any], work: Work, used: 
 
 def _trained(out: Path, work: Work, ranges: Ranges, steps: int, *, processes: bool) -> Trained:
     from skincal.cli.live import TrainingProgress
+    from skincal.report.evaluation import curves_figure
     from skincal.report.style import save_whole
-    from skincal.report.train_curve import curves_figure
     from skincal.train import maker, read_curve, train
     from skincal.train.training_run import CHECKPOINT
 

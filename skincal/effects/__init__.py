@@ -11,13 +11,12 @@ from skincal.effects.effect import (
     SpreadEffect,
     Stage,
 )
-from skincal.effects.effect_skin import Contacted, EffectSkin
+from skincal.effects.effect_skin import Contacted, EffectSkin, SkinStream
 from skincal.effects.holds import HoldSession, Steps, hold_session, hold_times, met_before
 from skincal.effects.parameter import EffectParameter, Values, start
 from skincal.effects.registry import EFFECTS, effect
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.effects.stream import SkinStream
 
 __all__ = [
     "COVARIATES",

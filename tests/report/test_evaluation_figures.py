@@ -12,13 +12,14 @@ import pytest
 from skincal.model import TaxelLayout
 from skincal.report.evaluation import (
     Evaluated,
+    curves_figure,
     error_figure,
     names_of,
     runs_figure,
+    smoothed,
     write_figures,
     write_runs,
 )
-from skincal.report.train_curve import curves_figure, smoothed
 from skincal.train import Task
 from skincal.train.evaluate import Trial
 from skincal.train.scores import Runs, score
