@@ -1,4 +1,4 @@
-"""What a session may record beside positions, forces and images: its optional columns, and the covariates of effects.
+"""Optional columns of a session, beside positions, forces and images, and the covariates of effects.
 
 The only list of either. Readers of datasets, mappings of imports, samples, warnings and the audit follow it.
 """
@@ -54,7 +54,7 @@ COLUMNS: Final[dict[str, Column]] = {
 
 @dataclass(frozen=True)
 class Covariate:
-    """What an effect may depend on beside position and force.
+    """A quantity beside position and force on which an effect may depend.
 
     Attributes:
         attribute: attribute of :class:`skincal.effects.Samples` that holds it.

@@ -1,4 +1,4 @@
-"""Where the sample data lie: in the installed package, or in the checkout that it was installed from."""
+"""Paths of the sample data: in the installed package, or in the checkout that it was installed from."""
 
 from __future__ import annotations
 

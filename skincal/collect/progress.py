@@ -1,4 +1,4 @@
-"""What a session asks for, and what it reports while it runs."""
+"""Requests of a session, and its reports while it runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What goes into a scene and what comes out of it: the grip at its start, frames, and contacts of the tips."""
+"""Input and output of a scene: the grip at its start, frames, and contacts of the tips."""
 
 from __future__ import annotations
 

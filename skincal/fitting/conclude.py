@@ -25,7 +25,7 @@ from skincal.fitting.valley import OPEN, POSE, at_one_place, choose, interval, v
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the stages after the grid found.
+    """Findings of the stages after the grid.
 
     Attributes:
         problem: the presses and taxels that are left when glitches and dead taxels have been taken out.

@@ -1,4 +1,4 @@
-"""What a fit may fail of."""
+"""Errors of a fit."""
 
 from __future__ import annotations
 

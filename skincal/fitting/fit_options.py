@@ -1,4 +1,4 @@
-"""What a person can set of a fit."""
+"""Options of a fit."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class SearchBox:
 
 @dataclass(frozen=True)
 class GridSteps:
-    """How finely the macro grid divides the search box; defaults as fine as the paper's result or finer.
+    """Steps of the macro grid in the search box; defaults as fine as the paper's result or finer.
 
     Attributes:
         across_m: step round the surface, arc length [m].

@@ -1,4 +1,4 @@
-"""Where presses touch in space: contact points and normals on any surface, as functions of the slack."""
+"""Contacts in space: points and normals on any surface, as functions of the slack."""
 
 from __future__ import annotations
 

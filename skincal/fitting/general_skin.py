@@ -56,11 +56,11 @@ class SkinShares:
 
     @property
     def placed(self) -> bool:
-        """Whether the surface has a place for every taxel at this pose."""
+        """Return whether the surface has a place for every taxel at this pose."""
         return self.skin is not None
 
     def lost_m2(self) -> FloatArray:
-        """How much narrower than its square a taxel is whose load is summed over the centres of cells (2,) [m²].
+        """Return how much narrower than its square a taxel is whose load is summed over the centres of cells (2,) [m²].
 
         Along an axis that is cut into cells of length h, the centres have h²/12 less variance than what they stand
         for: images are sharper by that than those of whole taxels, and a softer skin would be fitted to them.

@@ -30,7 +30,7 @@ _SILENT = 1e-7
 
 @dataclass(frozen=True)
 class TableReach:
-    """How far a table goes, and how finely.
+    """Extent and steps of a table.
 
     Attributes:
         centre_m: how far the sensor's centre may move from the tabled one [m].
@@ -88,7 +88,7 @@ class SkinTable:
         )  # fmt: skip
 
     def holds(self, macro: Floats) -> bool:
-        """Whether macro variables (5,) lie well within the table; the ratio F/E is left to its wide margin."""
+        """Return whether macro variables (5,) lie well within the table; the ratio F/E is left to its wide margin."""
         away = np.abs(macro[:3] - self.centre)
         reach = np.array([self.reach.centre_m, self.reach.centre_m, self.reach.alpha_rad])
         return bool((away <= 0.8 * reach).all())

@@ -68,7 +68,7 @@ NO_STORE: TableStore = _NoStore()
 
 
 def name_of(task: TableTask) -> str:
-    """What a table of one problem depends on, as a hash: its presses, its middle and its reach."""
+    """Return what a table of one problem depends on, as a hash: its presses, its middle and its reach."""
     problem, reach = task.problem, np.array(list(asdict(task.reach).values()), dtype=np.float64)
     depends = (problem.rows, task.presses, task.macro[:4], reach)
     return sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in depends)).hexdigest()[:24]

@@ -40,13 +40,13 @@ class MacroGrid:
 
     @property
     def combinations(self) -> int:
-        """How many combinations the grid holds."""
+        """Number of combinations of the grid."""
         return int(np.prod(self.shape))
 
 
 @dataclass(frozen=True, eq=False)
 class GridSlab:
-    """What one turn of the sensor gave, each array (E, X, Y).
+    """Results of one turn of the sensor, each array (E, X, Y).
 
     Attributes:
         mse_counts2: the paper's loss: mean squared error per taxel with the best positions and scale [counts²].

@@ -164,7 +164,7 @@ def contact_reach(surface: Surface, indenter: Indenter, ratio_m3: float) -> floa
 
 @lru_cache(maxsize=64)
 def _reach(asked: bytes) -> float:
-    """What :func:`contact_reach` gives; all turns of a grid ask for the same, each with copies of its own."""
+    """Return what :func:`contact_reach` gives; all turns of a grid ask for the same, each with copies of its own."""
     return contact_reach(*pickle.loads(asked))
 
 

@@ -1,4 +1,4 @@
-"""What is not known of the contact law, and what that does to the parameters.
+"""Uncertainty of the contact law, and its effect on the parameters.
 
 The model is an elastic foundation: stress follows from the penetration of the same point. A real skin is a layer, and
 a layer also spreads pressure sideways, by a fraction of its thickness. Images of a stiffer foundation with some spread
@@ -23,7 +23,7 @@ from skincal.fitting.types import Floats
 
 @dataclass(frozen=True, eq=False)
 class LawSpread:
-    """How likely each width of spread is, and what it does to the macro variables.
+    """Likelihood of each width of spread, and its effect on the macro variables.
 
     Attributes:
         widths_m: (N,) fine scale of widths [m].

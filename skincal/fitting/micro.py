@@ -39,7 +39,7 @@ _GIVES_UP: Any = (
 
 @dataclass(frozen=True)
 class MicroSettings:
-    """What a residual and a slack are worth.
+    """Weights of a residual and of a slack.
 
     Attributes:
         sigma_counts: size of an image residual that counts as one [counts].

@@ -38,7 +38,7 @@ _MAX_CLIPPED_REST = 1.5
 
 @dataclass(frozen=True)
 class Readout:
-    """What the sensor does to a value before it is stored.
+    """The conversion of a value by the sensor before it is stored.
 
     Attributes:
         value_min: where the converter clips [counts]; None where not known.
@@ -54,7 +54,7 @@ class Readout:
 
     @property
     def converter(self) -> Converter:
-        """As the model takes it: where rest has been taken off, it is not known where on the scale it clips."""
+        """Converter of the model; none where rest has been taken off, as it then clips at an unknown level."""
         if self.rest_subtracted:
             return Converter.none()
         return Converter(self.value_min, self.value_max, self.integer)
@@ -111,7 +111,7 @@ def expected_counts(value: Floats, sigma: float, readout: Readout) -> Floats:
 
 
 def _lifted(above: Floats, sigma: float, integer: bool) -> Floats:
-    """How much clipping at 0 lifts the mean of a value ``above`` it."""
+    """Return how much clipping at 0 lifts the mean of a value ``above`` it."""
     if not integer:
         z = above / sigma
         return sigma * np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi) - above * ndtr(-z)
@@ -140,7 +140,7 @@ def _table(sigma: float) -> tuple[Floats, Floats]:
 
 
 def clipped_share(value: float, sigma: float, readout: Readout) -> float:
-    """How much of the scatter of a frame is left at ``value`` by rounding and clipping, in (0, 1].
+    """Return how much of the scatter of a frame is left at ``value`` by rounding and clipping, in (0, 1].
 
     Args:
         value: of the taxel [counts].
@@ -226,7 +226,7 @@ _ANSWERING = 20
 
 
 def impossible_readings(counts: Floats, force: Floats, found: RestLevels) -> Bools:
-    """Which readings (K, J) no load explains: a taxel that dropped out to full scale, or a word that was lost.
+    """Return which readings (K, J) no load explains: a taxel that dropped out to full scale, or a word that was lost.
 
     A taxel carries the whole force at most, so what it reads for each newton has an upper end, and places and forces
     that differ fill the range below it. Readings for each newton that lie above all others with an empty gap between,
@@ -331,7 +331,7 @@ _Levels = tuple[Floats, Bools, Bools]
 
 
 def _level_sigma(levels: _Levels, scatter: float, centre: Floats | float, rows: int) -> Floats:
-    """What is known of each level (J,) before the fit [counts].
+    """Return what is known of each level (J,) before the fit [counts].
 
     The presses that leave a taxel alone tell its level, and they are in the likelihood: beforehand there is no more
     than how far the levels of taxels lie apart. A level from frames at rest is a measurement of its own.
@@ -359,7 +359,7 @@ _LEAST = 0.02
 
 
 def noise_lift(sigma: float, readout: Readout) -> float:
-    """How much clipped noise lifts the mean of a taxel whose level is the lower bound [counts]."""
+    """Return how much clipped noise lifts the mean of a taxel whose level is the lower bound [counts]."""
     low = readout.value_min or 0.0
     return float(expected_counts(np.array(low), sigma, readout)) - low
 

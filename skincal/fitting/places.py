@@ -32,7 +32,7 @@ MOST, MARGIN = 6, 30.0
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where presses could have been: number of the press (N,), patch coordinates (N, 2) [m], force error (N,)."""
+    """Possible places of presses: number of the press (N,), patch coordinates (N, 2) [m], force error (N,)."""
 
     press: Ints
     uv_m: Floats
@@ -88,7 +88,7 @@ def best_of_each(press: Ints, score: Floats, count: int) -> Ints:
 
 
 def settled_twice(press: Ints, uv_m: Floats, fold: Fold) -> Bools:
-    """Which places have run into an earlier place of the same press, and would count twice.
+    """Return which places have run into an earlier place of the same press, and would count twice.
 
     Args:
         press: (N,) number of the press.
@@ -110,7 +110,7 @@ def settled_twice(press: Ints, uv_m: Floats, fold: Fold) -> Bools:
 
 
 def mirrored(press: Ints, slack_m: Floats, mirror_m: Floats, count: int) -> Bools:
-    """Which places have their mirror place among the other places of the same press.
+    """Return which places have their mirror place among the other places of the same press.
 
     Args:
         press: (N,) number of the press.

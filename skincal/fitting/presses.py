@@ -39,7 +39,7 @@ _MAX_STEP = np.array([0.4e-3, 0.4e-3, 0.05])
 
 @dataclass(frozen=True, eq=False)
 class PressStates:
-    """What Gauss-Newton found for n pairs of a macro draw and a press.
+    """Results of Gauss-Newton for n pairs of a macro draw and a press.
 
     Attributes:
         nuisance: (n, 3) slack across, slack along [m], log of the true over the measured force.

@@ -1,4 +1,4 @@
-"""What is to be fitted, as arrays: presses on a surface that can be unrolled, and what is known of the rig."""
+"""The problem of a fit, as arrays: presses on a surface that can be unrolled, and the knowledge of the rig."""
 
 from __future__ import annotations
 
@@ -157,12 +157,12 @@ class FitProblem:
 
     @property
     def readings(self) -> int:
-        """How many values of lit taxels there are, of presses with two or more."""
+        """Number of values of lit taxels, of presses with two or more."""
         return int(self.lit[self._telling].sum())
 
     @property
     def unknowns(self) -> int:
-        """What they have to tell: the five parameters, and both coordinates of every one of these presses."""
+        """Return what they have to tell: the five parameters, and both coordinates of every one of these presses."""
         return _PARAMETERS + COORDINATES * int(self._telling.sum())
 
     @property
@@ -178,7 +178,7 @@ class FitProblem:
 
     @property
     def determined(self) -> bool:
-        """Whether the images can tell the parameters.
+        """Return whether the images can tell the parameters.
 
         Of few presses, no more readings than unknowns are matched exactly by many different sensors; which of them
         comes out then depends on what was assumed of the rig. Of simulated sessions of 3 to 8 presses, one in six
@@ -340,7 +340,7 @@ def active_threshold(seen: Observed, readout: Readout, *, untouched: bool = True
 
 
 def _copies(presses: PressTable) -> Bools:
-    """Which presses (K,) have every number of an earlier one.
+    """Return which presses (K,) have every number of an earlier one.
 
     No two measurements are alike to the last digit. A copy adds nothing, and would count as if it did.
     """

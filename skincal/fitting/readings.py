@@ -66,7 +66,7 @@ class Link:
 
     @property
     def clips(self) -> bool:
-        """Whether it is other than the identity."""
+        """Return whether it is other than the identity."""
         return len(self.values) > 0
 
     def __call__(self, values: Floats) -> tuple[Floats, Floats]:
@@ -96,7 +96,7 @@ def _tabled(integer: bool, sigma: float) -> tuple[Floats, Floats, Floats, Floats
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What was read, and how much each reading counts.
+    """Readings, and the weight of each.
 
     Attributes:
         target: (K, J) counts above the lower bound, 0 where not read.
@@ -179,7 +179,7 @@ class Readings:
         )
 
     def parts(self, used: Bools) -> tuple[Floats, Floats]:
-        """What sigma_n² and tau² are multiplied by in the variances of some readings (K, J): (n,) each."""
+        """Return what sigma_n² and tau² are multiplied by in the variances of some readings (K, J): (n,) each."""
         return self.share[used] ** 2, self.signal[used] ** 2
 
     def variance(self, noise: Floats, misfit: Floats, press: np.ndarray) -> Floats:

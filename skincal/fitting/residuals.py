@@ -19,7 +19,7 @@ _AT_REST = 2e-4
 
 
 class Presses(NamedTuple):
-    """What is known of K presses and of the J taxels, for the compiled search.
+    """Data of K presses and of the J taxels, for the compiled search.
 
     Attributes:
         at: (K, 6) measured position across and along [m], logarithm of the force [N], and the slack [m] and force error
@@ -46,7 +46,7 @@ class Presses(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What is filled of n pairs of a macro draw and a press: see :class:`skincal.fitting.presses.PressStates`."""
+    """Arrays to be filled for n pairs of a macro draw and a press: see :class:`skincal.fitting.presses.PressStates`."""
 
     nuisance: Floats
     objective: Floats

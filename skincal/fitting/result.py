@@ -1,4 +1,4 @@
-"""What a fit finds."""
+"""Results of a fit."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class PressFit:
 
 @dataclass(frozen=True)
 class Sigmas:
-    """What the data say of the rig and the sensor, one sigma each.
+    """Uncertainties of the rig and the sensor by the data, one sigma each.
 
     Attributes:
         position_m: of a measured position, apart from what presses share [m].
@@ -142,5 +142,5 @@ class FitResult:
 
     @property
     def told(self) -> bool:
-        """Whether the data tell anything: enough readings, and draws that came to rest."""
+        """Return whether the data tell anything: enough readings, and draws that came to rest."""
         return self.problem.determined and (self.bound == "fixed" or self.effective_draws >= FEWEST_DRAWS)

@@ -39,7 +39,7 @@ class Draws:
 
     @property
     def effective(self) -> float:
-        """How many independent draws the weighted ones are worth."""
+        """Return how many independent draws the weighted ones are worth."""
         return float(1.0 / (self.weight**2).sum() / max(self.correlation, 1.0))
 
     @property

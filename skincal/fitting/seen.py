@@ -1,4 +1,4 @@
-"""What the likelihood asks of simulated images, whichever way they are made."""
+"""Interface of simulated images to the likelihood, whichever way they are made."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Images(Protocol):
     """Simulated images round some macro variables."""
 
     def tables(self) -> Tables:
-        """What is looked up in."""
+        """Return the tables that are looked up in."""
         ...
 
 

@@ -43,7 +43,7 @@ def log_centres(problem: FitProblem) -> Floats:
 
 
 def log_prior(problem: FitProblem, log_sigma: Floats) -> Floats:
-    """Of the sigmas (W,); it is flat in the macro variables, E and S by their logarithm."""
+    """Return the log prior (W,) of the sigmas; it is flat in the macro variables, E and S by their logarithm."""
     return -0.5 * (((log_sigma - log_centres(problem)) / SPREADS) ** 2).sum(axis=1)
 
 

@@ -80,7 +80,7 @@ def _silent(_stage: str, _done: int, _total: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FitPlan:
-    """What is evaluated on the grid; the same plan gives the same slabs.
+    """The evaluation of the grid; the same plan gives the same slabs.
 
     Attributes:
         problem: presses that are used.
@@ -322,7 +322,7 @@ def _climb_tabled(problem: FitProblem, bounds: Bounds, start: Floats, tabler: _T
 
 
 def _local_peaks(problem: FitProblem, bounds: Bounds, starts: list[Floats], mapper: Mapper) -> list[Floats]:
-    """Where climbs on the surface that looks the same everywhere end: the best, and one that is nearly as good."""
+    """Return where climbs on the surface that looks the same everywhere end: the best, and one nearly as good."""
     assert problem.contacts is not None
     local = problem.contacts.local
     if local is None:

@@ -60,7 +60,7 @@ def run_slab(task: SlabTask) -> GridSlab:
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
-    """Where kernels are tabled for the continuous part of a fit.
+    """Range over which kernels are tabled for the continuous part of a fit.
 
     Attributes:
         alphas_rad: three turns round the centre [rad].
@@ -83,7 +83,7 @@ class Neighbourhood:
         return cls(alphas, float(macro[3]), table=table)
 
     def holds(self, macro: Floats) -> bool:
-        """Whether macro variables (5,) lie well inside of what the kernels span."""
+        """Return whether macro variables (5,) lie well inside of what the kernels span."""
         turn, stiffness = abs(macro[2] - self.alphas_rad[1]), abs(macro[3] - self.log_elasticity)
         return bool(turn <= np.radians(5.0) and stiffness <= 0.6)
 
@@ -164,7 +164,7 @@ def run_density(task: DensityTask) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class EvidenceTask:
-    """What the log posterior misses at some points: how presses were chosen, and where Laplace is off."""
+    """Task: corrections of the log posterior at some points, for the choice of presses and for Laplace."""
 
     problem: FitProblem
     around: Neighbourhood
@@ -174,7 +174,7 @@ class EvidenceTask:
 
 
 def run_evidence(task: EvidenceTask) -> Floats:
-    """What is to be added to the log posterior (W,) at the task's points (W, 11), up to a constant.
+    """Return what is to be added to the log posterior (W,) at the task's points (W, 11), up to a constant.
 
     Presses of one taxel need their evidence by narrow slacks; of the others Laplace's approximation is as good.
     """

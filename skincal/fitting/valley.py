@@ -59,12 +59,12 @@ def closed(name: str, low: float, high: float, box: SearchBox) -> tuple[float, f
 
 
 def extent_m(problem: FitProblem) -> float:
-    """How far apart the presses lie, along the direction in which they are spread more [m]."""
+    """Return how far apart the presses lie, along the direction in which they are spread more [m]."""
     return float(max(np.ptp(problem.across_m), np.ptp(problem.along_m)))
 
 
 def at_one_place(problem: FitProblem) -> bool:
-    """Whether the presses lie so close together that turn and position of the sensor cannot be told apart."""
+    """Return whether the presses lie so close together that turn and position of the sensor cannot be told apart."""
     size = float(np.ptp(problem.rig.layout.centres_m, axis=0).max()) or problem.rig.slack_m
     return extent_m(problem) < ONE_PLACE * size
 

@@ -40,7 +40,7 @@ reason."""
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """How the residual of n presses bends along the weakest direction of their position.
+    """Bend of the residual of n presses along the weakest direction of their position.
 
     Attributes:
         log_volume: (n,) -log|H|/2, Laplace's, without any bend.
@@ -107,7 +107,7 @@ def untracked(
     fold: Fold,
     tracked: Bools,
 ) -> Floats:
-    """What the mirror place of each settled press (n,) counts, 0 to 1, where it is not counted on its own.
+    """Return what the mirror place of each settled press (n,) counts, 0 to 1, where it is not counted on its own.
 
     Args:
         problem: as for :func:`skincal.fitting.presses.evaluate`.

@@ -43,7 +43,7 @@ _ROUNDS = 3
 
 @dataclass(frozen=True, eq=False)
 class Presses:
-    """What is measured of K presses.
+    """Measurements of K presses.
 
     Attributes:
         place_m: (K, 2) contact positions across and along [m].
@@ -194,7 +194,7 @@ class _Search:
         return found + [self._free(order, pose, names) for order, pose in seeds]
 
     def explains(self, nominal: _Candidate, one: _Candidate) -> bool:
-        """Whether an order accounts for the traces of the taxels that it moves."""
+        """Return whether an order accounts for the traces of the taxels that it moves."""
         moved = np.flatnonzero(one.order != nominal.order)
         here, there = self._predicted(nominal.pose, nominal.slack_m), self._predicted(one.pose, one.slack_m)
         before = self._differences(here, nominal.order)[:, moved]
@@ -256,7 +256,7 @@ class _Search:
         return list(both)
 
     def _offsets(self, pose: Floats, slack_m: Floats | None) -> tuple[Floats, Floats]:
-        """How far presses lie from taxels across and along (K, J) [m]."""
+        """Return how far presses lie from taxels across and along (K, J) [m]."""
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
         u, v = self.layout.centres_m.T
         place = self.presses.place_m if slack_m is None else self.presses.place_m + slack_m

@@ -49,7 +49,7 @@ class AsymmetricPolicy(SACPolicy):
 
 
 class TorchLearner(Learner):
-    """What learners in torch share: weights in a file of numbers alone."""
+    """Base of the learners in torch: weights in a file of numbers alone."""
 
     weights_file: ClassVar[str] = "weights.pt"
 
