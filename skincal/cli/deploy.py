@@ -37,7 +37,10 @@ ESTIMATOR = "marble-estimator-1"
 
 _PINCH = "Folder with hand.toml and pinch.toml."
 _TRAJECTORY = "Trajectory of the marble: `circle`, `still`, or a CSV file with u_m, v_m."
+_LENGTH = f"{options.DURATIONS}; or the letters'"
+_DURATION = option("Length of the run [s].", min=0.5, max=3600.0, show_default=_LENGTH)
 _DRAWS = "Draws the way as the skin felt it: a file of `train estimator`, or one that comes along; `none`."
+_ESTIMATOR = option(_DRAWS, show_default=f"{ESTIMATOR}, of the marble on the bundled hand")
 
 
 def deploy(
@@ -52,19 +55,9 @@ def deploy(
     trajectory: Annotated[str, option(_TRAJECTORY)] = "circle",
     write: Annotated[str | None, option("Letters that the marble draws, such as DLR.")] = None,
     frequency_hz: Annotated[float, option("Frequency of the bolt's sine.", min=0.05, max=1.0)] = 0.25,
-    duration_s: Annotated[
-        float | None,
-        option(
-            "Length of the run [s].",
-            min=0.5,
-            max=3600.0,
-            show_default=f"{options.DURATIONS}; or the letters'",
-        ),
-    ] = None,
+    duration_s: Annotated[float | None, _DURATION] = None,
     width_mm: Annotated[float, option("Width of the object.", min=1.0, max=40.0)] = WIDTH_MM,
-    estimator: Annotated[
-        str | None, option(_DRAWS, show_default=f"{ESTIMATOR}, of the marble on the bundled hand")
-    ] = None,
+    estimator: Annotated[str | None, _ESTIMATOR] = None,
     beyond_limits: options.BeyondLimits = False,
     as_json: options.Json = False,
     force: options.Force = False,

@@ -35,11 +35,16 @@ _TASK = (
     "marble is, from images."
 )
 _OUT = "Folder of the run: curve, checkpoint, policy; of an estimator its file (.npz)."
+_RANGES, _SEED = "File of the randomization ranges.", "Seed of all randomness."
 _STEPS = "Total steps of all environments, rounded up to whole rounds."
+_PLANNED = "as planned, or 800000 for marble, 600000 for bolt, 8000000 for pellets"
+_BACKEND, _ENVS = "Stable-Baselines3 (torch), or SBX (jax).", "Number of parallel environments."
+_PROCESSES = "Run each environment in its own process; for many cores."
 _FROM = (
     "Continue learning from an earlier run (its folder: critics and memory are taken over, too), or from a policy "
     "alone (a file, or the name of a bundled one)."
 )
+_START = option(_FROM, "--from", metavar="RUN|POLICY", show_default="random networks")
 _RESUME = "Continue from the last checkpoint, exactly as if the run had not stopped."
 
 
@@ -47,32 +52,13 @@ def train(
     learned: Annotated[Learned, argument("TASK", _TASK, show_default=False)],
     out: Annotated[Path, option(_OUT, show_default=False)],
     policy: Annotated[PolicyKind | None, option("Observation of the policy.", show_default="tactile")] = None,
-    ranges: Annotated[
-        Path | None, option("File of the randomization ranges.", show_default="preset iros24")
-    ] = None,
-    seed: Annotated[
-        int | None, option("Seed of all randomness.", min=0, max=2**32 - 1, show_default="0")
-    ] = None,
-    steps: Annotated[
-        int | None,
-        option(
-            _STEPS,
-            min=1,
-            show_default="as planned, or 800000 for marble, 600000 for bolt, 8000000 for pellets",
-        ),
-    ] = None,
-    backend: Annotated[
-        BackendName | None, option("Stable-Baselines3 (torch), or SBX (jax).", show_default="sb3")
-    ] = None,
-    envs: Annotated[
-        int | None, option("Number of parallel environments.", min=1, show_default="8; pellets 160")
-    ] = None,
-    processes: Annotated[
-        bool, option("Run each environment in its own process; for many cores.", "--processes")
-    ] = False,
-    start: Annotated[
-        str | None, option(_FROM, "--from", metavar="RUN|POLICY", show_default="random networks")
-    ] = None,
+    ranges: Annotated[Path | None, option(_RANGES, show_default="preset iros24")] = None,
+    seed: Annotated[int | None, option(_SEED, min=0, max=2**32 - 1, show_default="0")] = None,
+    steps: Annotated[int | None, option(_STEPS, min=1, show_default=_PLANNED)] = None,
+    backend: Annotated[BackendName | None, option(_BACKEND, show_default="sb3")] = None,
+    envs: Annotated[int | None, option(_ENVS, min=1, show_default="8; pellets 160")] = None,
+    processes: Annotated[bool, option(_PROCESSES, "--processes")] = False,
+    start: Annotated[str | None, _START] = None,
     engine: Annotated[Engine | None, option("Physics to learn in.", show_default="pybullet")] = None,
     resume: Annotated[bool, option(_RESUME, "--resume")] = False,
     as_json: options.Json = False,
