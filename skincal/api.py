@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from skincal.calibration import Calibration, read_calibration, skin_of, write_calibration
 from skincal.dataset import Dataset, read_dataset, write_dataset
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.model import Skin
 from skincal.progress import stage_bars
 
@@ -183,7 +183,7 @@ def plot(
         return dataset_figure(result)
     if isinstance(result, Outcome):
         if dataset is None:
-            raise InputError([Problem("plot", "the dataset that was fitted", "none", "give dataset=")])
+            raise input_error("plot", "the dataset that was fitted", "none", "give dataset=")
         return _chosen(fit_report.FIGURES, figure)(result.result, dataset)
     return _chosen(diagnosis_report.FIGURES, figure)(result, dataset or result.observed.dataset)
 
@@ -192,7 +192,7 @@ def _chosen(figures: Mapping[str, Callable[..., Figure]], name: str | None) -> C
     if name is None:
         return next(iter(figures.values()))
     if name not in figures:
-        raise InputError([Problem("plot", f"one of the figures {', '.join(figures)}", f'"{name}"')])
+        raise input_error("plot", f"one of the figures {', '.join(figures)}", f'"{name}"')
     return figures[name]
 
 

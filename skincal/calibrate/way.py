@@ -9,7 +9,7 @@ import numpy as np
 
 from skincal.calibration import MARGIN_M
 from skincal.dataset import Dataset
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.kernel import contact_reach
 from skincal.model import Surface
@@ -43,22 +43,15 @@ def choose_way(dataset: Dataset, method: Method = "auto") -> Way:
         InputError: the fast way was asked for and cannot be used, or there is no such method.
     """
     if method not in METHODS:
-        raise InputError([Problem("--method", "one of " + ", ".join(METHODS), method)])
+        raise input_error("--method", "one of " + ", ".join(METHODS), method)
     if method in ("general", "nlopt"):
         return Way(method, "it was asked for")
     why = _why_not_fast(dataset)
     if not why:
         return Way("fast")
     if method == "fast":
-        raise InputError(
-            [
-                Problem(
-                    "--method",
-                    "auto or general for these data",
-                    "fast",
-                    f"the fast way cannot be used: {why}",
-                )
-            ]
+        raise input_error(
+            "--method", "auto or general for these data", "fast", f"the fast way cannot be used: {why}"
         )
     return Way("general", why)
 

@@ -14,7 +14,7 @@ from skincal.effects.effect import Effect
 from skincal.effects.parameter import Values
 from skincal.effects.registry import EFFECTS, effect
 from skincal.effects.samples import Samples
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 
 Missing = Literal["error", "abstain"]
 """Policy for samples that lack a covariate which an effect needs."""
@@ -75,5 +75,5 @@ def at_work(
             columns = ", ".join(COVARIATES[name].attribute for name in lacking)
             place = f"effect {one.effect.name}"
             fix = "Give them, or let effects without their covariates abstain."
-            raise InputError([Problem(place, f"samples with {columns}", "samples without", fix)])
+            raise input_error(place, f"samples with {columns}", "samples without", fix)
     return found

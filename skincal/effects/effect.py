@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from skincal.effects.parameter import TYPICAL_TOP_COUNTS, EffectParameter, Scene, Start, Values, checked
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.model import Patch, StressLaw, TaxelLayout
 from skincal.model.arrays import FloatArray, IntArray
 
@@ -119,9 +119,7 @@ class Effect(ABC):
         """
         own = {p.name: p for p in self.parameters}
         if name not in own:
-            raise InputError(
-                [Problem(f"effect {self.name}", f"one of the parameters {', '.join(own)}", f'"{name}"')]
-            )
+            raise input_error(f"effect {self.name}", f"one of the parameters {', '.join(own)}", f'"{name}"')
         return own[name]
 
     def shift_of_clocks_s(self, parameters: Mapping[str, ArrayLike]) -> float:
@@ -174,7 +172,7 @@ class Effect(ABC):
     def check_strength(self, strength: float) -> None:
         """Raise InputError if a strength is negative or not finite."""
         if not (np.isfinite(strength) and strength >= 0):
-            raise InputError([Problem(f"strength of effect {self.name}", "a number >= 0", f"{strength:g}")])
+            raise input_error(f"strength of effect {self.name}", "a number >= 0", f"{strength:g}")
 
     @staticmethod
     def _differs(parameter: EffectParameter, values: Values) -> bool:

@@ -15,7 +15,7 @@ from skincal.effects.effect import InputEffect
 from skincal.effects.parameter import Values, form, start, strength
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.model import FlatPunch, Indenter, Sphere
 
 _REFERENCE_M, _SMALLEST = 5e-3, 0.1
@@ -49,4 +49,4 @@ def _resized(indenter: Indenter, scale: float, coat: float) -> Indenter:
     if isinstance(indenter, Sphere | FlatPunch):
         own = 1 + (scale - 1) * (_REFERENCE_M / indenter.radius_m) ** coat
         return type(indenter)(max(own, _SMALLEST) * indenter.radius_m)
-    raise InputError([Problem("effect indenter_radius", "a sphere or a flat punch", type(indenter).__name__)])
+    raise input_error("effect indenter_radius", "a sphere or a flat punch", type(indenter).__name__)

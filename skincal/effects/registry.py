@@ -12,7 +12,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Final, cast
 
 from skincal.effects.effect import Effect, Stage
-from skincal.errors import InputError, Problem, quoted, shown
+from skincal.errors import input_error, quoted, shown
 
 _OWN: Final = (
     "force_bias:ForceBias",
@@ -68,7 +68,7 @@ class Registry(Mapping[str, Effect]):
             one = _load(point)
             if one.name in found:
                 got = f'a second effect named "{one.name}"'
-                raise InputError([Problem(_place(point), "a name of its own", got, "Rename the effect.")])
+                raise input_error(_place(point), "a name of its own", got, "Rename the effect.")
             found[one.name] = one
         return {one.name: one for one in sorted(found.values(), key=lambda e: e.stage)}
 
@@ -93,12 +93,10 @@ def _load(point: EntryPoint) -> Effect:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a package may raise SystemExit, too
-        raise InputError(
-            [Problem(_place(point), "an effect that can be loaded", quoted(error), mend)]
-        ) from error
+        raise input_error(_place(point), "an effect that can be loaded", quoted(error), mend) from error
     if not found:
         expected = "a subclass of skincal.effects.Effect with its name and stage"
-        raise InputError([Problem(_place(point), expected, shown(loaded), mend)])
+        raise input_error(_place(point), expected, shown(loaded), mend)
     return cast(Effect, one)
 
 
@@ -117,4 +115,4 @@ def effect(name: str) -> Effect:
         return found
     close = difflib.get_close_matches(name, EFFECTS, n=1)
     fix = f"Did you mean {close[0]}?" if close else ""
-    raise InputError([Problem("effect", f"one of {', '.join(sorted(EFFECTS))}", f'"{name}"', fix)])
+    raise input_error("effect", f"one of {', '.join(sorted(EFFECTS))}", f'"{name}"', fix)

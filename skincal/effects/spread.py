@@ -17,7 +17,7 @@ from scipy.special import roots_genlaguerre
 
 from skincal.effects.effect import SpreadEffect
 from skincal.effects.parameter import Values, form, start, strength
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.model import Patch
 from skincal.model.arrays import FloatArray, as_floats
 from skincal.model.spreading import gaussian_parts
@@ -49,7 +49,7 @@ class Spread(SpreadEffect):
             InputError: the patch lacks the coordinates of its points.
         """
         if patch.uv_m is None:
-            raise InputError([Problem("effect spread", "a patch cut from a surface", "one without uv_m")])
+            raise input_error("effect spread", "a patch cut from a surface", "one without uv_m")
         variances, shares = _mixture(values.number("tail"))
         widths = values.number("width_m") * np.sqrt(2 * variances)
         (across, column), (along, row) = (gaussian_parts(patch.uv_m, patch.layout, widths, k) for k in (0, 1))

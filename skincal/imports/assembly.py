@@ -17,7 +17,7 @@ from skincal.dataset.meta_file import FILE
 from skincal.dataset.model_objects import surface_of
 from skincal.dataset.spec import ClockSpec
 from skincal.dataset.writing import write_dataset_files
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, input_error
 from skincal.files import check_input, reason, whole_folder
 from skincal.imports.alignment import JoinedClock
 from skincal.imports.mapping import Mapping, Quantity
@@ -153,7 +153,7 @@ def resolved(mapping: Mapping, named: Sequence[Path], listed: Sequence[str], wha
     files = list(named) or [beside(mapping, name, what) for name in listed]
     if not files:
         fix = "Name them on the command line, or as files in the mapping."
-        raise InputError([Problem(mapping.path.name, what, "none", fix)])
+        raise input_error(mapping.path.name, what, "none", fix)
     missing = [Problem(str(path), what, "no such file") for path in files if not path.exists()]
     if missing:
         raise InputError(missing)
@@ -173,7 +173,7 @@ def beside(mapping: Mapping, name: str, what: str) -> Path:
         pass
     except OSError as error:
         fix = "Name it on the command line." if what.endswith("to read") else "Copy it there."
-        raise InputError([Problem(f'{mapping.path.name}, "{name}"', what, reason(error), fix)]) from error
+        raise input_error(f'{mapping.path.name}, "{name}"', what, reason(error), fix) from error
     return path
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from skincal.bounded import read_text
 from skincal.dataset.findings import Findings, did_you_mean
-from skincal.errors import InputError, Problem, WorkError, quoted, text_of
+from skincal.errors import InputError, Problem, WorkError, input_error, quoted, text_of
 from skincal.files import check_input, open_input, reason
 
 MISSING = "reading ROS bags needs the library rosbags, which is not installed: pip install skincal[ros]"
@@ -72,7 +72,7 @@ def opened(path: Path, definitions: Mapping[str, Path]) -> Generator[Bag]:
         for file in path.iterdir() if path.is_dir() else [path]:
             check_input(file, within=path if path.is_dir() else None)
     except OSError as error:
-        raise InputError([Problem(str(error.filename), "a file of a bag", reason(error))]) from error
+        raise input_error(str(error.filename), "a file of a bag", reason(error)) from error
     for name, file in definitions.items():
         store.register(_types(name, file))
     with ExitStack() as stack:
@@ -117,9 +117,9 @@ def _types(name: str, file: Path) -> Any:
         full = name if len(parts) == 3 else f"{parts[0]}/msg/{parts[1]}"
         return get_types_from_idl(text) if file.suffix == ".idl" else get_types_from_msg(text, full)
     except OSError as error:
-        raise InputError([Problem(str(file), f"the definition of {name}", reason(error))]) from error
+        raise input_error(str(file), f"the definition of {name}", reason(error)) from error
     except Exception as error:  # the library passes on any exception of its parsers
-        raise InputError([Problem(str(file), f"the definition of {name}", text_of(error))]) from error
+        raise input_error(str(file), f"the definition of {name}", text_of(error)) from error
 
 
 def _damaged(path: Path, error: Exception) -> Problem:

@@ -9,7 +9,7 @@ import numpy as np
 
 from skincal.bounded import UnreadableError
 from skincal.dataset.findings import Findings
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, input_error
 from skincal.imports import targets
 from skincal.imports.apart import apart
 from skincal.imports.assembly import beside
@@ -38,7 +38,7 @@ def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Rec
             # The library may crash on a damaged file.
             collector, errors = apart(collect, path, mapping)
         except UnreadableError as error:
-            raise InputError([Problem(str(path), error.expected, error.got, "Was it cut short?")]) from None
+            raise input_error(str(path), error.expected, error.got, "Was it cut short?") from None
         collected.append(collector)
         findings.errors.extend(errors)
     if findings.errors:

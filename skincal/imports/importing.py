@@ -7,7 +7,7 @@ from pathlib import Path
 
 from skincal.dataset.findings import Findings
 from skincal.dataset.meta_file import FILE
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.files import refuse_existing
 from skincal.imports.assembly import Imported, assemble, resolved
 from skincal.imports.csv_source import read_csv_files
@@ -95,7 +95,7 @@ def bag_topics(bag: str | Path) -> dict[str, tuple[str, int]]:
     from skincal.imports.bag_file import opened
 
     if not Path(bag).exists():
-        raise InputError([Problem(str(bag), "a bag to read", "no such file")])
+        raise input_error(str(bag), "a bag to read", "no such file")
     with opened(Path(bag), {}) as found:
         counts = {c.topic: 0 for c in found.reader.connections}
         for connection in found.reader.connections:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from skincal.dataset.findings import Findings
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.imports import targets
 from skincal.imports.alignment import JoinedClock, NoOffsetError, estimate_offset
 from skincal.imports.clock import DAY_S, resampled, resampled_words, usual_step
@@ -47,7 +47,7 @@ def assigned(
         found[entry.name] = own or sorted(folder.glob(entry.form.file))
         if not found[entry.name]:
             fix = "Give it on the command line, or put it next to the mapping."
-            raise InputError([Problem(f"{entry.place} file", f"a file {entry.form.file}", "none", fix)])
+            raise input_error(f"{entry.place} file", f"a file {entry.form.file}", "none", fix)
     # A file that holds both has a clock for each.
     return rest or list(given), found
 

@@ -126,12 +126,9 @@ def joint_draws(calibration: Calibration, draws: int = DRAWS) -> JointDraws:
         fix = "Its draws determine nothing. Collect more presses; without the draws the preset's ranges are exported."
         raise input_error(place, "a parameter that the data determine", "none", fix)
     if not calibration.draws:
-        raise input_error(
-            f"{calibration.folder or 'the calibration'}, draws.parquet",
-            "draws from the valley",
-            "no such file",
-            "Run skincal fit again, or export the box of intervals.",
-        )
+        place = f"{calibration.folder or 'the calibration'}, draws.parquet"
+        fix = "Run skincal fit again, or export the box of intervals."
+        raise input_error(place, "draws from the valley", "no such file", fix)
     rows = np.column_stack(list(calibration.draws.values()))
     kept = np.unique(np.linspace(0, len(rows) - 1, min(draws, len(rows))).round().astype(int))
     return JointDraws([f"skin.{name}" for name in calibration.draws], rows[kept])
@@ -149,14 +146,9 @@ def _replace(
         return
     parameter, stand_in = _stand_in(parameters, calibration, name)
     parameters[path] = parameter
-    warnings.append(
-        Problem(
-            f"calibration.toml, [intervals] {name}",
-            "a bounded interval",
-            f"[{low:g}, {high:g}]",
-            f"The data do not determine {name}; {stand_in} is used instead, as assumed.",
-        )
-    )
+    place, got = f"calibration.toml, [intervals] {name}", f"[{low:g}, {high:g}]"
+    fix = f"The data do not determine {name}; {stand_in} is used instead, as assumed."
+    warnings.append(Problem(place, "a bounded interval", got, fix))
 
 
 def _stand_in(

@@ -20,14 +20,9 @@ from skincal.ranges.parameter import Numbers, Parameter
 def effect_parameters(effect: Effect, warnings: list[Problem]) -> dict[str, Parameter]:
     """Return the ranges of an effect's parameters by full name."""
     if EFFECTS[effect.name].of_rig:
-        warnings.append(
-            Problem(
-                f"calibration.toml, [effects] {effect.name}",
-                "an effect of the skin",
-                "an error of what the rig measured",
-                "Environments know the true places and forces, and leave it out.",
-            )
-        )
+        place = f"calibration.toml, [effects] {effect.name}"
+        fix = "Environments know the true places and forces, and leave it out."
+        warnings.append(Problem(place, "an effect of the skin", "an error of what the rig measured", fix))
     known = {p.name: p for p in EFFECTS[effect.name].parameters}
     return {
         f"skin.effects.{effect.name}.{name}": _range(effect, known[name], value, warnings)

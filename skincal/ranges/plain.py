@@ -121,10 +121,8 @@ def _put(plain: dict[str, Any], path: str, table: dict[str, Any]) -> None:
 
 def _inside(path: str, value: object, place: str, findings: Findings) -> Iterator[tuple[str, _Tables]]:
     if not isinstance(value, Mapping):
-        got = str(value)[:80]
-        findings.errors.append(
-            Problem(f"{place}[{path}]", "a table with distribution, mode, source, and figures", got)
-        )
+        expected = "a table with distribution, mode, source, and figures"
+        findings.errors.append(Problem(f"{place}[{path}]", expected, str(value)[:80]))
         return
     table = cast(_Tables, value)
     is_effect = path.startswith(EFFECTS_PREFIX) and path.count(".") == EFFECTS_PREFIX.count(".")

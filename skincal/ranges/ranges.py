@@ -128,14 +128,9 @@ class Ranges(Mapping[str, Parameter]):
         Raises:
             InputError: some are missing; the message names all of them.
         """
-        missing = [path for path in paths if path not in self]
-        if missing:
-            raise InputError(
-                [
-                    Problem(f"ranges, [{path}]", _meaning(path), "nothing", "Add the table.")
-                    for path in missing
-                ]
-            )
+        if missing := [path for path in paths if path not in self]:
+            fix = "Add the table."
+            raise InputError([Problem(f"ranges, [{p}]", _meaning(p), "nothing", fix) for p in missing])
 
     def replace(self, parameters: Mapping[str, Parameter]) -> Ranges:
         """Return a copy with some parameters added or replaced."""

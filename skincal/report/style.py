@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.files import whole_file
 from skincal.units import in_unit
 
@@ -156,9 +156,7 @@ def checked_suffix(path: Path) -> Path:
         InputError: the suffix is not supported.
     """
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(
-            [Problem(str(path), f"a picture's name in {', '.join(SUFFIXES)}", f'"{path.suffix}"')]
-        )
+        raise input_error(str(path), f"a picture's name in {', '.join(SUFFIXES)}", f'"{path.suffix}"')
     return path
 
 

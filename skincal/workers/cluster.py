@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from skincal.errors import InputError, Problem, WorkError
+from skincal.errors import InputError, Problem, WorkError, input_error
 from skincal.fitting.tasks import Mapper
 from skincal.version import __version__
 
@@ -38,13 +38,13 @@ def cluster_mapper(address: str) -> Generator[Mapper]:
         from distributed import Client, KilledWorker
     except ImportError:
         fix = "Install it with: pip install 'skincal[cluster]'"
-        raise InputError([Problem("--scheduler", "the package dask[distributed]", "none", fix)]) from None
+        raise input_error("--scheduler", "the package dask[distributed]", "none", fix) from None
     try:
         client: Any = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         expected = f"the address of a Dask scheduler that answers within {CONNECT_S} s"
         fix = "Start one with: dask scheduler; and on each machine: dask worker ADDRESS --nthreads 1"
-        raise InputError([Problem(f"--scheduler {address}", expected, _reason(error), fix)]) from None
+        raise input_error(f"--scheduler {address}", expected, _reason(error), fix) from None
     futures: list[Any] = []
 
     def spread(function: Callable[[Any], Any], arguments: Sequence[Any], /) -> Iterable[Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from skincal.dataset.findings import did_you_mean
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 
 FOLDER = Path(__file__).parent
 
@@ -28,5 +28,5 @@ def template(kind: str) -> str:
     if kind not in names:
         close = did_you_mean(kind, names)
         fix = f'Did you mean "{close}"?' if close else ""
-        raise InputError([Problem("template", f"one of {', '.join(names)}", f'"{kind}"', fix)])
+        raise input_error("template", f"one of {', '.join(names)}", f'"{kind}"', fix)
     return (FOLDER / f"{kind}.toml").read_text(encoding="utf-8")

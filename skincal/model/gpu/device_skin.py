@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from skincal.errors import InputError, Problem, WorkError, text_of
+from skincal.errors import WorkError, input_error, text_of
 from skincal.model.arrays import FloatArray, check_shape
 from skincal.model.gpu.target import Precision
 from skincal.model.indenters.indenter import ClosedForm, Indenter
@@ -61,10 +61,10 @@ class DeviceSkin:
         self._cuda = cuda = require_gpu()
         fix = "Press it on the processor, with Skin.image."
         if not isinstance(indenter, ClosedForm):
-            raise InputError([Problem("DeviceSkin", "an indenter in closed form", str(indenter), fix)])
+            raise input_error("DeviceSkin", "an indenter in closed form", str(indenter), fix)
         if skin.contact is not None:
             expected = "a skin without a contact law of its own"
-            raise InputError([Problem("DeviceSkin", expected, str(skin.contact), fix)])
+            raise input_error("DeviceSkin", expected, str(skin.contact), fix)
         from skincal.model.gpu import kernel
         from skincal.model.gpu.target import Target
 
@@ -190,12 +190,12 @@ def require_gpu() -> Any:
 
     simulated = bool(getattr(config, "ENABLE_CUDASIM", False))
     if not simulated and importlib.util.find_spec("numba_cuda") is None:
-        raise InputError([Problem("GPU", "the package numba-cuda", "none", f"Install it with: {EXTRA}")])
+        raise input_error("GPU", "the package numba-cuda", "none", f"Install it with: {EXTRA}")
     from skincal.model.gpu.target import cuda
 
     if not cuda.is_available():
         fix = "Run it on a machine with an NVIDIA GPU and its driver, or press on the processor, with Skin.image."
-        raise InputError([Problem("GPU", "an NVIDIA GPU that CUDA can use", "none", fix)])
+        raise input_error("GPU", "an NVIDIA GPU that CUDA can use", "none", fix)
     return cuda
 
 
