@@ -223,8 +223,7 @@ def _remove(folder: Path) -> None:
     away = folder.with_name(f"{folder.name}.old")  # there after a kill
     for place in (folder, away):
         names = [path.name for path in place.iterdir()] if place.is_dir() else []
-        strangers = [name for name in names if not _OURS.fullmatch(name)]
-        if strangers:
+        if strangers := [name for name in names if not _OURS.fullmatch(name)]:
             got = f"also {', '.join(sorted(strangers)[:3])}"
             fix = "Move that elsewhere, or choose another name: only what skincal wrote is removed."
             raise input_error(str(place), "a folder of an interrupted session alone", got, fix)

@@ -100,8 +100,7 @@ def read_arrow(path: Path) -> Columns:
     with open_input(path) as file:
         feather = file.read(6) == b"ARROW1"
     table: Any = pd.read_feather(path) if feather else pd.read_parquet(path)
-    named = [name for name in table.index.names if name is not None]
-    if named:
+    if named := [name for name in table.index.names if name is not None]:
         table = table.reset_index(level=named)
     return _columns({str(name): column.to_numpy() for name, column in table.items()})
 

@@ -154,8 +154,7 @@ def resolved(mapping: Mapping, named: Sequence[Path], listed: Sequence[str], wha
     if not files:
         fix = "Name them on the command line, or as files in the mapping."
         raise input_error(mapping.path.name, what, "none", fix)
-    missing = [Problem(str(path), what, "no such file") for path in files if not path.exists()]
-    if missing:
+    if missing := [Problem(str(path), what, "no such file") for path in files if not path.exists()]:
         raise InputError(missing)
     return files
 

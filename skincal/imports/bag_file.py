@@ -123,8 +123,7 @@ def _types(name: str, file: Path) -> Any:
 
 
 def _damaged(path: Path, error: Exception) -> Problem:
-    encodings = _other_encodings(path)
-    if encodings:
+    if encodings := _other_encodings(path):
         got = f"an MCAP file of {' and '.join(encodings)} messages"
         fix = "Write its channels as .csv or .npz, and use `skincal import csv`."
         return Problem(str(path), "messages of ROS 2 (cdr)", got, fix)

@@ -30,8 +30,7 @@ def chosen(
         for name in wanted
         if name not in columns and name.replace("/", ".") in dotted
     }
-    missing = [name for name in wanted if name not in columns]
-    if missing:
+    if missing := [name for name in wanted if name not in columns]:
         shown = ", ".join(f'"{name}"' for name in [*columns][:SHOWN]) or "none"
         more = f", … ({len(columns)} in all)" if len(columns) > SHOWN else ""
         close = did_you_mean(missing[0], columns)

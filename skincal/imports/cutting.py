@@ -204,8 +204,7 @@ def cut_numbered(series: Series, rules: CutRules, file: str, findings: Findings)
     edges = np.concatenate([[0], changes, [len(series)]]).astype(np.int64)
     stretches = [(int(a), int(b)) for a, b in pairwise(edges) if series.press[a] >= 0]
     numbers = [int(series.press[start]) for start, _ in stretches]
-    again = sorted(number for number, count in Counter(numbers).items() if count > 1)
-    if again:
+    if again := sorted(number for number, count in Counter(numbers).items() if count > 1):
         fix = "Renumber them, or remove [columns.press] and cut by force."
         findings.error(
             f"{file}, press",
@@ -237,8 +236,7 @@ def _span(series: Series, rules: CutRules, number: int, start: int, stop: int) -
 
 def check_phases(phase: Column, file: str, findings: Findings) -> None:
     """Add an error for words that are not phases."""
-    strange = sorted({str(word) for word in phase} - set(PHASES))
-    if strange:
+    if strange := sorted({str(word) for word in phase} - set(PHASES)):
         fix = f'Add words = {{ {strange[0] or chr(39) * 2} = "{PHASES[0]}", … }} to [columns.phase].'
         findings.error(
             f"{file}, phase", f"one of {', '.join(PHASES)}", listed(strange[:6], len(strange)), fix

@@ -60,8 +60,7 @@ def read_blocks(
         return None
     shapes = Counter((len(block.rows), len(block.rows[0])) for block in blocks)
     shape = shapes.most_common(1)[0][0]
-    odd = [block for block in blocks if (len(block.rows), len(block.rows[0])) != shape]
-    if odd:
+    if odd := [block for block in blocks if (len(block.rows), len(block.rows[0])) != shape]:
         named = ", ".join(str(block.line) for block in odd[:SHOWN])
         got = ", ".join(f"{len(block.rows)} of {len(block.rows[0])}" for block in odd[:SHOWN])
         fix = "Was the file cut short, or are there lines to skip (skip_rows, comment)? Blocks without a line between "
@@ -100,8 +99,7 @@ def read_labelled(
     at: list[int] = []
     for number, line in lines:
         stamp = STAMP.match(line)
-        pairs = PAIR.findall(line[stamp.end() :] if stamp else line)
-        if pairs:
+        if pairs := PAIR.findall(line[stamp.end() :] if stamp else line):
             rows.append({"time": stamp[1] if stamp else "", **dict(pairs)})
             at.append(number)
     if not rows:

@@ -81,8 +81,7 @@ def read_source_table(
                 return None
         else:
             return chosen(path.name, columns, numbers, texts, form.decimal, findings)
-    kind = _refused(path, head, form)
-    if kind:
+    if kind := _refused(path, head, form):
         findings.error(path.name, READ, *kind)
         return None
     if form.layout == "blocks":
@@ -102,8 +101,7 @@ def read_source_table(
 
 def _refused(path: Path, head: bytes, form: CsvFormat) -> tuple[str, str] | None:
     """Return the kind of an unsupported file, and advice; None for text."""
-    known = next((kind for magic, kind in REFUSED.items() if head.startswith(magic)), None)
-    if known:
+    if known := next((kind for magic, kind in REFUSED.items() if head.startswith(magic)), None):
         return known
     if head.startswith(b"PK\x03\x04"):
         office = path.suffix.lower() in (".xlsx", ".xlsm", ".ods")

@@ -122,8 +122,7 @@ def read_clock(
         notes += said
     for table, time_s in zip(tables, times, strict=True):
         _check_order(table, time_s, time, findings)
-    equal = sum(int((np.diff(part) == 0).sum()) for part in times)
-    if equal:
+    if equal := sum(int((np.diff(part) == 0).sum()) for part in times):
         notes.append(
             f"{time.place}: {equal} rows have the stamp of the previous row; they were spread evenly up to the "
             "next stamp"

@@ -34,8 +34,7 @@ LABELS: Final = tuple(name for name, column in COLUMNS.items() if column.of_pres
 
 def quantity_of(target: str) -> str:
     """Return the kind of quantity of a column; plain numbers for one without a unit."""
-    joint = JOINT.fullmatch(target)
-    if joint:
+    if joint := JOINT.fullmatch(target):
         return units.ANGLE if joint[1] == "q" else units.TORQUE
     by_name = next((kind for end, kind in _ENDS.items() if target.endswith(end)), units.NONE)
     return _KINDS.get(target, units.NONE if target in OPTIONAL else by_name)

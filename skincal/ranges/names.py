@@ -162,8 +162,7 @@ def expected_names(path: str) -> str:
             return f"one of {', '.join(_parameters_of(name))}"
         return f"skin.effects.NAME.PARAMETER with NAME one of {', '.join(EFFECTS)}"
     table = path.rpartition(".")[0]
-    siblings = [name.path for name in NAMES.values() if name.table == table]
-    if siblings:
+    if siblings := [name.path for name in NAMES.values() if name.table == table]:
         return f"one of {', '.join(siblings)}"
     return f"a parameter in one of the tables {', '.join(TABLES)}"
 

@@ -47,8 +47,7 @@ def _bound_problems(name: Name, parameter: Parameter, place: str) -> list[Proble
     for key, numbers in parameter.figures().items():
         if key == "sigma":
             continue
-        wrong = [number for number in as_tuple(numbers) if not name.least <= number <= name.most]
-        if wrong:
+        if wrong := [number for number in as_tuple(numbers) if not name.least <= number <= name.most]:
             expected = f"{name.least:g} to {name.most:g}" + (f" {name.unit}" if name.unit != "1" else "")
             fix = f"Is the unit {name.unit}?" if name.unit != "1" else ""
             found.append(Problem(f"{place}[{name.path}] {key}", expected, f"{wrong[0]:g}", fix))

@@ -120,8 +120,7 @@ def _draw_distribution(axes: Axes, result: FitResult, found: Residuals) -> None:
         line = "--" if colour == BLACK else "-"
         density = np.exp(-0.5 * (at / width) ** 2) / (width * np.sqrt(2 * np.pi))
         axes.plot(at, density, color=colour, linestyle=line, label=words)
-    outside = int((np.abs(values) > reach).sum())
-    if outside:
+    if outside := int((np.abs(values) > reach).sum()):
         axes.plot([], [], " ", label=f"{outside} beyond, in the outermost bars")
     axes.set(xlabel="simulated − measured [counts]", ylabel="density [1/count]")
     axes.margins(y=0.35)

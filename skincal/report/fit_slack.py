@@ -61,8 +61,7 @@ def slack_figure(result: FitResult, dataset: Dataset) -> Figure:
 
 def _name_presses(axes: Axes, names: list[str], points: Floats, keep_clear: Floats) -> None:
     """Write the numbers of the presses where there is room, and how many are missing."""
-    missing = name_points(axes, names, points, keep_clear=keep_clear)
-    if missing:
+    if missing := name_points(axes, names, points, keep_clear=keep_clear):
         words = f"{missing} number{'s' if missing > 1 else ''} left out for lack of room"
         axes.text(1.0, 1.0, words, transform=axes.transAxes, ha="right", va="bottom", fontsize=7, color=GREY)
 

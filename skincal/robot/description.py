@@ -154,8 +154,7 @@ def check_limits(description: HandDescription, *, beyond: bool = False) -> None:
         ("compliance_rad_per_nm", give, MOST_COMPLIANCE_RAD_PER_NM, "rad/(N m)"),
         ("max_force_n", np.array([description.max_force_n]), MOST_FORCE_N, "N"),
     )
-    problems = [_problem(description, *row) for row in rows if not beyond and _exceeds(row[1], row[2])]
-    if problems:
+    if problems := [_problem(description, *row) for row in rows if not beyond and _exceeds(row[1], row[2])]:
         raise InputError(problems)
 
 
