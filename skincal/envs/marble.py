@@ -21,10 +21,6 @@ class MarbleRollEnv(RollEnv):
     def _body(self, values: Values) -> Body:
         return Marble(number(values, "object.marble.radius_m"), number(values, "object.marble.mass_kg"))
 
-    def _place(self, values: Values, asked: EpisodeOptions) -> FloatArray:
-        del values, asked
-        return np.eye(3)
-
     def _duration_s(self, asked: EpisodeOptions) -> float:
         if asked.duration_s is None and isinstance(asked.trajectory, str) and asked.trajectory == "circle":
             return TO_SIDE_S + ROUND_S

@@ -67,10 +67,6 @@ class PelletSeparateEnv(RollEnv):
         self._count = drawn if asked is None else round(asked)
         return Marble(number(values, "object.marble.radius_m"), MASS_KG)
 
-    def _place(self, values: Values, asked: EpisodeOptions) -> FloatArray:
-        del values, asked
-        return np.eye(3)
-
     def _places(self, values: Values) -> list[FloatArray]:
         """Side by side along the finger, or in a triangle about the middle."""
         width = APART * number(values, "object.marble.radius_m")

@@ -132,9 +132,10 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """Return the initial position of each object (3,), from the middle between the tips, fingertip frame [m]."""
         return [array(values, f"object.{self.object_name}.position_m")]
 
-    @abstractmethod
     def _place(self, values: Values, asked: EpisodeOptions) -> FloatArray:
-        """Return how the object is turned at first (3, 3), in the fingertip's frame."""
+        """Return how the object is turned at first (3, 3), in the fingertip's frame; a ball is not."""
+        del values, asked
+        return np.eye(3)
 
     @abstractmethod
     def _plan(self, asked: EpisodeOptions, steps: int) -> FloatArray:
