@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest
 
 from skincal.model.arrays import BoolArray, FloatArray
 
@@ -241,6 +240,8 @@ def fare(runs: Runs) -> Fare:
     Args:
         runs: at least one of them held until 2 s or longer, or the error is NaN.
     """
+    from scipy.stats import binomtest  # takes a moment, and few evaluations predict
+
     errors = np.sort(settled_m(runs))
     errors = errors[np.isfinite(errors)]
     held, number = int((~runs.dropped).sum()), len(runs)
