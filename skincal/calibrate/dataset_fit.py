@@ -69,24 +69,9 @@ def calibrate(
     method: Method = "auto",
     progress: Progress = lambda _stage, _done, _total: None,
 ) -> Outcome:
-    """Fit the skin model to a dataset.
+    """Fit the skin model to a dataset; return the calibration with its fit.
 
-    Args:
-        dataset: a session.
-        options: settings; None for the defaults.
-        box: ranges to search; None for those of the dataset's ``[mount]``.
-        seed: of the draws.
-        workers: processes; None for one a core; or an open ``skincal.workers.processes.mapper``. The result does
-            not depend on it.
-        scheduler: address of a Dask scheduler whose workers are used instead; None: none.
-        checkpoint: folder that keeps what has been evaluated until the fit is done; None for none.
-        command: command line, for the provenance.
-        method: "fast" for tables and Gauss-Newton, where the surface looks the same everywhere; "nlopt" for the
-            skin model itself, on any geometry; "auto" for the fast one where it can be used.
-        progress: progress callback.
-
-    Returns:
-        The calibration with its fit.
+    What :func:`skincal.fit` takes means the same here; ``progress`` is called with stage, done and total.
 
     Raises:
         WorkError: the presses do not allow a fit; says why and what to do.

@@ -42,14 +42,7 @@ def import_rosbag(
 ) -> Imported:
     """Import ROS bags; needs the library rosbags (``pip install skincal[ros]``).
 
-    Args:
-        mapping: the mapping file, with a table ``[bag]``.
-        out: dataset to create.
-        bags: ROS 1 files or ROS 2 folders, in the order of the session; none: those that the mapping lists.
-        force: whether to replace an existing dataset.
-
-    Returns:
-        A report of what was read, written and left out.
+    As :func:`import_csv`, by a mapping with a table ``[bag]``; a bag is a ROS 1 file or a ROS 2 folder.
 
     Raises:
         InputError: the mapping or a bag is wrong; every violation is listed.
