@@ -22,6 +22,7 @@ from skincal.inference.press_table import STEP_M, Presses, PressTable, press_tab
 from skincal.inference.session import GapSession
 from skincal.model import (
     Converter,
+    Indenter,
     Patch,
     SensorPose,
     Skin,
@@ -41,7 +42,9 @@ BASE = ("y", "turn", "alpha", "elasticity", "scale", "rest")
 LAW = ("power", "blur", "radius")
 _STEP = {"y": 5e-5, "turn": 5e-5, "alpha": 0.06}
 _SOFT = 0.02
+_REFERENCE_M = 5e-4
 _POWER, _RADIUS = 0.1, 0.03
+"""Steps of a slope, and the distances of laws that tables are made for: between them the law is a line."""
 _ALIKE = 0.15
 """A table holds for logarithms of E as near as this."""
 _FAR_M = 1.2e-4
@@ -260,13 +263,10 @@ class Forward:
     def _table(
         self, skin: EffectSkin, felt: Samples, state: State, middle: FloatArray
     ) -> tuple[PressTable, FloatArray]:
-        laws = [
-            a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral
-        ]
         spread = [a for a in skin.effects if isinstance(a.effect, SpreadEffect) and not a.neutral]
-        law = (laws[-1].exponent, laws[-1].reference_m) if laws else None
+        law = _stress(skin, state)
         radii = tuple(i.radius_m if isinstance(i, Sphere) else id(i) for i in felt.indenters)
-        key = (law, spread[0].key if spread else None, radii, state.pose)
+        key = (law, _node(state.law)[2], spread[0].key if spread else None, radii, state.pose)
         if key in self._tables:
             before, places, table = self._tables[key]
             if abs(before.log_e - state.log_e) < _ALIKE:
@@ -296,18 +296,22 @@ class Forward:
         *,
         lattice: bool = True,
     ) -> PressTable:
-        laws = [
-            a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral
-        ]
         weights = None
         for a in skin.effects:
             if isinstance(a.effect, SpreadEffect) and not a.neutral:
                 weights = a.effect.weights(a.values, skin.skin.patch)
         rows = np.arange(self.presses) if rows is None else rows
         moved = self._measured.of(rows).moved(self.surface, places[rows])
-        e, law = float(np.exp(state.log_e)), laws[-1] if laws else None
+        things = _scaled(felt.indenters, 1 + _node(state.law)[2])
         return press_table(
-            skin.skin.patch, self.surface, felt.indenters, moved, e, law, weights, lattice=lattice
+            skin.skin.patch,
+            self.surface,
+            things,
+            moved,
+            float(np.exp(state.log_e)),
+            _stress(skin, state),
+            weights,
+            lattice=lattice,
         )
 
     def _force(self, felt: Samples, state: State) -> FloatArray:
@@ -318,39 +322,28 @@ class Forward:
     def _loads(self, table: PressTable, felt: Samples, state: State, at: FloatArray) -> FloatArray:
         e = float(np.exp(state.log_e))
         loads = e * table.at(self.row, self._force(felt, state) / e, at if at.any() else None)
-        if state.law.any():
-            loads = loads + self._law(state, felt) @ state.law
-        return loads
+        off = state.law - _node(state.law)
+        return loads + self._law(state, felt) @ off if off.any() else loads
 
     def _law(self, state: State, felt: Samples) -> FloatArray:
         """(K, J, 3) what the law's three numbers do to loads."""
         e, moves = float(np.exp(state.log_e)), state.move[:, :2]
+        node = _node(state.law)
         near = self._laws is not None and abs(self._laws[0].log_e - state.log_e) < _ALIKE
         if near and self._laws is not None:
             before = self._laws[0]
             near = (
                 self._near(before.pose, state.pose)
                 and np.nan_to_num(np.abs(before.move[:, :2] - moves)).mean() < _FAR_M
+                and bool((_node(before.law) == node).all())
             )
         if not near:
             plain = self.skin(state, {})
-            moved = self._measured.moved(self.surface, moves)
-            things = self.samples.indenters
-            wider = tuple(type(i)(i.radius_m * (1 + _RADIUS)) if isinstance(i, Sphere) else i for i in things)
-            self._laws = (
-                state,
-                self._make(plain, self.samples, state, moves),
-                press_table(
-                    plain.skin.patch,
-                    self.surface,
-                    things,
-                    moved,
-                    e,
-                    StressLaw(1 + _POWER, 5e-4),
-                    lattice=False,
-                ),
-                press_table(plain.skin.patch, self.surface, wider, moved, e, lattice=False),
-            )
+            at, made = replace(state, effects={}), list[PressTable]()
+            for more in (np.zeros(3), np.array([_POWER, 0, 0]), np.array([0, 0, _RADIUS])):
+                other = replace(at, law=node + more)
+                made.append(self._make(plain, self.samples, other, moves, lattice=not more.any()))
+            self._laws = (state, made[0], made[1], made[2])
         assert self._laws is not None
         _, base, bent, wide = self._laws
         x = self._force(felt, state) / e
@@ -461,6 +454,26 @@ class Forward:
             for x, step in ((moves[0], 2e-5), (moves[1], 2e-5), (more, h))
         ]
         return np.stack(parts, axis=-1)
+
+
+def _node(law: FloatArray) -> FloatArray:
+    """(3,) the law near by that tables are made for; spreading is a line everywhere."""
+    step = np.array([_POWER, np.inf, _RADIUS])
+    return np.where(np.isfinite(step), np.round(law / step) * np.where(np.isfinite(step), step, 0.0), 0.0)
+
+
+def _stress(skin: EffectSkin, state: State) -> StressLaw | None:
+    """How stress grows with penetration near a state's law, and by an effect; None: in proportion."""
+    own = [a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral]
+    power = float(_node(state.law)[0])
+    if own:
+        return replace(own[-1], exponent=own[-1].exponent + power)
+    return StressLaw(1 + power, _REFERENCE_M) if power else None
+
+
+def _scaled(things: tuple[Indenter, ...], by: float) -> tuple[Indenter, ...]:
+    """Balls of other radii."""
+    return tuple(type(i)(i.radius_m * by) if isinstance(i, Sphere) else i for i in things)
 
 
 def _early_part(effects: Effects) -> list[tuple[str, str, bytes]]:
