@@ -21,7 +21,7 @@ from skincal.model.arrays import FloatArray, IntArray
 NB = len(BASE) + len(LAW)
 _FORM, _STRENGTH = 0.5, 0.4
 """A step of an effect's number is no longer than this part of what is expected of it beforehand."""
-_LAW = 6.0
+_LAW = 3.0
 """The law's numbers are no farther from the foundation than so many standard deviations of what is known of them."""
 _MOST = np.array([1.5e-3, 1.5e-3, 0.12, 0.35, 0.35, 5.0])
 """A step of the base is no longer than this: metres, metres, radians, logarithms; of rest in noises."""

@@ -21,8 +21,8 @@ from skincal.inference.noise import Noise
 from skincal.inference.press_table import STEP_M, Presses, PressTable, press_table
 from skincal.inference.session import GapSession
 from skincal.model import (
+    ContactLaw,
     Converter,
-    Indenter,
     Patch,
     SensorPose,
     Skin,
@@ -42,9 +42,10 @@ BASE = ("y", "turn", "alpha", "elasticity", "scale", "rest")
 LAW = ("power", "blur", "radius")
 _STEP = {"y": 5e-5, "turn": 5e-5, "alpha": 0.06}
 _SOFT = 0.02
-_REFERENCE_M = 5e-4
 _POWER, _RADIUS = 0.1, 0.03
 """Steps of a slope, and the distances of laws that tables are made for: between them the law is a line."""
+BLUR_M2 = STEP_M**2 / 2
+"""Variance of a spreading of one: a state's number multiplies a quarter of the Laplacian over squared steps."""
 _ALIKE = 0.15
 """A table holds for logarithms of E as near as this."""
 _FAR_M = 1.2e-4
@@ -172,6 +173,13 @@ class Forward:
             rule=rule,
         )
 
+    def contact_law(self, numbers: FloatArray) -> ContactLaw:
+        """The contact law of a state's three numbers; E is that under the session's first ball."""
+        power, blur, radius = (float(x) for x in numbers)
+        first = self.samples.indenters[0]
+        own = first.radius_m if isinstance(first, Sphere) else 0.0
+        return ContactLaw(1 + power, blur * BLUR_M2, 1 + radius, reference_radius_m=own)
+
     # ------------------------------------------------------------------ what was measured
 
     def _presses(self) -> Presses:
@@ -264,9 +272,9 @@ class Forward:
         self, skin: EffectSkin, felt: Samples, state: State, middle: FloatArray
     ) -> tuple[PressTable, FloatArray]:
         spread = [a for a in skin.effects if isinstance(a.effect, SpreadEffect) and not a.neutral]
-        law = _stress(skin, state)
+        stress, law = _stress(skin), _node(state.law)
         radii = tuple(i.radius_m if isinstance(i, Sphere) else id(i) for i in felt.indenters)
-        key = (law, _node(state.law)[2], spread[0].key if spread else None, radii, state.pose)
+        key = (stress, *law.tolist(), spread[0].key if spread else None, radii, state.pose)
         if key in self._tables:
             before, places, table = self._tables[key]
             if abs(before.log_e - state.log_e) < _ALIKE:
@@ -302,17 +310,10 @@ class Forward:
                 weights = a.effect.weights(a.values, skin.skin.patch)
         rows = np.arange(self.presses) if rows is None else rows
         moved = self._measured.of(rows).moved(self.surface, places[rows])
-        things = _scaled(felt.indenters, 1 + _node(state.law)[2])
         return press_table(
-            skin.skin.patch,
-            self.surface,
-            things,
-            moved,
-            float(np.exp(state.log_e)),
-            _stress(skin, state),
-            weights,
-            lattice=lattice,
-        )
+            skin.skin.patch, self.surface, felt.indenters, moved, float(np.exp(state.log_e)), _stress(skin),
+            weights, contact=self.contact_law(_node(state.law)), lattice=lattice,
+        )  # fmt: skip
 
     def _force(self, felt: Samples, state: State) -> FloatArray:
         row = np.maximum(self.row, 0)
@@ -458,22 +459,13 @@ class Forward:
 
 def _node(law: FloatArray) -> FloatArray:
     """(3,) the law near by that tables are made for; spreading is a line everywhere."""
-    step = np.array([_POWER, np.inf, _RADIUS])
-    return np.where(np.isfinite(step), np.round(law / step) * np.where(np.isfinite(step), step, 0.0), 0.0)
+    return np.array([_POWER * round(law[0] / _POWER), 0.0, _RADIUS * round(law[2] / _RADIUS)])
 
 
-def _stress(skin: EffectSkin, state: State) -> StressLaw | None:
-    """How stress grows with penetration near a state's law, and by an effect; None: in proportion."""
+def _stress(skin: EffectSkin) -> StressLaw | None:
+    """How stress grows with penetration by an effect; None: in proportion."""
     own = [a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral]
-    power = float(_node(state.law)[0])
-    if own:
-        return replace(own[-1], exponent=own[-1].exponent + power)
-    return StressLaw(1 + power, _REFERENCE_M) if power else None
-
-
-def _scaled(things: tuple[Indenter, ...], by: float) -> tuple[Indenter, ...]:
-    """Balls of other radii."""
-    return tuple(type(i)(i.radius_m * by) if isinstance(i, Sphere) else i for i in things)
+    return own[-1] if own else None
 
 
 def _early_part(effects: Effects) -> list[tuple[str, str, bytes]]:

@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from skincal.model import (
+    ContactLaw,
     Contacts,
     FlatPunch,
     Indenter,
@@ -115,6 +116,7 @@ def press_table(
     law: StressLaw | None = None,
     weights: FloatArray | None = None,
     *,
+    contact: ContactLaw | None = None,
     lattice: bool = True,
 ) -> PressTable:
     """Works out a table.
@@ -125,7 +127,8 @@ def press_table(
         indenters: the things that press.
         presses: where.
         elasticity_pa_per_m: E, for the largest F / E.
-        law: how stress grows with penetration; None: in proportion.
+        law: how stress grows with penetration by an effect; None: in proportion.
+        contact: the contact law, of which spreading is left to the caller.
         weights: (N, J) how much of each point's load a taxel feels; None: what lies on it.
         lattice: whether slopes by the place are wanted.
     """
@@ -144,7 +147,9 @@ def press_table(
         presses if not any(p) else presses.moved(surface, np.tile(STEP_M * np.array(p), (len(most), 1)))
         for p in places
     ]
-    found = np.stack([_loads(patch, indenters, p, most, law, weights) for p in stack])
+    found = np.stack(
+        [_loads(patch, indenters, p, most, law, weights, contact or ContactLaw()) for p in stack]
+    )
     if not lattice:
         return PressTable(found, most)
     c, e, w, n, s, ne = found
@@ -186,18 +191,21 @@ def _loads(
     most: FloatArray,
     law: StressLaw | None,
     weights: FloatArray | None,
+    contact: ContactLaw,
 ) -> FloatArray:
+    law = contact.stress(law)
     share = (np.arange(NODES) / (NODES - 1)) ** 2
     out = np.zeros((len(most), NODES, patch.layout.taxels if weights is None else weights.shape[1]))
     power, reference = (1.0, 1.0) if law is None else (law.exponent, law.reference_m)
     own = np.zeros((0, 1)) if weights is None else np.ascontiguousarray(weights)
     for number, indenter in enumerate(indenters):
         rows = np.flatnonzero(presses.indenter == number)
+        stiff, indenter = contact.stiffness(indenter), contact.pressed_by(indenter)
         if isinstance(indenter, Sphere):
             centre = presses.points_m[rows] + indenter.radius_m * presses.normals[rows]
-            out[rows] = _balls(
+            out[rows] = stiff * _balls(
                 patch.points_m, patch.normals, patch.areas_m2, patch.taxel, own, centre, presses.normals[rows],
-                indenter.radius_m, most[rows], share, out.shape[2], power, reference,
+                indenter.radius_m, most[rows] / stiff, share, out.shape[2], power, reference,
             )  # fmt: skip
         elif len(rows):
             _cast(out, patch, indenter, presses, rows, most, law, weights)
