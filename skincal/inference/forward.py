@@ -46,6 +46,7 @@ _POWER, _RADIUS = 0.1, 0.03
 """Steps of a slope, and the distances of laws that tables are made for: between them the law is a line."""
 BLUR_M2 = STEP_M**2 / 2
 """Variance of a spreading of one: a state's number multiplies a quarter of the Laplacian over squared steps."""
+_ABOUT = 0.5 * np.array([[0.0, 0, 0], [-_POWER, 0, 0], [_POWER, 0, 0], [0, 0, -_RADIUS], [0, 0, _RADIUS]])
 _ALIKE = 0.15
 """A table holds for logarithms of E as near as this."""
 _FAR_M = 1.2e-4
@@ -151,7 +152,7 @@ class Forward:
         self._within = self._moves_within()
         self._patches: dict[SensorPose, Patch] = {}
         self._tables: dict[object, tuple[State, FloatArray, PressTable]] = {}
-        self._laws: tuple[State, PressTable, PressTable, PressTable] | None = None
+        self._laws: tuple[State, list[PressTable]] | None = None
 
     @property
     def rests_clipped(self) -> bool:
@@ -303,6 +304,7 @@ class Forward:
         rows: IntArray | None = None,
         *,
         lattice: bool = True,
+        near: bool = True,
     ) -> PressTable:
         weights = None
         for a in skin.effects:
@@ -312,7 +314,7 @@ class Forward:
         moved = self._measured.of(rows).moved(self.surface, places[rows])
         return press_table(
             skin.skin.patch, self.surface, felt.indenters, moved, float(np.exp(state.log_e)), _stress(skin),
-            weights, contact=self.contact_law(_node(state.law)), lattice=lattice,
+            weights, contact=self.contact_law(_node(state.law) if near else state.law), lattice=lattice,
         )  # fmt: skip
 
     def _force(self, felt: Samples, state: State) -> FloatArray:
@@ -341,21 +343,17 @@ class Forward:
         if not near:
             plain = self.skin(state, {})
             at, made = replace(state, effects={}), list[PressTable]()
-            for more in (np.zeros(3), np.array([_POWER, 0, 0]), np.array([0, 0, _RADIUS])):
+            for more in _ABOUT:
                 other = replace(at, law=node + more)
-                made.append(self._make(plain, self.samples, other, moves, lattice=not more.any()))
-            self._laws = (state, made[0], made[1], made[2])
+                made.append(self._make(plain, self.samples, other, moves, lattice=not more.any(), near=False))
+            self._laws = state, made
         assert self._laws is not None
-        _, base, bent, wide = self._laws
         x = self._force(felt, state) / e
-        own = base.at(self.row, x)
-        curved = PressTable((base.terms[3] + base.terms[4])[None] * STEP_M**2 / 2, base.most_m3)
-        parts = [
-            (bent.at(self.row, x) - own) * (e / _POWER),
-            curved.at(self.row, x) * e,
-            (wide.at(self.row, x) - own) * (e / _RADIUS),
-        ]
-        return np.stack(parts, axis=-1)
+        own, *ends = self._laws[1]
+        curved = PressTable((own.terms[3] + own.terms[4])[None] * STEP_M**2 / 2, own.most_m3)
+        less, more, small, wide = (table.at(self.row, x) for table in ends)
+        parts = [(more - less) / _POWER, curved.at(self.row, x), (wide - small) / _RADIUS]
+        return e * np.stack(parts, axis=-1)
 
     @staticmethod
     def _near(a: SensorPose, b: SensorPose) -> bool:

@@ -280,6 +280,7 @@ def _balls(
     out = np.zeros((count, nodes, taxels))
     n = len(points)
     gap, area, face, which = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64)
+    half_rise, met = np.zeros(n), np.empty(n)
     for c in range(count):
         ux, uy, uz = ups[c, 0], ups[c, 1], ups[c, 2]
         if not (np.isfinite(ux + centres[c, 0] + centres[c, 1] + centres[c, 2]) and most[c] > 0):
@@ -301,6 +302,13 @@ def _balls(
                 continue
             root = np.sqrt(half)
             gap[m], area[m], face[m], which[m] = -along - root, w, root / radius, i
+            if power != 1.0:
+                # How much the gap rises over half of a point's cell, outwards from the axis of the press.
+                aside = np.sqrt(max(away - along * along, 1e-18))
+                up = w / areas[i]
+                tilt = (normals[i, 0] * x + normals[i, 1] * y + normals[i, 2] * z - up * along) / (up * aside)
+                half_rise[m] = 0.5 * np.sqrt(w) * abs(aside / root + tilt)
+            met[m] = gap[m] - half_rise[m]
             first = min(first, gap[m])
             m += 1
         if m == 0:
@@ -315,7 +323,7 @@ def _balls(
             if carried >= most[c] or reach > 0.02:
                 break
             reach *= 1.5
-        order = _by_size(gap, m, first + reach)
+        order = _by_size(met, m, first + reach)
         if power == 1.0:
             heavy, moment = np.zeros(taxels), np.zeros(taxels)
             total, lever, at = 0.0, 0.0, 0
@@ -344,10 +352,18 @@ def _balls(
         for s in range(1, steps):
             level = first + reach * s / (steps - 1)
             for i in order:
-                e = level - gap[i]
-                if e <= 0:
+                e, rise = level - gap[i], half_rise[i]
+                if e <= -rise:
                     break
-                f = reference * (e / reference) ** power * area[i]
+                # The mean over the cell: a stress that begins steeply would jump with each point that is met.
+                if e > 8 * rise:
+                    mean = (e / reference) ** power
+                else:
+                    mean = ((e + rise) / reference) ** (power + 1)
+                    if e > rise:
+                        mean -= ((e - rise) / reference) ** (power + 1)
+                    mean *= reference / (2 * rise * (power + 1))
+                f = reference * mean * area[i]
                 carry[s] += f
                 f *= face[i]
                 if spread:
