@@ -279,6 +279,11 @@ def _balls(
     spread = weights.shape[0] > 0
     out = np.zeros((count, nodes, taxels))
     n = len(points)
+    # Powers of parts of the greatest depth, for points well inside: most of the time would go into powers.
+    knots = 0 if power == 1.0 else 512
+    inside = np.empty(knots + 2)
+    for k in range(len(inside)):
+        inside[k] = (k / max(knots, 1)) ** power
     gap, area, face, which = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64)
     half_rise, met = np.zeros(n), np.empty(n)
     for c in range(count):
@@ -348,6 +353,7 @@ def _balls(
             continue
         # Another law: loads at even depths, then brought to the nodes of F / E.
         steps = 2 * nodes
+        whole = reference * (reach / reference) ** power
         carry, own = np.zeros(steps), np.zeros((steps, taxels))
         for s in range(1, steps):
             level = first + reach * s / (steps - 1)
@@ -356,14 +362,17 @@ def _balls(
                 if e <= -rise:
                     break
                 # The mean over the cell: a stress that begins steeply would jump with each point that is met.
-                if e > 8 * rise:
-                    mean = (e / reference) ** power
+                u, v = e / reach, rise / reach
+                if u > 2 * v and u * knots > 8:
+                    k = int(u * knots)
+                    mean = inside[k] + (u * knots - k) * (inside[k + 1] - inside[k])
+                    mean *= 1 + power * (power - 1) / 6 * (v / u) ** 2
                 else:
-                    mean = ((e + rise) / reference) ** (power + 1)
-                    if e > rise:
-                        mean -= ((e - rise) / reference) ** (power + 1)
-                    mean *= reference / (2 * rise * (power + 1))
-                f = reference * mean * area[i]
+                    mean = (u + v) ** (power + 1)
+                    if u > v:
+                        mean -= (u - v) ** (power + 1)
+                    mean /= 2 * v * (power + 1)
+                f = whole * mean * area[i]
                 carry[s] += f
                 f *= face[i]
                 if spread:
