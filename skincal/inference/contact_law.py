@@ -22,10 +22,8 @@ from skincal.model.arrays import FloatArray, IntArray
 _WIDTH = 1.96
 
 
-def numbers_of(law: ContactLaw | None) -> FloatArray:
-    """A state's three numbers for a contact law; None for the foundation."""
-    if law is None:
-        return np.zeros(len(LAW))
+def numbers_of(law: ContactLaw) -> FloatArray:
+    """A state's three numbers for a contact law."""
     return np.array([law.exponent - 1, law.spread_m2 / BLUR_M2, law.radius_scale - 1])
 
 
