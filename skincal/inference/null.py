@@ -56,7 +56,7 @@ def law_residuals(fitter: Fitter, base: Fitted) -> dict[str, FloatArray]:
         mean, _ = f.noise.written(values + base.state.rest)
         counts = np.where(np.isfinite(fitter.counts), f.mean @ mean, np.nan)
         other = Fitter(f, counts, replace(fitter.before, weights=np.ones(counts.shape)))
-        fit = other.solve(replace(base.state, law=np.zeros(3), effects={}), steps=C.twin_steps)
+        fit = other.solve(replace(base.state, effects={}), steps=C.twin_steps)
         found[name] = np.nan_to_num(raw_residual(other, fit.state))
     return found
 
