@@ -308,11 +308,11 @@ def _balls(
             root = np.sqrt(half)
             gap[m], area[m], face[m], which[m] = -along - root, w, root / radius, i
             if power != 1.0:
-                # How much the gap rises over some of half a point's cell, outwards from the axis of the press.
+                # How much the gap rises over half of a point's cell, outwards from the axis of the press.
                 aside = np.sqrt(max(away - along * along, 1e-18))
                 up = w / areas[i]
                 tilt = (normals[i, 0] * x + normals[i, 1] * y + normals[i, 2] * z - up * along) / (up * aside)
-                half_rise[m] = 0.3 * np.sqrt(w) * abs(aside / root + tilt)
+                half_rise[m] = 0.5 * np.sqrt(w) * abs(aside / root + tilt)
             met[m] = gap[m] - half_rise[m]
             first = min(first, gap[m])
             m += 1

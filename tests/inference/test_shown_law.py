@@ -89,7 +89,7 @@ def test_a_skin_has_the_law_that_is_fitted(law: tuple[float, float, float]):
     other = replace(skin, skin=replace(skin.skin, contact=forward.contact_law(np.array(law))))
     change = other.values(forward.samples) - skin.values(forward.samples)
     # Tables take means over cells, the skin sums points.
-    assert np.sqrt(np.mean((change - fitted) ** 2)) < 0.02 + 0.05 * np.sqrt(np.mean(fitted**2))
+    assert np.sqrt(np.mean((change - fitted) ** 2)) < 0.04 + 0.05 * np.sqrt(np.mean(fitted**2))
 
 
 def test_it_is_added_where_the_data_show_it():
