@@ -14,7 +14,7 @@ import numpy as np
 
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import NB, Fitted, Fitter
-from skincal.inference.forward import BLUR_M2, LAW, Forward
+from skincal.inference.forward import BLUR_M2, LAW, LAW_WAYS, Forward
 from skincal.inference.score import Score, folds_of, held_out
 from skincal.model import ContactLaw
 from skincal.model.arrays import FloatArray, IntArray
@@ -24,13 +24,14 @@ _WIDTH = 1.96
 
 def numbers_of(law: ContactLaw) -> FloatArray:
     """A state's three numbers for a contact law."""
-    return np.array([law.exponent - 1, law.spread_m2 / BLUR_M2, law.radius_scale - 1])
+    return np.linalg.solve(LAW_WAYS, [law.exponent - 1, law.spread_m2 / BLUR_M2, law.radius_scale - 1])
 
 
 def law_ends(forward: Forward, numbers: FloatArray, covariance: FloatArray) -> tuple[ContactLaw, ContactLaw]:
     """Ends of 95 % intervals, of a state's numbers and the covariance (n, n) of its fit."""
-    sd = np.sqrt(np.diag(covariance)[NB - len(LAW) : NB])
-    return forward.contact_law(numbers - _WIDTH * sd), forward.contact_law(numbers + _WIDTH * sd)
+    own = slice(NB - len(LAW), NB)
+    reach = np.linalg.solve(LAW_WAYS, _WIDTH * np.sqrt(np.diag(LAW_WAYS @ covariance[own, own] @ LAW_WAYS.T)))
+    return forward.contact_law(numbers - reach), forward.contact_law(numbers + reach)
 
 
 def law_gain(fit: Fitted, folds: IntArray) -> Score:

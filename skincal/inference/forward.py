@@ -44,6 +44,9 @@ _STEP = {"y": 5e-5, "turn": 5e-5, "alpha": 0.06}
 _SOFT = 0.02
 _POWER, _RADIUS = 0.1, 0.03
 """Steps of a slope, and the distances of laws that tables are made for: between them the law is a line."""
+LAW_WAYS = np.array([[1.0, 0.0, 0.0], [-0.3, 1.0, 0.0], [-0.65, 0.0, 1.0]])
+"""What a state's numbers do to power, blur and radius. In layers from thin to thick these go together: a state has the
+power, and what blur and radius have beyond what goes with it (slopes of the twins' fits)."""
 BLUR_M2 = STEP_M**2 / 2
 """Variance of a spreading of one: a state's number multiplies a quarter of the Laplacian over squared steps."""
 _ABOUT = 0.5 * np.array([[0.0, 0, 0], [-_POWER, 0, 0], [_POWER, 0, 0], [0, 0, -_RADIUS], [0, 0, _RADIUS]])
@@ -62,7 +65,7 @@ class State:
         log_e: logarithm of E [Pa/m].
         log_s: logarithm of S [1/N]; (J,) where taxels have their own.
         rest: level that all taxels share [counts].
-        law: (3,) power of the stress less 1, blur, relative radius: what the contact law lacks, to first order.
+        law: (3,) power of the stress less 1, and blur and relative radius beyond what goes with it (``LAW_WAYS``).
         move: (P, 3) shift of each press across and along [m], and logarithm of its force.
         effects: beyond the base model.
     """
@@ -176,7 +179,10 @@ class Forward:
 
     def contact_law(self, numbers: FloatArray) -> ContactLaw:
         """The contact law of a state's three numbers; E is that under the session's first ball."""
-        power, blur, radius = (float(x) for x in numbers)
+        return self._contact_law(LAW_WAYS @ numbers)
+
+    def _contact_law(self, law: FloatArray) -> ContactLaw:
+        power, blur, radius = (float(x) for x in law)
         first = self.samples.indenters[0]
         own = first.radius_m if isinstance(first, Sphere) else 0.0
         return ContactLaw(1 + power, blur * BLUR_M2, 1 + radius, reference_radius_m=own)
@@ -273,7 +279,7 @@ class Forward:
         self, skin: EffectSkin, felt: Samples, state: State, middle: FloatArray
     ) -> tuple[PressTable, FloatArray]:
         spread = [a for a in skin.effects if isinstance(a.effect, SpreadEffect) and not a.neutral]
-        stress, law = _stress(skin), _node(state.law)
+        stress, law = _stress(skin), _node(state)
         radii = tuple(i.radius_m if isinstance(i, Sphere) else id(i) for i in felt.indenters)
         key = (stress, *law.tolist(), spread[0].key if spread else None, radii, state.pose)
         if key in self._tables:
@@ -304,7 +310,7 @@ class Forward:
         rows: IntArray | None = None,
         *,
         lattice: bool = True,
-        near: bool = True,
+        law: FloatArray | None = None,
     ) -> PressTable:
         weights = None
         for a in skin.effects:
@@ -314,7 +320,7 @@ class Forward:
         moved = self._measured.of(rows).moved(self.surface, places[rows])
         return press_table(
             skin.skin.patch, self.surface, felt.indenters, moved, float(np.exp(state.log_e)), _stress(skin),
-            weights, contact=self.contact_law(_node(state.law) if near else state.law), lattice=lattice,
+            weights, contact=self._contact_law(_node(state) if law is None else law), lattice=lattice,
         )  # fmt: skip
 
     def _force(self, felt: Samples, state: State) -> FloatArray:
@@ -325,27 +331,27 @@ class Forward:
     def _loads(self, table: PressTable, felt: Samples, state: State, at: FloatArray) -> FloatArray:
         e = float(np.exp(state.log_e))
         loads = e * table.at(self.row, self._force(felt, state) / e, at if at.any() else None)
-        off = state.law - _node(state.law)
+        off = LAW_WAYS @ state.law - _node(state)
         return loads + self._law(state, felt) @ off if off.any() else loads
 
     def _law(self, state: State, felt: Samples) -> FloatArray:
-        """(K, J, 3) what the law's three numbers do to loads."""
+        """(K, J, 3) what power, blur and radius of the law do to loads."""
         e, moves = float(np.exp(state.log_e)), state.move[:, :2]
-        node = _node(state.law)
+        node = _node(state)
         near = self._laws is not None and abs(self._laws[0].log_e - state.log_e) < _ALIKE
         if near and self._laws is not None:
             before = self._laws[0]
             near = (
                 self._near(before.pose, state.pose)
                 and np.nan_to_num(np.abs(before.move[:, :2] - moves)).mean() < _FAR_M
-                and bool((_node(before.law) == node).all())
+                and bool((_node(before) == node).all())
             )
         if not near:
             plain = self.skin(state, {})
             at, made = replace(state, effects={}), list[PressTable]()
             for more in _ABOUT:
-                other = replace(at, law=node + more)
-                made.append(self._make(plain, self.samples, other, moves, lattice=not more.any(), near=False))
+                lattice = not more.any()
+                made.append(self._make(plain, self.samples, at, moves, lattice=lattice, law=node + more))
             self._laws = state, made
         assert self._laws is not None
         x = self._force(felt, state) / e
@@ -418,7 +424,7 @@ class Forward:
         more = self._after(self.skin(replace(s, log_s=s.log_s + _SOFT)), seen.loads, seen.felt)
         out[..., 4] = (more - seen.values) / _SOFT
         out[..., 5] = 1.0
-        law = self._law(s, seen.felt)
+        law = self._law(s, seen.felt) @ LAW_WAYS
         for k in range(3):
             out[..., 6 + k] = self.with_loads(seen, 0.02 * law[..., k]) / 0.02
         return out
@@ -455,8 +461,9 @@ class Forward:
         return np.stack(parts, axis=-1)
 
 
-def _node(law: FloatArray) -> FloatArray:
-    """(3,) the law near by that tables are made for; spreading is a line everywhere."""
+def _node(state: State) -> FloatArray:
+    """(3,) power, blur and radius near by that tables are made for; spreading is a line everywhere."""
+    law = LAW_WAYS @ state.law
     return np.array([_POWER * round(law[0] / _POWER), 0.0, _RADIUS * round(law[2] / _RADIUS)])
 
 

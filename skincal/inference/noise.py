@@ -307,7 +307,7 @@ def _noise_at_rest(counts: FloatArray, second: FloatArray, noise: Noise) -> tupl
     middle = float(np.median(own))
     # Of taxels that scatter alike.
     scatter = 1.4826 * float(np.median(np.abs(own - middle)))
-    return float(np.exp(middle)), max(1.25 * scatter / np.sqrt(len(own)), 1e-3)
+    return float(np.exp(middle)), max(1.25 * scatter / float(np.sqrt(len(own))), 1e-3)
 
 
 def _robust(x: FloatArray, step: float = 0.0) -> float:
