@@ -17,14 +17,15 @@ from skincal.inference.fit import NB, Fitted, Fitter
 from skincal.inference.forward import BLUR_M2, LAW, LAW_WAYS, Forward
 from skincal.inference.score import Score, folds_of, held_out
 from skincal.model import ContactLaw
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.arrays import FloatArray, IntArray, as_floats
 
 _WIDTH = 1.96
 
 
 def numbers_of(law: ContactLaw) -> FloatArray:
     """A state's three numbers for a contact law."""
-    return np.linalg.solve(LAW_WAYS, [law.exponent - 1, law.spread_m2 / BLUR_M2, law.radius_scale - 1])
+    own = np.array([law.exponent - 1, law.spread_m2 / BLUR_M2, law.radius_scale - 1])
+    return as_floats(np.linalg.solve(LAW_WAYS, own))
 
 
 def law_ends(forward: Forward, numbers: FloatArray, covariance: FloatArray) -> tuple[ContactLaw, ContactLaw]:
