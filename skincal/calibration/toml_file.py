@@ -66,6 +66,9 @@ class _Law(Table):
     spread_m2: Annotated[float, Key("a number, -1e-6 to 1e-6", -1e-6, 1e-6)] = _NEUTRAL.spread_m2
     radius_scale: Annotated[float, Key("a number, 0.5 to 2", 0.5, 2.0)] = _NEUTRAL.radius_scale
     reference_m: Annotated[float, Key("a number, 1e-6 to 1e-2", 1e-6, 1e-2)] = _NEUTRAL.reference_m
+    reference_radius_m: Annotated[float, Key("0, or a radius, up to 0.1", 0.0, 0.1)] = (
+        _NEUTRAL.reference_radius_m
+    )
     intervals: Mapping[str, Ends] = field(default_factory=dict[str, Interval])
 
     def violations(self) -> Iterator[Violation]:

@@ -15,9 +15,9 @@ from skincal.dataset import Dataset, active_taxels
 from skincal.diagnosis.observed import Observed
 from skincal.fitting.fit_options import FitOptions
 from skincal.inference.columns import with_values
-from skincal.inference.contact_law import law_ends, law_of
+from skincal.inference.contact_law import law_ends
 from skincal.inference.fit import NB, Fitted, Fitter
-from skincal.inference.forward import State
+from skincal.inference.forward import Forward, State
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.version import __version__
 
@@ -101,10 +101,10 @@ def effect_intervals(
     }
 
 
-def fitted_law(fit: Fitted, covariance: FloatArray) -> FittedLaw:
+def fitted_law(forward: Forward, fit: Fitted, covariance: FloatArray) -> FittedLaw:
     """The contact law of a fit, with intervals, 95 %."""
-    low, high = law_ends(fit.state.law, covariance)
-    return FittedLaw(law_of(fit.state.law), {k: (getattr(low, k), getattr(high, k)) for k in LAW})
+    own, (low, high) = forward.contact_law(fit.state.law), law_ends(forward, fit.state.law, covariance)
+    return FittedLaw(own, {k: (getattr(low, k), getattr(high, k)) for k in LAW})
 
 
 def new_calibration(
@@ -163,7 +163,7 @@ def new_calibration(
     )
     return replace(
         calibration, model=model, intervals={k: v for k, v in intervals.items() if k in model.best()}, draws=drawn,
-        effects=tuple(effects), contact_law=fitted_law(fit, covariance) if law else None,
+        effects=tuple(effects), contact_law=fitted_law(observed.fitter.forward, fit, covariance) if law else None,
         provenance=provenance, grid=None, folder=None, loss=loss, slack=slack,
         findings=(*findings, LEFT) if unexplained else findings,
     )  # fmt: skip

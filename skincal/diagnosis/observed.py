@@ -24,7 +24,7 @@ from skincal.inference.fit import Beforehand, Fitter
 from skincal.inference.forward import Forward, State
 from skincal.inference.noise import Noise, clipped_at_rest, noise_of
 from skincal.inference.session import Binning, GapSession
-from skincal.model import Surface, TaxelLayout
+from skincal.model import ContactLaw, Surface, TaxelLayout
 from skincal.model.arrays import BoolArray, IntArray
 from skincal.model.patch import Rule
 from skincal.model.rest import rest_from_presses
@@ -229,10 +229,12 @@ def start_state(
     scale = np.asarray(own.scale_per_n)
     scale = np.maximum(scale, 1e-9 * scale.max())
     effects = {n: {k: np.asarray(v) for k, v in p.items()} for n, p in effects_of(calibration, poses).items()}
-    law = None if calibration.contact_law is None else calibration.contact_law.law
+    law = ContactLaw() if calibration.contact_law is None else calibration.contact_law.law
+    # Of a state E is that under the session's first ball.
+    e = own.elasticity_pa_per_m * law.stiffness(session.samples.indenters[0])
     return State(
         calibration.pose(),
-        float(np.log(own.elasticity_pa_per_m)),
+        float(np.log(e)),
         np.log(scale),
         rest,
         numbers_of(law),

@@ -72,7 +72,8 @@ class TactileSkin:
         """Begin an episode."""
         scale = np.maximum(number(values, "skin.scale_per_n") + array(values, "skin.scale_offset_per_n"), 0.0)
         parameters = SkinParameters(number(values, "skin.elasticity_pa_per_m"), scale)
-        law = ContactLaw(**{name: number(values, f"skin.contact_law.{name}") for name in LAW})
+        names = (*LAW, "reference_radius_m")
+        law = ContactLaw(**{name: number(values, f"skin.contact_law.{name}") for name in names})
         neutral = law == ContactLaw()
         self._skin = Skin(self._mould.at(pose), parameters, self._converter, contact=None if neutral else law)
         self._body = body

@@ -13,9 +13,11 @@ class Constants:
     image: float = 0.01  # P  relative error of a press's image, taxel by taxel: mounting, contact law, cells
     force: float = 0.02  # P  relative error of a press's force
     equation: float = 0.2  # P  relative error of an effect's equation in each phase of a press
-    law_power: float = 0.15  # M  how far the exponent of the stress lies from 1 that fits elastic layers
-    law_blur: float = 0.2  # M  the same of a spreading, in steps of a quarter of a millimetre, squared
-    law_radius: float = 0.05  # M  the same of the indenter's radius, relative
+    law_power: float = 0.22  # M  how far the exponent of the stress lies from 1 that fits elastic layers
+    law_blur: float = (
+        0.2  # M  the same of a spreading beyond that, in steps of a quarter of a millimetre, squared
+    )
+    law_radius: float = 0.06  # M  the same of the indenter's radius, relative
     law_scale: float = 0.012  # M  the same of the scale
     rest: float = 0.3  # P  how far the common level at rest is from what idle frames say, in noises
     huber: float = 8.0  # T  residuals beyond so many noises count in proportion

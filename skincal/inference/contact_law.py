@@ -14,34 +14,25 @@ import numpy as np
 
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import NB, Fitted, Fitter
-from skincal.inference.forward import LAW
-from skincal.inference.press_table import STEP_M
+from skincal.inference.forward import BLUR_M2, LAW, LAW_WAYS, Forward
 from skincal.inference.score import Score, folds_of, held_out
 from skincal.model import ContactLaw
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.arrays import FloatArray, IntArray, as_floats
 
 _WIDTH = 1.96
-_BLUR_M2 = STEP_M**2 / 2
-"""Variance of a spreading of one: a state's number multiplies a quarter of the Laplacian over squared steps."""
 
 
-def law_of(numbers: FloatArray) -> ContactLaw:
-    """The contact law of a state's three numbers."""
-    power, blur, radius = (float(x) for x in numbers)
-    return ContactLaw(1 + power, blur * _BLUR_M2, 1 + radius)
+def numbers_of(law: ContactLaw) -> FloatArray:
+    """A state's three numbers for a contact law."""
+    own = np.array([law.exponent - 1, law.spread_m2 / BLUR_M2, law.radius_scale - 1])
+    return as_floats(np.linalg.solve(LAW_WAYS, own))
 
 
-def numbers_of(law: ContactLaw | None) -> FloatArray:
-    """A state's three numbers for a contact law; None for the foundation."""
-    if law is None:
-        return np.zeros(len(LAW))
-    return np.array([law.exponent - 1, law.spread_m2 / _BLUR_M2, law.radius_scale - 1])
-
-
-def law_ends(numbers: FloatArray, covariance: FloatArray) -> tuple[ContactLaw, ContactLaw]:
+def law_ends(forward: Forward, numbers: FloatArray, covariance: FloatArray) -> tuple[ContactLaw, ContactLaw]:
     """Ends of 95 % intervals, of a state's numbers and the covariance (n, n) of its fit."""
-    sd = np.sqrt(np.diag(covariance)[NB - len(LAW) : NB])
-    return law_of(numbers - _WIDTH * sd), law_of(numbers + _WIDTH * sd)
+    own = slice(NB - len(LAW), NB)
+    reach = np.linalg.solve(LAW_WAYS, _WIDTH * np.sqrt(np.diag(LAW_WAYS @ covariance[own, own] @ LAW_WAYS.T)))
+    return forward.contact_law(numbers - reach), forward.contact_law(numbers + reach)
 
 
 def law_gain(fit: Fitted, folds: IntArray) -> Score:

@@ -26,6 +26,8 @@ from scipy import fft
 from scipy.ndimage import map_coordinates
 from scipy.optimize import brentq
 
+from skincal.model import StressLaw
+
 Floats = NDArray[np.float64]
 
 SETTLED = 1e-6
@@ -203,13 +205,17 @@ class Press:
         """(n, n) distance of sphere and surface at first touch, along the contact normal [m]."""
         return self._geometry[0]
 
-    def foundation_pa(self, elasticity_pa_per_m: float, force_n: float) -> Floats:
-        """What a taxel feels (n, n) [Pa] under an elastic foundation: pressure in proportion to the penetration."""
+    def foundation_pa(
+        self, elasticity_pa_per_m: float, force_n: float, law: StressLaw | None = None
+    ) -> Floats:
+        """What a taxel feels (n, n) [Pa] under an elastic foundation; without a law stress grows with penetration."""
+        law = law or StressLaw(1.0, 1.0)
         gap, cosine, facing = self._geometry
         near = np.where(np.isfinite(gap), gap, self.sphere_radius_m)
 
         def pressure(depth_m: float) -> Floats:
-            return elasticity_pa_per_m * np.maximum(depth_m - near, 0.0)
+            depth = np.maximum(depth_m - near, 0.0)
+            return elasticity_pa_per_m * law.reference_m * (depth / law.reference_m) ** law.exponent
 
         def missing(depth_m: float) -> float:
             return float((pressure(depth_m) * cosine).sum()) * self.spacing_m**2 - force_n

@@ -292,9 +292,9 @@ class Fitter:
         pose = moved_pose(self.forward.surface, s.pose, "y", own[0])
         pose = moved_pose(self.forward.surface, pose, "turn", own[1])
         pose = moved_pose(self.forward.surface, pose, "alpha", own[2])
-        law = np.clip(
-            s.law + own[6:NB], *(np.array([[-_LAW], [_LAW]]) * [C.law_power, C.law_blur, C.law_radius])
-        )
+        # The law is followed no farther than its prior is wide: about the foundation slopes say too much.
+        wide = np.array([C.law_power, C.law_blur, C.law_radius])
+        law = np.clip(s.law + np.clip(own[6:NB], -wide, wide), -_LAW * wide, _LAW * wide)
         effects = (
             with_values(
                 s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + own[NB : at.numbers]

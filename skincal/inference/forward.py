@@ -21,6 +21,7 @@ from skincal.inference.noise import Noise
 from skincal.inference.press_table import STEP_M, Presses, PressTable, press_table
 from skincal.inference.session import GapSession
 from skincal.model import (
+    ContactLaw,
     Converter,
     Patch,
     SensorPose,
@@ -42,6 +43,13 @@ LAW = ("power", "blur", "radius")
 _STEP = {"y": 5e-5, "turn": 5e-5, "alpha": 0.06}
 _SOFT = 0.02
 _POWER, _RADIUS = 0.1, 0.03
+"""Steps of a slope, and the distances of laws that tables are made for: between them the law is a line."""
+LAW_WAYS = np.array([[1.0, 0.0, 0.0], [-0.3, 1.0, 0.0], [-0.65, 0.0, 1.0]])
+"""What a state's numbers do to power, blur and radius. In layers from thin to thick these go together: a state has the
+power, and what blur and radius have beyond what goes with it (slopes of the twins' fits)."""
+BLUR_M2 = STEP_M**2 / 2
+"""Variance of a spreading of one: a state's number multiplies a quarter of the Laplacian over squared steps."""
+_ABOUT = 0.5 * np.array([[0.0, 0, 0], [-_POWER, 0, 0], [_POWER, 0, 0], [0, 0, -_RADIUS], [0, 0, _RADIUS]])
 _ALIKE = 0.15
 """A table holds for logarithms of E as near as this."""
 _FAR_M = 1.2e-4
@@ -57,7 +65,7 @@ class State:
         log_e: logarithm of E [Pa/m].
         log_s: logarithm of S [1/N]; (J,) where taxels have their own.
         rest: level that all taxels share [counts].
-        law: (3,) power of the stress less 1, blur, relative radius: what the contact law lacks, to first order.
+        law: (3,) power of the stress less 1, and blur and relative radius beyond what goes with it (``LAW_WAYS``).
         move: (P, 3) shift of each press across and along [m], and logarithm of its force.
         effects: beyond the base model.
     """
@@ -147,7 +155,7 @@ class Forward:
         self._within = self._moves_within()
         self._patches: dict[SensorPose, Patch] = {}
         self._tables: dict[object, tuple[State, FloatArray, PressTable]] = {}
-        self._laws: tuple[State, PressTable, PressTable, PressTable] | None = None
+        self._laws: tuple[State, list[PressTable]] | None = None
 
     @property
     def rests_clipped(self) -> bool:
@@ -168,6 +176,16 @@ class Forward:
             margin_m=margin,
             rule=rule,
         )
+
+    def contact_law(self, numbers: FloatArray) -> ContactLaw:
+        """The contact law of a state's three numbers; E is that under the session's first ball."""
+        return self._contact_law(LAW_WAYS @ numbers)
+
+    def _contact_law(self, law: FloatArray) -> ContactLaw:
+        power, blur, radius = (float(x) for x in law)
+        first = self.samples.indenters[0]
+        own = first.radius_m if isinstance(first, Sphere) else 0.0
+        return ContactLaw(1 + power, blur * BLUR_M2, 1 + radius, reference_radius_m=own)
 
     # ------------------------------------------------------------------ what was measured
 
@@ -260,13 +278,10 @@ class Forward:
     def _table(
         self, skin: EffectSkin, felt: Samples, state: State, middle: FloatArray
     ) -> tuple[PressTable, FloatArray]:
-        laws = [
-            a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral
-        ]
         spread = [a for a in skin.effects if isinstance(a.effect, SpreadEffect) and not a.neutral]
-        law = (laws[-1].exponent, laws[-1].reference_m) if laws else None
+        stress, law = _stress(skin), _node(state)
         radii = tuple(i.radius_m if isinstance(i, Sphere) else id(i) for i in felt.indenters)
-        key = (law, spread[0].key if spread else None, radii, state.pose)
+        key = (stress, *law.tolist(), spread[0].key if spread else None, radii, state.pose)
         if key in self._tables:
             before, places, table = self._tables[key]
             if abs(before.log_e - state.log_e) < _ALIKE:
@@ -295,20 +310,18 @@ class Forward:
         rows: IntArray | None = None,
         *,
         lattice: bool = True,
+        law: FloatArray | None = None,
     ) -> PressTable:
-        laws = [
-            a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral
-        ]
         weights = None
         for a in skin.effects:
             if isinstance(a.effect, SpreadEffect) and not a.neutral:
                 weights = a.effect.weights(a.values, skin.skin.patch)
         rows = np.arange(self.presses) if rows is None else rows
         moved = self._measured.of(rows).moved(self.surface, places[rows])
-        e, law = float(np.exp(state.log_e)), laws[-1] if laws else None
         return press_table(
-            skin.skin.patch, self.surface, felt.indenters, moved, e, law, weights, lattice=lattice
-        )
+            skin.skin.patch, self.surface, felt.indenters, moved, float(np.exp(state.log_e)), _stress(skin),
+            weights, contact=self._contact_law(_node(state) if law is None else law), lattice=lattice,
+        )  # fmt: skip
 
     def _force(self, felt: Samples, state: State) -> FloatArray:
         row = np.maximum(self.row, 0)
@@ -318,50 +331,35 @@ class Forward:
     def _loads(self, table: PressTable, felt: Samples, state: State, at: FloatArray) -> FloatArray:
         e = float(np.exp(state.log_e))
         loads = e * table.at(self.row, self._force(felt, state) / e, at if at.any() else None)
-        if state.law.any():
-            loads = loads + self._law(state, felt) @ state.law
-        return loads
+        off = LAW_WAYS @ state.law - _node(state)
+        return loads + self._law(state, felt) @ off if off.any() else loads
 
     def _law(self, state: State, felt: Samples) -> FloatArray:
-        """(K, J, 3) what the law's three numbers do to loads."""
+        """(K, J, 3) what power, blur and radius of the law do to loads."""
         e, moves = float(np.exp(state.log_e)), state.move[:, :2]
+        node = _node(state)
         near = self._laws is not None and abs(self._laws[0].log_e - state.log_e) < _ALIKE
         if near and self._laws is not None:
             before = self._laws[0]
             near = (
                 self._near(before.pose, state.pose)
                 and np.nan_to_num(np.abs(before.move[:, :2] - moves)).mean() < _FAR_M
+                and bool((_node(before) == node).all())
             )
         if not near:
             plain = self.skin(state, {})
-            moved = self._measured.moved(self.surface, moves)
-            things = self.samples.indenters
-            wider = tuple(type(i)(i.radius_m * (1 + _RADIUS)) if isinstance(i, Sphere) else i for i in things)
-            self._laws = (
-                state,
-                self._make(plain, self.samples, state, moves),
-                press_table(
-                    plain.skin.patch,
-                    self.surface,
-                    things,
-                    moved,
-                    e,
-                    StressLaw(1 + _POWER, 5e-4),
-                    lattice=False,
-                ),
-                press_table(plain.skin.patch, self.surface, wider, moved, e, lattice=False),
-            )
+            at, made = replace(state, effects={}), list[PressTable]()
+            for more in _ABOUT:
+                lattice = not more.any()
+                made.append(self._make(plain, self.samples, at, moves, lattice=lattice, law=node + more))
+            self._laws = state, made
         assert self._laws is not None
-        _, base, bent, wide = self._laws
         x = self._force(felt, state) / e
-        own = base.at(self.row, x)
-        curved = PressTable((base.terms[3] + base.terms[4])[None] * STEP_M**2 / 2, base.most_m3)
-        parts = [
-            (bent.at(self.row, x) - own) * (e / _POWER),
-            curved.at(self.row, x) * e,
-            (wide.at(self.row, x) - own) * (e / _RADIUS),
-        ]
-        return np.stack(parts, axis=-1)
+        own, *ends = self._laws[1]
+        curved = PressTable((own.terms[3] + own.terms[4])[None] * STEP_M**2 / 2, own.most_m3)
+        less, more, small, wide = (table.at(self.row, x) for table in ends)
+        parts = [(more - less) / _POWER, curved.at(self.row, x), (wide - small) / _RADIUS]
+        return e * np.stack(parts, axis=-1)
 
     @staticmethod
     def _near(a: SensorPose, b: SensorPose) -> bool:
@@ -426,7 +424,7 @@ class Forward:
         more = self._after(self.skin(replace(s, log_s=s.log_s + _SOFT)), seen.loads, seen.felt)
         out[..., 4] = (more - seen.values) / _SOFT
         out[..., 5] = 1.0
-        law = self._law(s, seen.felt)
+        law = self._law(s, seen.felt) @ LAW_WAYS
         for k in range(3):
             out[..., 6 + k] = self.with_loads(seen, 0.02 * law[..., k]) / 0.02
         return out
@@ -461,6 +459,18 @@ class Forward:
             for x, step in ((moves[0], 2e-5), (moves[1], 2e-5), (more, h))
         ]
         return np.stack(parts, axis=-1)
+
+
+def _node(state: State) -> FloatArray:
+    """(3,) power, blur and radius near by that tables are made for; spreading is a line everywhere."""
+    law = LAW_WAYS @ state.law
+    return np.array([_POWER * round(law[0] / _POWER), 0.0, _RADIUS * round(law[2] / _RADIUS)])
+
+
+def _stress(skin: EffectSkin) -> StressLaw | None:
+    """How stress grows with penetration by an effect; None: in proportion."""
+    own = [a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral]
+    return own[-1] if own else None
 
 
 def _early_part(effects: Effects) -> list[tuple[str, str, bytes]]:

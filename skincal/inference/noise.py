@@ -8,7 +8,7 @@ it, and what is expected is the mean over that spread, beside a variance that al
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +19,8 @@ from skincal.inference.rounded_frames import noise_of_rounded
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _NEAR, _FINE, _KNOTS = 8.0, 8.0, 4000
+_FEW_AT_REST, _SHARED = 100, 1.94
+"""Second differences of independent frames tell as much as so many times fewer of these: 1 + 2 (16 + 1) / 36."""
 _AWAY = 4
 """Rounds in which the noise, and how far from the bounds it is looked for, follow each other."""
 _NODES = np.linspace(-3.0, 3.0, 13)
@@ -39,7 +41,7 @@ class Noise:
         force_n: noise of the measured force of a frame [N].
         rest: level at rest that all taxels share [counts].
         origin: a value that is written; all others are whole steps from it [counts].
-        within: relative standard deviation of ``sigma`` as far as a coarse step leaves it open.
+        within: relative standard error of ``sigma``.
     """
 
     sigma: FloatArray
@@ -279,7 +281,33 @@ def noise_of(
         mine = quiet[:, j] if quiet[:, j].sum() > 50 else inside[:, j]
         if mine.sum() > 50 and (found := _robust(d[mine, j], step)) > 1.5 * np.sqrt(variance):
             own[j] = max(sigma_before_rounding(found**2, step), sigma)
-    return Noise(own, grows, step, low, high, noise_of_force, origin=origin)
+    noise = Noise(own, grows, step, low, high, noise_of_force, origin=origin)
+    if (rest >= 0).sum() < _FEW_AT_REST or noise.coarse:
+        return noise
+    # Frames at rest are many more, and tell the noise through the converter.
+    found, error = _noise_at_rest(counts[rest >= 0], idle[0], noise)
+    before = 1 / np.sqrt(2 * max(quiet.sum(), 1) / _SHARED)
+    weight = error**-2 / (error**-2 + before**-2)
+    change = float(np.exp(weight * np.log(found / noise.frame)))
+    return replace(noise, sigma=change * own, within=float((error**-2 + before**-2) ** -0.5))
+
+
+def _noise_at_rest(counts: FloatArray, second: FloatArray, noise: Noise) -> tuple[float, float]:
+    """Noise by mean (of frames) and scatter (of second differences) of each taxel at rest, and its relative error."""
+    mean, variance = np.nanmean(counts, axis=0), np.array([_robust(d[np.isfinite(d)]) ** 2 for d in second.T])
+    tried = noise.frame * np.geomspace(0.6, 1.6, 12)
+    seen = np.empty((len(tried), len(mean)))
+    for k, sigma in enumerate(tried):
+        one = replace(noise, sigma=np.full(len(mean), sigma))
+        x, written, _, _ = one._table
+        level = np.interp(mean, written, x) if len(x) else mean
+        inside = (mean > written[0]) & (mean < written[-1]) if len(x) else np.zeros(len(mean), dtype=bool)
+        seen[k] = one.variance(np.where(inside, level, mean)[None], np.ones(1))[0]
+    own = np.array([np.interp(v, s, np.log(tried)) for v, s in zip(variance, seen.T, strict=True)])
+    middle = float(np.median(own))
+    # Of taxels that scatter alike.
+    scatter = 1.4826 * float(np.median(np.abs(own - middle)))
+    return float(np.exp(middle)), max(1.25 * scatter / float(np.sqrt(len(own))), 1e-3)
 
 
 def _robust(x: FloatArray, step: float = 0.0) -> float:

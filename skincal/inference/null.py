@@ -56,7 +56,7 @@ def law_residuals(fitter: Fitter, base: Fitted) -> dict[str, FloatArray]:
         mean, _ = f.noise.written(values + base.state.rest)
         counts = np.where(np.isfinite(fitter.counts), f.mean @ mean, np.nan)
         other = Fitter(f, counts, replace(fitter.before, weights=np.ones(counts.shape)))
-        fit = other.solve(replace(base.state, law=np.zeros(3), effects={}), steps=C.twin_steps)
+        fit = other.solve(replace(base.state, effects={}), steps=C.twin_steps)
         found[name] = np.nan_to_num(raw_residual(other, fit.state))
     return found
 
@@ -66,17 +66,19 @@ def drawn_residuals(
 ) -> tuple[tuple[str, ...], FloatArray]:
     """Names of laws (S,), and residuals (N, J, S) of noise and law; nuisances are added where they go."""
     names = tuple(list(laws)[k % len(laws)] for k in range(sessions))
+    # The noise is known within its standard error.
+    times = 1 + fitter.forward.noise.within * rng.standard_normal(sessions)
     if fitter.forward.noise.coarse:
-        drawn = _on_stairs(fitter, base, rng, sessions)
+        drawn = _on_stairs(fitter, base, rng, times)
     else:
-        drawn = rng.standard_normal((*fitter.counts.shape, sessions), dtype=np.float32).astype(np.float64)
+        drawn = times * rng.standard_normal((*fitter.counts.shape, sessions), dtype=np.float32)
     for k, name in enumerate(names):
         drawn[..., k] += laws[name]
     # Without robust weights: noise that is Gaussian has none.
     return names, drawn * (np.isfinite(fitter.counts) * fitter.before.weights)[..., None]
 
 
-def _on_stairs(fitter: Fitter, base: Fitted, rng: np.random.Generator, sessions: int) -> FloatArray:
+def _on_stairs(fitter: Fitter, base: Fitted, rng: np.random.Generator, times: FloatArray) -> FloatArray:
     """Residuals (N, J, S) of counts in coarse steps, of levels within their spread, less what a line takes up."""
     f, noise, session = fitter.forward, fitter.forward.noise, fitter.forward.session
     level = f.mean @ (base.seen.values + base.state.rest)
@@ -85,9 +87,10 @@ def _on_stairs(fitter: Fitter, base: Fitted, rng: np.random.Generator, sessions:
     # All of a hold is at one level.
     group = np.where(session.held(), session.press, session.presses + np.arange(len(session)))
     _, group = np.unique(group, return_inverse=True)
+    sessions = len(times)
     off = spread[..., None] * rng.standard_normal((group.max() + 1, level.shape[1], sessions))[group]
     frames, total = np.maximum(np.rint(fitter.frames), 1), np.zeros_like(off)
-    sd = np.hypot(noise.sigma, noise.grows * np.maximum(level - noise.rest, 0.0))[..., None]
+    sd = np.hypot(noise.sigma, noise.grows * np.maximum(level - noise.rest, 0.0))[..., None] * times
     for k in range(int(frames.max())):
         rows = frames > k
         shape = (int(rows.sum()), *off.shape[1:])

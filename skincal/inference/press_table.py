@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from skincal.model import (
+    ContactLaw,
     Contacts,
     FlatPunch,
     Indenter,
@@ -115,6 +116,7 @@ def press_table(
     law: StressLaw | None = None,
     weights: FloatArray | None = None,
     *,
+    contact: ContactLaw | None = None,
     lattice: bool = True,
 ) -> PressTable:
     """Works out a table.
@@ -125,7 +127,8 @@ def press_table(
         indenters: the things that press.
         presses: where.
         elasticity_pa_per_m: E, for the largest F / E.
-        law: how stress grows with penetration; None: in proportion.
+        law: how stress grows with penetration by an effect; None: in proportion.
+        contact: the contact law, of which spreading is left to the caller.
         weights: (N, J) how much of each point's load a taxel feels; None: what lies on it.
         lattice: whether slopes by the place are wanted.
     """
@@ -144,7 +147,9 @@ def press_table(
         presses if not any(p) else presses.moved(surface, np.tile(STEP_M * np.array(p), (len(most), 1)))
         for p in places
     ]
-    found = np.stack([_loads(patch, indenters, p, most, law, weights) for p in stack])
+    found = np.stack(
+        [_loads(patch, indenters, p, most, law, weights, contact or ContactLaw()) for p in stack]
+    )
     if not lattice:
         return PressTable(found, most)
     c, e, w, n, s, ne = found
@@ -186,18 +191,21 @@ def _loads(
     most: FloatArray,
     law: StressLaw | None,
     weights: FloatArray | None,
+    contact: ContactLaw,
 ) -> FloatArray:
+    law = contact.stress(law)
     share = (np.arange(NODES) / (NODES - 1)) ** 2
     out = np.zeros((len(most), NODES, patch.layout.taxels if weights is None else weights.shape[1]))
     power, reference = (1.0, 1.0) if law is None else (law.exponent, law.reference_m)
     own = np.zeros((0, 1)) if weights is None else np.ascontiguousarray(weights)
     for number, indenter in enumerate(indenters):
         rows = np.flatnonzero(presses.indenter == number)
+        stiff, indenter = contact.stiffness(indenter), contact.pressed_by(indenter)
         if isinstance(indenter, Sphere):
             centre = presses.points_m[rows] + indenter.radius_m * presses.normals[rows]
-            out[rows] = _balls(
+            out[rows] = stiff * _balls(
                 patch.points_m, patch.normals, patch.areas_m2, patch.taxel, own, centre, presses.normals[rows],
-                indenter.radius_m, most[rows], share, out.shape[2], power, reference,
+                indenter.radius_m, most[rows] / stiff, share, out.shape[2], power, reference,
             )  # fmt: skip
         elif len(rows):
             _cast(out, patch, indenter, presses, rows, most, law, weights)
@@ -271,7 +279,13 @@ def _balls(
     spread = weights.shape[0] > 0
     out = np.zeros((count, nodes, taxels))
     n = len(points)
+    # Powers of parts of the greatest depth, for points well inside: most of the time would go into powers.
+    knots = 0 if power == 1.0 else 512
+    inside = np.empty(knots + 2)
+    for k in range(len(inside)):
+        inside[k] = (k / max(knots, 1)) ** power
     gap, area, face, which = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64)
+    half_rise, met = np.zeros(n), np.empty(n)
     for c in range(count):
         ux, uy, uz = ups[c, 0], ups[c, 1], ups[c, 2]
         if not (np.isfinite(ux + centres[c, 0] + centres[c, 1] + centres[c, 2]) and most[c] > 0):
@@ -293,6 +307,13 @@ def _balls(
                 continue
             root = np.sqrt(half)
             gap[m], area[m], face[m], which[m] = -along - root, w, root / radius, i
+            if power != 1.0:
+                # How much the gap rises over half of a point's cell, outwards from the axis of the press.
+                aside = np.sqrt(max(away - along * along, 1e-18))
+                up = w / areas[i]
+                tilt = (normals[i, 0] * x + normals[i, 1] * y + normals[i, 2] * z - up * along) / (up * aside)
+                half_rise[m] = 0.5 * np.sqrt(w) * abs(aside / root + tilt)
+            met[m] = gap[m] - half_rise[m]
             first = min(first, gap[m])
             m += 1
         if m == 0:
@@ -307,7 +328,7 @@ def _balls(
             if carried >= most[c] or reach > 0.02:
                 break
             reach *= 1.5
-        order = _by_size(gap, m, first + reach)
+        order = _by_size(met, m, first + reach)
         if power == 1.0:
             heavy, moment = np.zeros(taxels), np.zeros(taxels)
             total, lever, at = 0.0, 0.0, 0
@@ -332,14 +353,26 @@ def _balls(
             continue
         # Another law: loads at even depths, then brought to the nodes of F / E.
         steps = 2 * nodes
+        whole = reference * (reach / reference) ** power
         carry, own = np.zeros(steps), np.zeros((steps, taxels))
         for s in range(1, steps):
             level = first + reach * s / (steps - 1)
             for i in order:
-                e = level - gap[i]
-                if e <= 0:
+                e, rise = level - gap[i], half_rise[i]
+                if e <= -rise:
                     break
-                f = reference * (e / reference) ** power * area[i]
+                # The mean over the cell: a stress that begins steeply would jump with each point that is met.
+                u, v = e / reach, rise / reach
+                if u > 2 * v and u * knots > 8:
+                    k = int(u * knots)
+                    mean = inside[k] + (u * knots - k) * (inside[k + 1] - inside[k])
+                    mean *= 1 + power * (power - 1) / 6 * (v / u) ** 2
+                else:
+                    mean = (u + v) ** (power + 1)
+                    if u > v:
+                        mean -= (u - v) ** (power + 1)
+                    mean /= 2 * v * (power + 1)
+                f = whole * mean * area[i]
                 carry[s] += f
                 f *= face[i]
                 if spread:

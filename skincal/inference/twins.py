@@ -1,8 +1,8 @@
 """Twins: this session under other contact laws, with nothing hidden, for the null.
 
 Where balls press a cylinder or a plane, the twins are elastic layers of three thicknesses
-(:mod:`skincal.inference.elastic_layer`), as stiff as the fitted foundation under even pressure; the thickest is nearly
-a half-space. For other shapes they are foundations whose stress grows as another power of the penetration.
+(:mod:`skincal.inference.elastic_layer`), so stiff that a press spreads as far as under the fitted law; the thickest is
+nearly a half-space. For other shapes they are foundations whose stress grows as another power of the penetration.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy.interpolate import PchipInterpolator
 from skincal.inference.elastic_layer import ContactError, Layer, Press, SmallContactError
 from skincal.inference.forward import Forward, State
 from skincal.inference.press_table import NODES, Presses, PressTable, press_table
-from skincal.model import Patch, Sphere, StressLaw, Surface
+from skincal.model import ContactLaw, Patch, Sphere, StressLaw
 from skincal.model.arrays import FloatArray
 
 THICKNESSES_M = (1e-3, 3e-3, 10e-3)
@@ -32,8 +32,9 @@ def twin_values(forward: Forward, state: State) -> dict[str, FloatArray]:
     things = f.samples.indenters
     tables: dict[str, PressTable] = {}
     if f.surface.is_uniform and all(isinstance(i, Sphere) for i in things):
+        law = f.contact_law(state.law)
         for thick in THICKNESSES_M:
-            table = _layer_table(f, skin.skin.patch, f.surface, presses, e, thick)
+            table = _layer_table(f, skin.skin.patch, presses, e, law, thick)
             if table is not None:
                 tables[f"layer {1e3 * thick:g} mm"] = table
     if not tables:
@@ -46,8 +47,9 @@ def twin_values(forward: Forward, state: State) -> dict[str, FloatArray]:
 
 
 def _layer_table(
-    forward: Forward, patch: Patch, surface: Surface, presses: Presses, e: float, thick: float
+    forward: Forward, patch: Patch, presses: Presses, e: float, law: ContactLaw, thick: float
 ) -> PressTable | None:
+    surface = forward.surface
     felt = np.flatnonzero(patch.taxel >= 0)
     points, areas, taxel = patch.points_m[felt], patch.areas_m2[felt], patch.taxel[felt]
     arc, along = surface.unrolled(points)
@@ -65,7 +67,7 @@ def _layer_table(
         assert isinstance(ball, Sphere)
         press = Press(radius, ball.radius_m, _SPACING_M, min(_HALF_WIDTH_M, 0.98 * ball.radius_m))
         top = float(presses.most_n[rows].max())
-        stiff = e * (factor or _alike(press, e, 0.4 * top, thick))
+        stiff = e * (factor or _alike(press, e, law, 0.4 * top, thick))
         factor = factor or stiff / e
         solved = _solved(
             press, Layer.of_stiffness(stiff, thick, _POISSON), np.geomspace(0.01 * top, top, _FORCES)
@@ -86,14 +88,17 @@ def _layer_table(
     return PressTable(out, most)
 
 
-def _alike(press: Press, e: float, force_n: float, thick: float) -> float:
-    """How many times as stiff as the foundation a layer is whose press spreads as far."""
+def _alike(press: Press, e: float, law: ContactLaw, force_n: float, thick: float) -> float:
+    """How many times as stiff as the foundation a layer is whose press spreads as far as under the fitted law."""
 
     def width(felt: FloatArray) -> float:
         square = press.axis_m**2
         return float(np.sqrt((felt.sum(axis=1) @ square + felt.sum(axis=0) @ square) / felt.sum()))
 
-    wanted = width(press.foundation_pa(e, force_n))
+    ball = Sphere(press.sphere_radius_m)
+    fitted = replace(press, sphere_radius_m=law.radius_scale * ball.radius_m)
+    wanted = width(fitted.foundation_pa(e * law.stiffness(ball), force_n, law.stress(None)))
+    wanted = float(np.sqrt(max(wanted**2 + 2 * law.spread_m2, 0.25 * wanted**2)))
     low, high, factor = 0.05, 20.0, 1.0
     for _ in range(_TRIES):
         try:

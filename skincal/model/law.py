@@ -35,24 +35,34 @@ class ContactLaw:
     """Difference of the contact of a real skin from the elastic foundation, in three small numbers.
 
     Stress grows as a power of the penetration, the pressure reaches taxels spread sideways (or sharper, where the
-    variance is negative), and a ball presses as one of another radius does. To first order these are the ways in which
-    images of an elastic layer differ from those of a foundation (Johnson, Contact Mechanics, 1985, 4.3 and 5.8).
+    variance is negative), and a ball presses as one of another radius does. These are the ways in which images of an
+    elastic layer differ from those of a foundation (Johnson, Contact Mechanics, 1985, 4.3 and 5.8).
+
+    How stiff a layer is depends on the size a of the contact, as a^(2 (n - 1)): not at all for a thin one (n = 1), as
+    1 / a for a half-space (n = 1/2, Hertz). As a² grows as penetration times radius, stress grows with the radius of
+    the ball to the power n - 1 besides.
 
     Attributes:
         exponent: n of the :class:`StressLaw`.
         spread_m2: variance of the spreading along each axis [m²].
         radius_scale: radius that a ball seems to have, over its own.
         reference_m: eps_0 of the :class:`StressLaw` [m].
+        reference_radius_m: radius of the ball that E belongs to [m]; 0: stress does not depend on what presses.
     """
 
     exponent: float = 1.0
     spread_m2: float = 0.0
     radius_scale: float = 1.0
     reference_m: float = 5e-4
+    reference_radius_m: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("exponent", "radius_scale", "reference_m"):
             object.__setattr__(self, name, positive(f"contact law {name}", getattr(self, name)))
+        if not (isfinite(self.reference_radius_m) and self.reference_radius_m >= 0):
+            raise ValueError(
+                f"contact law reference_radius_m: expected 0 or a radius [m]; got {self.reference_radius_m}"
+            )
         if not isfinite(self.spread_m2):
             raise ValueError(f"contact law spread_m2: expected a finite number; got {self.spread_m2}")
 
@@ -63,6 +73,12 @@ class ContactLaw:
         if law is None:
             return StressLaw(self.exponent, self.reference_m)
         return StressLaw(law.exponent + self.exponent - 1, law.reference_m)
+
+    def stiffness(self, indenter: Indenter) -> float:
+        """Return E under an indenter over that under the ball that it belongs to."""
+        if not self.reference_radius_m or not isinstance(indenter, Sphere):
+            return 1.0
+        return (indenter.radius_m / self.reference_radius_m) ** (self.exponent - 1)
 
     def pressed_by(self, indenter: Indenter) -> Indenter:
         """Return the indenter that presses on the foundation as this one does on the skin."""

@@ -125,10 +125,11 @@ class Skin:
         self, indenter: Indenter, contacts: Contacts, entries: Entries | None = None
     ) -> tuple[FloatArray, FloatArray]:
         """Press under the contact law; see :func:`skincal.model.press.call.press`."""
-        law = self.law
+        law, elasticity = self.law, self.parameters.elasticity_pa_per_m
         if self.contact is not None:
+            elasticity *= self.contact.stiffness(indenter)
             indenter, law = self.contact.pressed_by(indenter), self.contact.stress(law)
-        return press(self.patch, self.parameters.elasticity_pa_per_m, indenter, contacts, law, entries)
+        return press(self.patch, elasticity, indenter, contacts, law, entries)
 
     def _loads(self, indenter: Indenter, contacts: Contacts, *refused: Status) -> FloatArray:
         loads, info = self._press(indenter, contacts)

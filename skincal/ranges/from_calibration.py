@@ -223,6 +223,8 @@ def _contact_law(calibration: Calibration) -> dict[str, Parameter]:
             if known
             else Parameter.constant(value, source="calibrated")
         )
+    if size := fitted.law.reference_radius_m:
+        found["skin.contact_law.reference_radius_m"] = Parameter.constant(size, source="calibrated")
     return found
 
 

@@ -120,6 +120,9 @@ _SKIN: Final = (
         0.5,
         2.0,
     ),
+    Name(
+        "skin.contact_law.reference_radius_m", "m", "scalar", "radius of the ball that E belongs to", 0.0, 0.1
+    ),
 )
 
 NAMES: Final[dict[str, Name]] = {

@@ -17,11 +17,13 @@ from skincal.diagnosis.diagnosis import Diagnosis
 from skincal.diagnosis.observed import observe
 from skincal.diagnosis.summary import summary
 from skincal.diagnosis.workflow import diagnose
-from skincal.inference.contact_law import law_of, numbers_of
+from skincal.inference.contact_law import numbers_of
+from skincal.inference.fit import Fitter
 from skincal.model import ContactLaw
 from skincal.prediction import predict_dataset
 
-LAW = ContactLaw(exponent=1.2, radius_scale=1.03)
+LAW = ContactLaw(exponent=0.75, radius_scale=1.1)
+"""About that of a layer of some millimetres."""
 
 
 def with_law(presses: int = 24) -> Dataset:
@@ -53,25 +55,41 @@ def found() -> Diagnosis:
     return diagnose(data, cal, seed=1)
 
 
+@cache
+def fitter() -> Fitter:
+    """Of a few presses, with a start."""
+    data = made(presses=6)
+    cal = replace(calibration(), sensor=data.meta.sensor)
+    return observe(data, cal, np.random.default_rng(0), keep=False).fitter
+
+
 def test_numbers_of_a_state_and_a_law_are_the_same():
     numbers = np.array([0.12, -0.3, 0.04])
-    assert numbers_of(law_of(numbers)) == pytest.approx(numbers)
-    assert numbers_of(None).tolist() == [0, 0, 0]
-    assert law_of(np.zeros(3)) == ContactLaw()
+    assert numbers_of(fitter().forward.contact_law(numbers)) == pytest.approx(numbers)
+    assert numbers_of(ContactLaw()).tolist() == [0, 0, 0]
+    assert fitter().forward.contact_law(np.zeros(3)).reference_radius_m == calibration().indenter.radius_m
 
 
-@pytest.mark.parametrize("law", [(0.1, 0, 0), (0, 0.3, 0), (0, -0.3, 0), (0, 0, 0.04), (0.1, -0.2, 0.03)])
+@pytest.mark.parametrize(
+    "law",
+    [
+        (0.1, 0, 0),
+        (0, 0.3, 0),
+        (0, -0.3, 0),
+        (0, 0, 0.04),
+        (0.1, -0.2, 0.03),
+        (-0.48, 0.1, 0.3),
+        (0.4, 0, -0.2),
+    ],
+)
 def test_a_skin_has_the_law_that_is_fitted(law: tuple[float, float, float]):
-    data = made(presses=6)
-    fitter = observe(
-        data, replace(calibration(), sensor=data.meta.sensor), np.random.default_rng(0), keep=False
-    ).fitter
-    forward, state = fitter.forward, fitter.before.start
+    forward, state = fitter().forward, fitter().before.start
     fitted = forward.see(replace(state, law=np.array(law, dtype=float))).values - forward.see(state).values
     skin = forward.skin(state)
-    other = replace(skin, skin=replace(skin.skin, contact=law_of(np.array(law))))
+    other = replace(skin, skin=replace(skin.skin, contact=forward.contact_law(np.array(law))))
     change = other.values(forward.samples) - skin.values(forward.samples)
-    assert np.sqrt(np.mean((change - fitted) ** 2)) < 0.15 * np.sqrt(np.mean(fitted**2))
+    # Tables take means over cells, the skin sums points.
+    assert np.sqrt(np.mean((change - fitted) ** 2)) < 0.04 + 0.05 * np.sqrt(np.mean(fitted**2))
 
 
 def test_it_is_added_where_the_data_show_it():
@@ -80,7 +98,7 @@ def test_it_is_added_where_the_data_show_it():
     law = d.calibration.contact_law
     assert law is not None
     low, high = law.intervals["exponent"]
-    assert 1.0 < low < law.law.exponent < high
+    assert low < law.law.exponent < high < 1.0
     assert low < LAW.exponent < high
     said = summary(d)["contact_law"]
     assert said["exponent"] == law.law.exponent and said["intervals"]["exponent"] == (low, high)

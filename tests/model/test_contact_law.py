@@ -9,7 +9,17 @@ import pytest
 from effects.effect_sessions import BASE, FINGER, contacts_at
 
 from skincal.effects import EffectSkin, Samples
-from skincal.model import ContactLaw, FlatPunch, Patch, SensorPose, Skin, Sphere, StressLaw
+from skincal.model import (
+    ContactLaw,
+    Contacts,
+    FlatPunch,
+    Patch,
+    Plane,
+    SensorPose,
+    Skin,
+    Sphere,
+    StressLaw,
+)
 
 SKIN = BASE.skin
 BALL = Sphere(0.006)
@@ -71,3 +81,24 @@ def test_a_law_adds_to_the_spread_of_a_cover():
     assert both == pytest.approx(
         values(law, {}) + values(None, covered) - 2 * own, abs=0.05 * np.abs(both).max()
     )
+
+
+def test_the_exponent_of_a_half_space_presses_in_as_hertz_says():
+    """On a plane penetration is (9 F² / (16 E*² R))^(1/3): Johnson, Contact Mechanics, 1985, equation 4.23."""
+    flat = Skin(Patch.build(Plane(), SKIN.patch.layout, SensorPose(0.0, 0.0), 1e-4, 6e-3), SKIN.parameters)
+    skin = replace(flat, contact=ContactLaw(exponent=0.5, reference_radius_m=0.006))
+    depth = {}
+    for radius in (0.004, 0.006, 0.009):
+        for force in (0.3, 0.6):
+            at = Contacts(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.array([force]))
+            depth[radius, force] = float(skin.respond(Sphere(radius), at).penetration_m[0])
+    one = depth[0.006, 0.3]
+    for (radius, force), own in depth.items():
+        assert own / one == pytest.approx(((force / 0.3) ** 2 * 0.006 / radius) ** (1 / 3), rel=0.02)
+
+
+def test_what_is_no_ball_is_as_stiff_as_ever():
+    law = ContactLaw(exponent=0.5, reference_radius_m=0.006)
+    assert law.stiffness(FlatPunch(0.004)) == 1.0
+    assert ContactLaw(exponent=0.5).stiffness(Sphere(0.004)) == 1.0
+    assert law.stiffness(Sphere(0.006)) == pytest.approx(1.0)
