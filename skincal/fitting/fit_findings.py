@@ -21,6 +21,11 @@ MOST_NAMED = 6
 AT_BOUND = 0.01
 """Part of the presses that lies beyond a bound of two and a half sigmas, as a bound should be at least."""
 
+MISFIT_TIMES = 3.0
+"""Images that differ by so many times the noise lack something. Of 21 sessions with nothing hidden on sensors of many
+kinds, elastic layers and noise that grows with load among them, and the largest misfits of 250 such, the most was 1.3;
+with readings that dropped out 4, with a crosstalk of 3 to 8 % 15 to 26."""
+
 _NAMES = {
     "across_m": "position across (beta)",
     "y_m": "y",
@@ -141,14 +146,31 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
         )
 
 
+def scatter_of_lit(result: FitResult) -> tuple[float, float]:
+    """Return by how much readings of pressed taxels differ from the model, and their noise alone, rms [counts].
+
+    Both as the fit estimated them: the first with the misfit, which grows with the signal; the second of untouched
+    taxels.
+    """
+    problem, sigmas = result.problem, result.sigmas
+    readings, rows = problem.observation, np.arange(len(problem))
+    lit = problem.lit & problem.used
+    squares = readings.variance(
+        np.full(len(rows), sigmas.noise_counts), np.full(len(rows), sigmas.misfit), rows
+    )[lit]
+    noise = (readings.share * problem.noise_sigma_counts)[lit]
+    return float(np.sqrt(squares.mean())), float(np.sqrt((noise**2).mean()))
+
+
 def _misfit(result: FitResult) -> Iterator[FitFinding]:
-    floor, found = result.problem.noise_sigma_counts, result.sigmas.noise_counts
+    found, noise = scatter_of_lit(result)
     bad = int((~result.presses.good).sum())
-    if found > 3.0 * floor:
+    if found > MISFIT_TIMES * noise:
         yield _warn(
             "misfit",
-            f"Images differ by {found:.3g} counts where noise explains {floor:.3g}: the base model lacks something.",
-            "The intervals are widened for it. `skincal diagnose` looks for what is missing.",
+            f"Where taxels are pressed images differ by {found:.3g} counts, and noise explains {noise:.3g}: the base "
+            "model lacks something. Pose, E and S may take it up, and lie outside of their intervals.",
+            "Run `skincal diagnose` before you use them: it looks for what is missing, and fits them anew beside it.",
         )
     if bad:
         text = f"{bad} of {len(result.problem)} presses fit clearly worse than the rest."
@@ -179,15 +201,6 @@ def _lost(result: FitResult) -> Iterator[FitFinding]:
             f"{lost.sum()} readings of {lost.any(axis=1).sum()} presses are far below what the rest of their images "
             "agrees on, and were left out: a taxel dropped out there.",
             "Look at the connection of the sensor; read each taxel again where it fails.",
-        )
-    above = problem.observed.impossible
-    if above.any():
-        yield FitFinding(
-            "impossible_readings",
-            "info",
-            f"{above.sum()} readings of {above.any(axis=1).sum()} presses are far above what any load gives, with "
-            "nothing between, and were left out: a taxel dropped out to full scale there.",
-            "Look at the connection of the sensor; leave such words empty where they are read.",
         )
 
 
