@@ -10,6 +10,7 @@ from scipy.special import bdtrc
 
 from skincal.fitting.problem import FEW_PRESSES
 from skincal.fitting.result import FEWEST_DRAWS, FitFinding, FitResult
+from skincal.fitting.sigmas import MISFIT
 from skincal.fitting.valley import POSE, at_one_place, extent_m
 
 BENT = 0.4
@@ -22,9 +23,9 @@ AT_BOUND = 0.01
 """Part of the presses that lies beyond a bound of two and a half sigmas, as a bound should be at least."""
 
 MISFIT_TIMES = 3.0
-"""Images that differ by so many times the noise lack something. Of 21 sessions with nothing hidden on sensors of many
-kinds, elastic layers and noise that grows with load among them, and the largest misfits of 250 such, the most was 1.3;
-with readings that dropped out 4, with a crosstalk of 3 to 8 % 15 to 26."""
+"""Images that differ by so many times what is expected lack something; set by eye. Over the noise alone they differ by
+1.3 times at most in 20 sessions with nothing hidden, elastic layers and noise that grows with load among them; by 4 in
+one with readings that dropped out, and by 15 to 26 with a crosstalk of 3 to 8 %."""
 
 _NAMES = {
     "across_m": "position across (beta)",
@@ -147,10 +148,10 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
 
 
 def scatter_of_lit(result: FitResult) -> tuple[float, float]:
-    """Return by how much readings of pressed taxels differ from the model, and their noise alone, rms [counts].
+    """Return by how much readings of pressed taxels differ from the model, and what was expected, rms [counts].
 
-    Both as the fit estimated them: the first with the misfit, which grows with the signal; the second of untouched
-    taxels.
+    The first is what the fit found, with the misfit, which grows with the signal. The second has the noise of untouched
+    taxels, and of the signal what is expected of a good model, as in a diagnosis: one percent.
     """
     problem, sigmas = result.problem, result.sigmas
     readings, rows = problem.observation, np.arange(len(problem))
@@ -158,8 +159,8 @@ def scatter_of_lit(result: FitResult) -> tuple[float, float]:
     squares = readings.variance(
         np.full(len(rows), sigmas.noise_counts), np.full(len(rows), sigmas.misfit), rows
     )[lit]
-    noise = (readings.share * problem.noise_sigma_counts)[lit]
-    return float(np.sqrt(squares.mean())), float(np.sqrt((noise**2).mean()))
+    noise, image = (readings.share * problem.noise_sigma_counts)[lit], MISFIT * readings.signal[lit]
+    return float(np.sqrt(squares.mean())), float(np.sqrt((noise**2 + image**2).mean()))
 
 
 def _misfit(result: FitResult) -> Iterator[FitFinding]:
@@ -168,8 +169,9 @@ def _misfit(result: FitResult) -> Iterator[FitFinding]:
     if found > MISFIT_TIMES * noise:
         yield _warn(
             "misfit",
-            f"Where taxels are pressed images differ by {found:.3g} counts, and noise explains {noise:.3g}: the base "
-            "model lacks something. Pose, E and S may take it up, and lie outside of their intervals.",
+            f"Where taxels are pressed images differ by {found:.3g} counts, and noise and 1 % of the signal explain "
+            f"{noise:.3g}: the base model lacks something. Pose, E and S may take it up, and lie outside of their "
+            "intervals.",
             "Run `skincal diagnose` before you use them: it looks for what is missing, and fits them anew beside it.",
         )
     if bad:
