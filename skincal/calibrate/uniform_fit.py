@@ -12,7 +12,7 @@ from skincal.calibrate.problem import search_box
 from skincal.calibration import MARGIN_M, Calibration, Finding, Loss, ModelParameters, Provenance
 from skincal.dataset import Dataset, idle_means
 from skincal.dataset.refusal import refusal
-from skincal.dataset.uniform_pressure import UNIFORM, at_centre
+from skincal.dataset.uniform_pressure import UNIFORM, at_centre, levels_by_lines
 from skincal.fitting.observe import Readout, observe
 from skincal.fitting.problem import active_threshold
 from skincal.fitting.types import Bools, Floats
@@ -79,9 +79,8 @@ def calibrate_uniform(
     rest = idle_means(dataset)
     rest_known = rest is not None
     if rest is None:
-        # Without frames at rest the lowest pressure has to do: a line need not meet the origin.
-        rest = np.min(np.where(np.isfinite(presses.counts), presses.counts, np.inf), axis=0)
-        rest = np.where(np.isfinite(rest), rest, np.nan)
+        # A level near the right one has to do: lines need not meet the origin.
+        rest = levels_by_lines(dataset)
     seen = observe(presses.counts, readout, rest)
     if active_counts is None:
         active_counts = active_threshold(seen, readout, untouched=False)
@@ -108,6 +107,7 @@ def calibrate_uniform(
             one.model,
             scale_per_n=scales.common_per_n,
             scale_per_taxel_per_n=tuple(scales.scale_per_n.tolist()),
+            rest_counts=None if readout.rest_subtracted else _rest(rest, scales, rest_known=rest_known),
         ),
         intervals={**one.intervals, "scale_per_n": (float(low), float(high))},
         loss=loss,
@@ -115,6 +115,12 @@ def calibrate_uniform(
         findings=_findings(scales, dataset),
     )
     return UniformOutcome(calibration, scales, loads, seen.values, use)
+
+
+def _rest(level: Floats, scales: Scales, *, rest_known: bool) -> float:
+    """Return the level at rest that taxels share [counts]; one that was not seen is where their lines meet no load."""
+    own = level if rest_known else level + scales.offset_counts
+    return float(np.median(own[scales.told & np.isfinite(own)]))
 
 
 def _assumed(dataset: Dataset) -> Calibration:
@@ -136,7 +142,7 @@ def _loads(one: Calibration, dataset: Dataset) -> Floats:
     skin = one.base_skin(float(one.layout().sizes_m.min()) / 2)
     points = one.surface_model().project(placed.presses.position_m)
     contacts = Contacts(points, one.surface_model().normal_at(points), placed.presses.force_n)
-    return skin.loads(dataset.indenter(), contacts)
+    return skin.loads(placed.indenter(), contacts)
 
 
 def _findings(scales: Scales, dataset: Dataset) -> tuple[Finding, ...]:

@@ -12,6 +12,7 @@ from skincal.dataset.companions import read_meshes, read_positions
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
 from skincal.dataset.frame_table import frames_from
+from skincal.dataset.impossible import without_impossible
 from skincal.dataset.meta_file import FILE, dataset_hash, read_meta
 from skincal.dataset.plausibility import check_plausible, check_scale
 from skincal.dataset.press_table import presses_from
@@ -95,6 +96,7 @@ def _read(folder: Path, findings: Findings) -> Dataset | None:
         check_plausible(dataset, files, findings)
     if findings.errors:
         return None
+    dataset = without_impossible(dataset, press_table.sheet)
     add_remarks(dataset, press_table.sheet, findings)
     return replace(dataset, sha256=dataset_hash(folder), warnings=tuple(findings.warnings))
 

@@ -225,6 +225,21 @@ class Frames(_Table):
         """Return the counts (n, J) of some rows (n,), without loading all of them."""
         return np.stack([column[rows] for column in self.taxel_columns()], axis=1)
 
+    def below(self, limit: FloatArray) -> Self:
+        """Return the same frames with readings from ``limit`` (J,) on empty; columns stored in a file stay there."""
+        if "counts" in self.__dict__:
+            return replace(self, counts=np.where(self.counts < limit, self.counts, np.nan))
+        taxels = self.__dict__["_taxels"]
+        limits = dict(zip(taxels, limit.tolist(), strict=True))
+        frames = copy(self)
+
+        def read(name: str) -> FloatArray:
+            column = taxels[name]
+            return np.where(column < limits[name], column, np.nan)
+
+        object.__setattr__(frames, "_taxels", OnUse(taxels, read))
+        return frames
+
     def moved(self, position_m: FloatArray, force_n: FloatArray) -> Self:
         """Return the same frames with other contacts; columns stored in a file stay there."""
         frames = copy(self)

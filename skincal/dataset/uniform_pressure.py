@@ -63,46 +63,61 @@ def notes_on(dataset: Dataset) -> tuple[str, ...]:
     return (f"{UNIFORM}.",) if uniform_pressure(dataset) else ()
 
 
-def borne(dataset: Dataset, margin_m: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Return the part of each press's force (P,) that a modelled skin bears.
+def levels_by_lines(dataset: Dataset) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Return the level at rest of each taxel (J,) where its line in the force meets no load [counts].
 
-    ``force_n`` of a chamber is the pressure times the area of its punch. A modelled skin ends a margin beyond its
-    taxels, so that the rest of the punch presses outside the model. The part is 1 for all other presses.
+    Under uniform pressure no press leaves a taxel alone. NaN for a taxel of fewer than three readings within the
+    converter's range.
+    """
+    counts, force = dataset.presses.counts, dataset.presses.force_n
+    sensor = dataset.meta.sensor
+    within = np.isfinite(counts) & np.isfinite(force)[:, None]
+    if sensor.value_max is not None and sensor.baseline == "raw":
+        within &= counts < sensor.value_max
+    levels = np.full(counts.shape[1], np.nan)
+    for j, own in enumerate(counts.T):
+        ok = within[:, j]
+        if ok.sum() > 2 and np.ptp(force[ok]) > 0:
+            levels[j] = np.polynomial.polynomial.polyfit(force[ok], own[ok], 1)[0]
+    return levels
+
+
+RADIUS = "indenter_radius_m"
+
+
+def at_centre(dataset: Dataset, margin_m: float) -> Dataset:
+    """Return the dataset of a chamber with the contacts that a modelled skin bears; any other dataset as it is.
+
+    ``force_n`` of a chamber is the pressure times the area of its punch, and a modelled skin ends a margin beyond its
+    taxels. So contacts of unknown position move to the sensor's nominal centre, the punch becomes one that covers the
+    whole modelled skin, and forces become the pressure times the area of that skin.
 
     Args:
         dataset: a dataset.
         margin_m: margin of the modelled skin beyond the taxels [m].
     """
-    whole = np.ones(len(dataset.presses))
-    if not (uniform_pressure(dataset) and dataset.meta.surface.is_plane):
-        return whole
-    low, high = dataset.layout().bounds_m
-    skin_m2 = float(np.prod(high - low + 2 * margin_m))
-    radii = dataset.indenter_radii_m()
-    own = dataset.meta.indenter.radius_m
-    return skin_m2 / (np.pi * np.where(np.isfinite(radii), radii, np.nan if own is None else own) ** 2)
-
-
-def at_centre(dataset: Dataset, margin_m: float) -> Dataset:
-    """Return the dataset of a chamber with the contacts that a modelled skin bears.
-
-    Contacts of unknown position move to the sensor's nominal centre, and forces become what the skin bears of them
-    (:func:`borne`).
-
-    Args:
-        dataset: a dataset of uniform pressure.
-        margin_m: margin of the modelled skin beyond the taxels [m].
-    """
+    if not uniform_pressure(dataset):
+        return dataset
     centre = dataset.surface().wrap(dataset.nominal_pose(), np.zeros((1, 2)))[0][0]
 
     def placed(points: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> np.ndarray:
         return np.where(np.isfinite(points), points, centre)
 
-    presses, share = dataset.presses, borne(dataset, margin_m)
+    presses, indenter = dataset.presses, dataset.meta.indenter
+    sides = np.ptp(dataset.layout().bounds_m, axis=0) + 2 * margin_m
+    share = float(np.prod(sides)) / (np.pi * dataset.indenter_radii_m() ** 2)
+    apart = float(np.linalg.norm(placed(presses.position_m) - centre, axis=1).max(initial=0.0))
+    meta = replace(dataset.meta, indenter=replace(indenter, radius_m=float(np.hypot(*sides)) / 2 + apart))
     frames = dataset.frames
     if frames is not None:
         # One punch stands for the pressure of all frames; frames outside presses have no force.
-        force = frames.force_n * float(np.median(share))
-        frames = frames.moved(placed(frames.position_m), force)
-    presses = replace(presses, position_m=placed(presses.position_m), force_n=presses.force_n * share)
-    return replace(dataset, presses=presses, frames=frames)
+        frames = frames.moved(placed(frames.position_m), frames.force_n * float(np.median(share)))
+        if frames.column(RADIUS) is not None:
+            frames = replace(frames, columns={k: v for k, v in frames.columns.items() if k != RADIUS})
+    presses = replace(
+        presses,
+        position_m=placed(presses.position_m),
+        force_n=presses.force_n * share,
+        columns={k: v for k, v in presses.columns.items() if k != RADIUS},
+    )
+    return replace(dataset, meta=meta, presses=presses, frames=frames)

@@ -28,14 +28,15 @@ LEVEL = FitOptions().level
 """What intervals of the base are worth: as much as those of a fit."""
 OUTDATED = (
     "misfit",
+    "range_edge",
     "bad_presses",
     "glitches",
     "force_scatter",
     "positions_worse",
     "positions_bent",
-    "slack_bound",
+    "slack_too_tight",
 )
-"""Findings of a fit that say how its images match; with more in the model they match otherwise."""
+"""Findings of a fit that say how its images match, and where its intervals end: with more in the model otherwise."""
 LEFT = Finding(
     "misfit",
     "warning",

@@ -11,7 +11,7 @@ from skincal.calibration import MARGIN_M, Calibration
 from skincal.calibration.skin import effects_of
 from skincal.dataset import IDLE, Dataset, idle_means
 from skincal.dataset.refusal import refusal
-from skincal.dataset.uniform_pressure import uniform_pressure
+from skincal.dataset.uniform_pressure import levels_by_lines, uniform_pressure
 from skincal.diagnosis.dataset_session import gap_session, hold_groups, pose_names, press_rows
 from skincal.diagnosis.phases import check_phases
 from skincal.diagnosis.spells import Spell, without_spells
@@ -232,15 +232,7 @@ def start_state(
     law = ContactLaw() if calibration.contact_law is None else calibration.contact_law.law
     # Of a state E is that under the session's first ball.
     e = own.elasticity_pa_per_m * law.stiffness(session.samples.indenters[0])
-    return State(
-        calibration.pose(),
-        float(np.log(e)),
-        np.log(scale),
-        rest,
-        numbers_of(law),
-        moves,
-        effects,
-    )
+    return State(calibration.pose(), float(np.log(e)), np.log(scale), rest, numbers_of(law), moves, effects)
 
 
 def _scale(session: GapSession, rest: float) -> float:
@@ -365,12 +357,8 @@ def _scatter_of_neighbours(dataset: Dataset) -> float:
 
 def _rest_by_lines(dataset: Dataset) -> tuple[float, float]:
     """Level at rest by the lines of all taxels, and how far these differ [counts]."""
-    counts, force = dataset.presses.counts, dataset.presses.force_n
-    ends: list[float] = []
-    for own in counts.T:
-        ok = np.isfinite(own) & np.isfinite(force)
-        if ok.sum() > 2:
-            ends.append(float(np.polynomial.polynomial.polyfit(force[ok], own[ok], 1)[0]))
+    levels = levels_by_lines(dataset)
+    ends = levels[np.isfinite(levels)]
     return float(np.median(ends)), float(np.ptp(np.quantile(ends, [0.16, 0.84])) / 2)
 
 

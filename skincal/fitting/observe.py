@@ -7,7 +7,7 @@ that everything after works with unclipped values.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -73,7 +73,6 @@ class Observed:
         rest_sigma_counts: scatter of the hold means of untouched taxels [counts].
         level_sigma_counts: (J,) what is known of the level at rest before the fit, one sigma [counts].
         level_known: (J,) the taxel was seen at rest.
-        impossible: (K, J) readings that were left out as :func:`impossible_readings` has it.
     """
 
     values: Floats
@@ -84,7 +83,6 @@ class Observed:
     rest_sigma_counts: float
     level_sigma_counts: Floats
     level_known: Bools
-    impossible: Bools = field(default_factory=lambda: np.zeros((0, 0), dtype=np.bool_))
 
 
 def expected_counts(value: Floats, sigma: float, readout: Readout) -> Floats:
@@ -174,9 +172,7 @@ def noise_from_rest(rest_mean: float, readout: Readout) -> float:
     return float(np.interp(rest_mean - readout.value_min, means, sigmas))
 
 
-def observe(
-    counts: Floats, readout: Readout, rest_mean: Floats | None = None, force: Floats | None = None
-) -> Observed:
+def observe(counts: Floats, readout: Readout, rest_mean: Floats | None = None) -> Observed:
     """Turn hold means into unclipped values above the level at rest.
 
     Args:
@@ -184,21 +180,12 @@ def observe(
         readout: what is known of the converter.
         rest_mean: (J,) mean counts of untouched taxels, from idle frames; None to take it from the presses
             that leave a taxel dark (the lower third of its readings).
-        force: (K,) of each press [N], by which impossible readings are left out; None to keep all.
 
     Returns:
         Values, with what is known of their noise.
     """
     counts = np.asarray(counts, dtype=np.float64)
     found = levels_from_presses(counts)
-    impossible = np.zeros(counts.shape, dtype=bool)
-    if force is not None and (impossible := impossible_readings(counts, force, found)).any():
-        counts = np.where(impossible, np.nan, counts)
-        found = levels_from_presses(counts)
-    return replace(_observed(counts, readout, rest_mean, found), impossible=impossible)
-
-
-def _observed(counts: Floats, readout: Readout, rest_mean: Floats | None, found: RestLevels) -> Observed:
     rest, scatter, known = found.level.copy(), found.scatter, found.known.copy()
     measured = np.zeros(len(rest), dtype=bool) if rest_mean is None else np.isfinite(rest_mean)
     if rest_mean is not None:
@@ -212,47 +199,6 @@ def _observed(counts: Floats, readout: Readout, rest_mean: Floats | None, found:
     if not np.isfinite(sigma):
         return _plain(counts, readout, np.nan_to_num(rest), scatter, levels)
     return _unclipped(counts, readout, rest, sigma, scatter, levels)
-
-
-_JUMP = 3.0
-"""Impossible readings lie above all others by this factor at least, at the same force; this and the next two numbers
-were set by eye."""
-
-_SELDOM = 0.2
-"""And they are at most this part of the readings that answer."""
-
-_ANSWERING = 20
-"""Fewer readings that answer do not tell what is possible."""
-
-
-def impossible_readings(counts: Floats, force: Floats, found: RestLevels) -> Bools:
-    """Return which readings (K, J) no load explains: a taxel that dropped out to full scale, or a word that was lost.
-
-    A taxel carries the whole force at most, so what it reads for each newton has an upper end, and places and forces
-    that differ fill the range below it. Readings for each newton that lie above all others with an empty gap between,
-    seldom and on any taxel, are no images. Where all images are one taxel alone, those are no few of what answers.
-
-    Args:
-        counts: (K, J) mean counts of the presses; NaN where not read.
-        force: (K,) of each press [N].
-        found: levels at rest.
-    """
-    change = counts - found.level
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(force[:, None] > 0, change / force[:, None], np.nan)
-    share[~(change > _APART * max(float(np.nan_to_num(found.scatter)), np.finfo(float).tiny))] = np.nan
-    ordered = np.sort(share[np.isfinite(share)])
-    none = np.zeros(counts.shape, dtype=bool)
-    if len(ordered) < _ANSWERING:
-        return none
-    first = int(np.ceil((1.0 - _SELDOM) * len(ordered)))
-    jumps = np.flatnonzero(ordered[first:] > _JUMP * ordered[first - 1 : -1])
-    if not len(jumps):
-        return none
-    high = np.nan_to_num(share) >= ordered[first + jumps[0]]
-    # A taxel of its own gain reads high alone.
-    most = int(high.sum(axis=0).max())
-    return none if most > max(1.0, 0.5 * high.sum()) else high
 
 
 _ON_BOUND = 0.1

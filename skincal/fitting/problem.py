@@ -266,7 +266,7 @@ def pose_problem(
     Returns:
         The problem; its ``status`` says of every press why it is not used.
     """
-    seen = observe(presses.counts, rig.readout, presses.rest_mean_counts, presses.force_n)
+    seen = observe(presses.counts, rig.readout, presses.rest_mean_counts)
     read = np.isfinite(seen.values)
     threshold = active_threshold(seen, rig.readout) if active_counts is None else active_counts
     active = (np.where(read, seen.values, 0.0) >= threshold).sum(axis=1)

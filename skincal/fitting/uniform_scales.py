@@ -34,7 +34,8 @@ class Scales:
         sigma_per_n: (J,) their standard errors [1/N].
         offset_counts: (J,) where the lines meet no load [counts]: the zero of the gauge, or a level that has moved.
         common_per_n: the median over the taxels that tell something [1/N].
-        residual: (K, J) values less S_j F phi [counts]; NaN where a value was not used.
+        residual: (K, J) values less S_j F phi, and less the offset where the level at rest was not seen [counts]; NaN
+            where a value was not used.
         told: (J,) taxels that answered.
     """
 
@@ -86,6 +87,8 @@ def fit_scales(
     about = np.where(use & told, residual - offset, 0.0)
     spread = np.sqrt((about**2).sum(axis=0) / np.maximum(use.sum(axis=0) - 2, 1))
     common = float(np.median(scale[told])) if told.any() else 0.0
+    if not rest_known:  # the offset is then a part of the level
+        residual = residual - offset
     return Scales(scale, np.where(told, spread / np.sqrt(squares), 0.0), offset, common, residual, told)
 
 

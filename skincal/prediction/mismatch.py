@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skincal.dataset import Dataset, idle_means
+from skincal.dataset.uniform_pressure import levels_by_lines, uniform_pressure
 from skincal.fitting.observe import Observed, Readout, expected_counts, observe
 from skincal.fitting.types import Bools, Floats
 
@@ -32,8 +33,14 @@ def _readout(dataset: Dataset) -> Readout:
 
 
 def observed_images(dataset: Dataset, left_counts: Floats | float = 0.0) -> Observed:
-    """Return the measured images as unclipped values above rest; the level at rest comes from idle frames if enough."""
+    """Return the measured images as unclipped values above rest.
+
+    The level at rest comes from idle frames if enough, else from presses that leave a taxel alone; uniform pressure
+    leaves none alone, and its lines tell the level.
+    """
     idle = idle_means(dataset)
+    if idle is None and uniform_pressure(dataset):
+        idle = levels_by_lines(dataset)
     return observe(dataset.presses.counts, _readout(dataset), None if idle is None else idle - left_counts)
 
 

@@ -8,8 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from skincal.calibration import Calibration, Effect, check_same_sensor
+from skincal.calibration import MARGIN_M, Calibration, Effect, check_same_sensor
 from skincal.dataset import IDLE, Dataset, DatasetMeta, Frames, Presses
+from skincal.dataset.uniform_pressure import at_centre
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import Problem
 from skincal.fitting.types import Floats
@@ -84,28 +85,30 @@ def predict_dataset(
         WorkError: the calibration cannot be simulated.
     """
     check_same_sensor(calibration, dataset)
+    given, dataset = dataset, at_centre(dataset, MARGIN_M)
     on = CalibratedSkin.of(calibration, dataset, pose_names(dataset))
     seen = observed_images(dataset, left_at_rest(on, dataset))
+    slack = slack and dataset is given  # under uniform pressure all places are as good
     slack_m = best_slack(on, dataset, seen, _of("slack", progress)) if slack else None
     images = (_with_effects if on.has_effects else _base)(on, dataset, slack_m, progress)
     level = rest_level(on, dataset) if on.has_effects else 0.0
-    presses = replace(dataset.presses, counts=images.presses)
+    presses = replace(given.presses, counts=images.presses)
     if slack_m is not None:
         presses = _moved(presses, Touches.of_presses(on, dataset, slack_m), slack_m)
     measured, pressed = dataset.presses.counts, dataset.presses.force_n > 0
     of_presses = mismatch(dataset, measured, presses.counts, pressed, seen, level)
     frames, of_frames = None, None
-    if dataset.frames is not None and images.frames is not None:
+    if given.frames is not None and images.frames is not None:
         contact = touching(dataset)
-        frames = replace(dataset.frames, counts=images.frames)
+        frames = replace(given.frames, counts=images.frames)
         if slack_m is not None:
             moves = np.where(contact[:, None], slack_m[frame_presses(dataset)], 0.0)
             frames = _moved(frames, Touches.of_frames(on, dataset, slack_m), moves)
-        of_frames = mismatch(dataset, dataset.frames.counts, frames.counts, contact, seen, level)
+        of_frames = mismatch(dataset, given.frames.counts, frames.counts, contact, seen, level)
     lacking = abstaining(on, dataset)
     added = [one.effect.name for one in on.full.effects if not one.neutral and one.effect.name not in lacking]
-    meta = _meta(calibration, dataset, added, slack)
-    new = replace(dataset, meta=meta, presses=presses, frames=frames, folder=None, sha256=None, warnings=())
+    meta = _meta(calibration, given, added, slack)
+    new = replace(given, meta=meta, presses=presses, frames=frames, folder=None, sha256=None, warnings=())
     warnings = abstaining_problems(calibration, dataset, lacking)
     return Prediction(new, of_presses, of_frames, slack_m, lacking, warnings)
 

@@ -9,10 +9,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.calibration import MARGIN_M, Calibration, skin_of
+from skincal.calibration import Calibration, skin_of
 from skincal.covariates import NORMAL
 from skincal.dataset import IDLE, Dataset
-from skincal.dataset.uniform_pressure import borne
 from skincal.effects import EffectSkin
 from skincal.errors import WorkError
 from skincal.fitting.types import Floats, Ints
@@ -95,8 +94,7 @@ class Touches:
         """Return the presses of a dataset, moved from their measured positions by slacks (P, 2) [m], None: 0."""
         presses = dataset.presses
         points = _on_surface(on, presses.position_m, unknown=not np.isfinite(dataset.meta.position.sigma_m))
-        force = presses.force_n * borne(dataset, MARGIN_M)
-        made = cls(on, points, presses.normals, force, radius_keys(dataset.indenter_radii_m()))
+        made = cls(on, points, presses.normals, presses.force_n, radius_keys(dataset.indenter_radii_m()))
         return made if slack_m is None else made.moved(slack_m)
 
     @classmethod
@@ -106,7 +104,7 @@ class Touches:
         assert frames is not None
         points = _on_surface(on, frames.position_m, unknown=not np.isfinite(dataset.meta.position.sigma_m))
         owner, contact = frame_presses(dataset), touching(dataset)
-        force = np.where(contact, frames.force_n * borne(dataset, MARGIN_M)[owner], 0.0)
+        force = np.where(contact, frames.force_n, 0.0)
         radii = dataset.indenter_radii_m()[owner]
         column = frames.column("indenter_radius_m")
         if column is not None and dataset.meta.indenter.radius_m is not None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from chambers import Chamber
 
@@ -93,3 +94,23 @@ def test_the_report_holds_everything(tmp_path: Path):
     assert "16 of 16 taxels respond" in page
     assert page.count("data:image/png") == 2
     assert (tmp_path / "scales.png").is_file() and (tmp_path / "answers.png").is_file()
+
+
+def test_a_punch_little_larger_than_the_patch(tmp_path: Path):
+    """A membrane of 12 mm on a raw sensor: the modelled skin is larger than the punch, and nothing is ever at rest."""
+    chamber = replace(Chamber.plain(), rest=30.0 + np.arange(16.0) % 5)
+    folder = chamber.write(tmp_path / "chamber", frames=False)
+    toml = (folder / "dataset.toml").read_text()
+    (folder / "dataset.toml").write_text(toml.replace("radius_m = 0.1", "radius_m = 0.012"))
+    table = pd.read_csv(folder / "presses.csv")
+    table.assign(force_n=table["force_n"] * 0.12**2).to_csv(folder / "presses.csv", index=False)
+    data = read_dataset(folder)
+    calibration = calibrate_uniform(data).calibration
+    assert calibration.model.scale_per_taxel_per_n is not None
+    per_area = np.pi * 0.1**2 / 0.0025**2
+    assert np.median(calibration.model.scale_per_taxel_per_n / chamber.gain) == pytest.approx(
+        per_area, rel=0.02
+    )
+    assert calibration.loss.mse_counts2 < 2.0
+    assert calibration.model.rest_counts == pytest.approx(32.0, abs=1.0)
+    assert predict_dataset(calibration, data).presses.rmse_with_rest_counts < 1.5

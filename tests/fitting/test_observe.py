@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skincal.fitting.observe import Readout, clipped_share, expected_counts, noise_from_rest, observe
-from skincal.fitting.problem import active_threshold
 
 CONVERTER = Readout(0, 255, True)
 
@@ -146,35 +145,3 @@ def test_rounded_frames_on_the_bound_tell_their_noise() -> None:
         seen = observe(np.clip(np.rint(counts), 0, 255), Readout(0.0, 255.0, True))
         found.append(seen.frame_sigma_counts)
     assert 0.85 < np.mean(found) < 1.04
-
-
-def pressed(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Counts (60, 16) of round images that rest at 30 counts, and forces (60,)."""
-    rng = np.random.default_rng(seed)
-    force, at = rng.uniform(1.0, 4.5, 60), rng.uniform(0.0, 3.0, (60, 2))
-    taxel = np.stack(np.meshgrid(np.arange(4), np.arange(4)), -1).reshape(-1, 2)
-    distance2 = ((at[:, None] - taxel) ** 2).sum(axis=2)
-    image = 30.0 * force[:, None] * np.exp(-distance2)
-    return np.rint(image + 30.0 + rng.normal(0.0, 1.0, image.shape)), force
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_drop_outs_to_full_scale_are_left_out_and_nothing_else(seed: int) -> None:
-    counts, force = pressed(seed)
-    open_ended = Readout(None, None, True)
-    clean = observe(counts, open_ended, force=force)
-    assert not clean.impossible.any()
-    dropped = np.random.default_rng(seed).random(counts.shape) < 0.015
-    seen = observe(np.where(dropped, 4095.0, counts), open_ended, force=force)
-    assert np.array_equal(seen.impossible, dropped) and np.isnan(seen.values[dropped]).all()
-    assert active_threshold(seen, open_ended) == pytest.approx(active_threshold(clean, open_ended), rel=0.1)
-
-
-def test_images_of_one_taxel_each_and_a_taxel_of_its_own_gain_are_possible() -> None:
-    rng = np.random.default_rng(0)
-    force, counts = rng.uniform(1.0, 4.5, 60), rng.normal(30.0, 1.0, (60, 16))
-    counts[np.arange(60), rng.integers(0, 16, 60)] += 200.0 * force
-    assert not observe(counts, Readout(None, None, True), force=force).impossible.any()
-    counts, force = pressed(0)
-    counts[:, 5] = 30.0 + 20.0 * (counts[:, 5] - 30.0)
-    assert not observe(counts, Readout(None, None, True), force=force).impossible.any()

@@ -15,7 +15,7 @@ from skincal.fitting.problem import FitProblem, PressTable, pose_problem
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.solve import plan_fit, solve
 from skincal.fitting.valley import OPEN, POSE, at_one_place
-from tests.fitting.conftest import BOX, FEW_DRAWS, QUICK, Truth, make_session, rig
+from tests.fitting.conftest import BOX, FEW_DRAWS, LAYOUT, QUICK, Truth, make_session, rig
 
 
 def _fit(
@@ -119,6 +119,16 @@ def test_a_range_that_leaves_out_the_truth_is_said(truth: Truth) -> None:
     assert "range_edge" in _codes(result)
     told = next(f for f in result.findings if f.code == "range_edge")
     assert "lower end" in told.text and "Widen" in told.advice
+
+
+def test_crosstalk_is_a_misfit(truth: Truth) -> None:
+    """Taxels that leak into their neighbours look like a softer skin: the fit takes it up, and must say so."""
+    table = make_session(truth, seed=11)[0]
+    apart = np.linalg.norm(LAYOUT.centres_m[:, None] - LAYOUT.centres_m, axis=-1)
+    leak = 0.05 * ((apart > 0) & (apart < 1.1 * 0.004))
+    result = _fit(pose_problem(rig(), replace(table, counts=table.counts + table.counts @ leak)))
+    told = next(f for f in result.findings if f.code == "misfit")
+    assert told.severity == "warning" and "diagnose" in told.advice
 
 
 def test_too_few_presses_at_one_place_give_no_interval(truth: Truth) -> None:

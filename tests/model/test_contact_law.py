@@ -9,17 +9,7 @@ import pytest
 from effects.effect_sessions import BASE, FINGER, contacts_at
 
 from skincal.effects import EffectSkin, Samples
-from skincal.model import (
-    ContactLaw,
-    Contacts,
-    FlatPunch,
-    Patch,
-    Plane,
-    SensorPose,
-    Skin,
-    Sphere,
-    StressLaw,
-)
+from skincal.model import ContactLaw, Contacts, FlatPunch, Patch, Plane, SensorPose, Skin, Sphere, StressLaw
 
 SKIN = BASE.skin
 BALL = Sphere(0.006)

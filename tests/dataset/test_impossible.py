@@ -1,0 +1,71 @@
+"""Readings that no load explains are empty wherever a dataset is used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skincal.dataset import Dataset, read_dataset, table_file, write_dataset
+from skincal.dataset.impossible import IMPOSSIBLE, impossible_readings
+
+
+def pressed(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Counts (60, 16) of round images that rest at 30 counts, and forces (60,)."""
+    rng = np.random.default_rng(seed)
+    force, at = rng.uniform(1.0, 4.5, 60), rng.uniform(0.0, 3.0, (60, 2))
+    taxel = np.stack(np.meshgrid(np.arange(4), np.arange(4)), -1).reshape(-1, 2)
+    distance2 = ((at[:, None] - taxel) ** 2).sum(axis=2)
+    image = 30.0 * force[:, None] * np.exp(-distance2)
+    return np.rint(image + 30.0 + rng.normal(0.0, 1.0, image.shape)), force
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_drop_outs_to_full_scale_and_nothing_else(seed: int) -> None:
+    counts, force = pressed(seed)
+    assert not impossible_readings(counts, force).any()
+    dropped = np.random.default_rng(seed).random(counts.shape) < 0.015
+    assert np.array_equal(impossible_readings(np.where(dropped, 4095.0, counts), force), dropped)
+
+
+def test_images_of_one_taxel_each_and_a_taxel_of_its_own_gain_are_possible() -> None:
+    rng = np.random.default_rng(0)
+    force, counts = rng.uniform(1.0, 4.5, 60), rng.normal(30.0, 1.0, (60, 16))
+    counts[np.arange(60), rng.integers(0, 16, 60)] += 200.0 * force
+    assert not impossible_readings(counts, force).any()
+    counts, force = pressed(0)
+    counts[:, 5] = 30.0 + 20.0 * (counts[:, 5] - 30.0)
+    assert not impossible_readings(counts, force).any()
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_a_dataset_has_none(
+    session: Callable[..., Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, large: bool
+) -> None:
+    made = session(60, frames_per_press=5)
+    counts, force = pressed(0)
+    frames = made.frames
+    assert frames is not None
+    at = np.maximum(frames.press, 0)
+    touched = (frames.press >= 0)[:, None]
+    shown = np.where(touched, counts[at], 30.0)
+    rng = np.random.default_rng(1)
+    dropped, lost = rng.random(counts.shape) < 0.01, rng.random(shown.shape) < 0.01
+    sensor = replace(made.meta.sensor, value_min=None, value_max=None)
+    presses = replace(made.presses, counts=np.where(dropped, 4095.0, counts), force_n=force)
+    frames = replace(
+        frames, counts=np.where(lost, 4095.0, shown), force_n=np.where(touched[:, 0], force[at], 0.0)
+    )
+    whole = replace(made, meta=replace(made.meta, sensor=sensor), presses=presses, frames=frames)
+    write_dataset(whole, tmp_path / "s")
+    if large:
+        monkeypatch.setattr(table_file, "MOST_CELLS_HELD", 0)
+    data = read_dataset(tmp_path / "s")
+    assert np.array_equal(np.isnan(data.presses.counts), dropped)
+    assert data.frames is not None and ("counts" in vars(data.frames)) != large
+    assert np.array_equal(np.isnan(data.frames.counts), lost)
+    told = next(w for w in data.warnings if w.code == IMPOSSIBLE)
+    assert f"{dropped.sum()} readings" in told.got
