@@ -122,6 +122,21 @@ def test_endless_nesting(refusal, name, file, old, line):
 
 
 @pytest.mark.parametrize(
+    ("name", "file", "within"),
+    [
+        ("mapping, CSV", "m.toml", "files."),
+        ("mapping, bag", "m.toml", "columns."),
+        ("mapping, bag", "m.toml", "topics."),
+        ("hand", "hand.toml", ""),
+        ("ranges, toml", "ranges.toml", "skin.effects."),
+    ],
+)
+def test_endless_tables(refusal, name, file, within):
+    tables = "".join(f"[{within}t{i}]\n" for i in range(10_000))
+    assert "at most 1000 tables" in refusal(name, file, "", tables)
+
+
+@pytest.mark.parametrize(
     ("name", "file", "old"),
     [
         ("dataset, CSV", "dataset.toml", "rows = 2"),
