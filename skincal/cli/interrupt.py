@@ -110,9 +110,9 @@ def _danger_and_notes(error: BaseException | None) -> tuple[str, list[str]]:
     while error is not None:
         if getattr(error, "stopped", None) is False:
             danger = danger or text_of(error, 2000)
-        notes += [note for note in getattr(error, "__notes__", []) if note not in notes]
+        notes += getattr(error, "__notes__", [])
         error = error.__cause__ or error.__context__
-    return danger, notes
+    return danger, [*dict.fromkeys(notes)]
 
 
 @contextmanager
