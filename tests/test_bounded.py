@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import tomli_w
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
@@ -134,6 +135,13 @@ def test_endless_nesting(refusal, name, file, old, line):
 def test_endless_tables(refusal, name, file, within):
     tables = "".join(f"[{within}t{i}]\n" for i in range(10_000))
     assert "at most 1000 tables" in refusal(name, file, "", tables)
+
+
+@pytest.mark.parametrize(("name", "file"), [("mapping, CSV", "m.toml"), ("ranges, json", "ranges.json")])
+def test_endless_keys(refusal, name, file):
+    keys = {f"c{i}": "x" for i in range(30_000)}
+    text = json.dumps({"columns": keys}) if file.endswith("json") else tomli_w.dumps({"columns": keys})
+    assert "at most 20000 keys" in refusal(name, file, "", text)
 
 
 @pytest.mark.parametrize(
