@@ -41,6 +41,12 @@ MOST_NESTING: Final = 32
 MOST_VALUES: Final = 500_000
 """Values in one description, those that YAML repeats by reference counted each time."""
 
+MOST_KEYS: Final = 20_000
+"""Keys of one table; a plan may name a pose for each of its presses."""
+
+MOST_TABLES: Final = 1000
+"""Tables with names within one table, like the files or topics of a mapping; each is checked against the others."""
+
 MOST_TAXELS: Final = 1 << 14
 """Of one sensor: 128 x 128, ten times the largest skins that are sold as one array."""
 
@@ -203,6 +209,10 @@ def checked(value: Value, bits: int = 64) -> Value:
             table = cast("Mapping[object, object]", item)
             if not all(isinstance(key, str) for key in table):
                 raise _beyond(place, "keys that are texts", "a key that is none")
+            if len(table) > MOST_KEYS:
+                raise _beyond(place, f"at most {MOST_KEYS} keys in a table", f"{len(table)}")
+            if sum(isinstance(inner, Mapping) for inner in table.values()) > MOST_TABLES:
+                raise _beyond(place, f"at most {MOST_TABLES} tables in a table", "more")
             stack += [(key, place) for key in table]
             stack += [(inner, (*place, cast(str, key))) for key, inner in table.items()]
         elif isinstance(item, list | tuple):

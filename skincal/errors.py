@@ -35,10 +35,11 @@ class Problem:
     details: Mapping[str, Any] = field(default_factory=dict[str, Any], compare=False)
 
     def __str__(self) -> str:
-        text = _shown(f"{self.place}: expected {self.expected}; got {_cut(self.got)}")
-        if not self.fix:
+        place, expected, fix = _cut(self.place), _cut(self.expected, 1000), _cut(self.fix, 1000)
+        text = _shown(f"{place}: expected {expected}; got {_cut(self.got)}")
+        if not fix:
             return text
-        return f"{text}{'' if text.endswith((*'.?…',)) else '.'} {self.fix}"
+        return f"{text}{'' if text.endswith((*'.?…',)) else '.'} {fix}"
 
 
 def _cut(text: str, most: int = 500) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import tomli_w
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
@@ -119,6 +120,28 @@ def test_endless_numbers(refusal, name, file, old, number):
 )
 def test_endless_nesting(refusal, name, file, old, line):
     assert file in refusal(name, file, "", f"{line}\n{old}")
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "within"),
+    [
+        ("mapping, CSV", "m.toml", "files."),
+        ("mapping, bag", "m.toml", "columns."),
+        ("mapping, bag", "m.toml", "topics."),
+        ("hand", "hand.toml", ""),
+        ("ranges, toml", "ranges.toml", "skin.effects."),
+    ],
+)
+def test_endless_tables(refusal, name, file, within):
+    tables = "".join(f"[{within}t{i}]\n" for i in range(10_000))
+    assert "at most 1000 tables" in refusal(name, file, "", tables)
+
+
+@pytest.mark.parametrize(("name", "file"), [("mapping, CSV", "m.toml"), ("ranges, json", "ranges.json")])
+def test_endless_keys(refusal, name, file):
+    keys = {f"c{i}": "x" for i in range(30_000)}
+    text = json.dumps({"columns": keys}) if file.endswith("json") else tomli_w.dumps({"columns": keys})
+    assert "at most 20000 keys" in refusal(name, file, "", text)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from skincal.errors import quoted, shown, text_of
+from skincal.errors import Problem, quoted, shown, text_of
 
 
 class OddError(Exception):
@@ -96,3 +96,11 @@ def test_a_value_whose_repr_raises() -> None:
 
     assert shown(Value()).startswith("Value <Value instance")
     assert len(shown([["x" * 10**6] * 1000] * 1000)) < 100
+
+
+def test_endless_names_of_a_file_are_cut() -> None:
+    endless = "x" * 100_000
+    told = str(
+        Problem(f"plan.csv, column {endless}", f"one of {endless}", endless, f'Did you mean "{endless}"?')
+    )
+    assert told.startswith("plan.csv, column xxx") and len(told) < 3100

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -93,29 +94,47 @@ def deploy(
     speed = _speed(chosen, task, float(hand.description.limits.velocity_rad_per_s.min()))
     guard = GuardOptions(beyond_limits=beyond_limits)
     places = _estimator(task, estimator, pinch, hand.description)
-    with RunProgress(sensor) as watch, moving():
-        found = run(
-            chosen, made, hand, targets, object_width_m=width, speed_rad_per_s=speed, guard=guard, watch=watch
-        )
-    content = {
-        "task": task.value, "policy": chosen.file, "driver": driver, "seed": seed, **_numbers(found),
-        "session": str(out / SESSION),
-        "asked": {
-            "trajectory": trajectory, "write": write, "frequency_hz": frequency_hz, "duration_s": duration_s,
-            "speed_rad_per_s": speed, "orientation_deg": float(settings.get("orientation_deg", 0.0)),
-        },
+    asked = {
+        "trajectory": trajectory, "write": write, "frequency_hz": frequency_hz, "duration_s": duration_s,
+        "speed_rad_per_s": speed, "orientation_deg": float(settings.get("orientation_deg", 0.0)),
     }  # fmt: skip
-    felt = None if places is None else estimated_places(found.record, places, hand, width)
-    if felt is not None:
-        content["estimate_error_median_m"] = estimate_error_m(found.record, felt)
-    with whole_folder(out, force=force, marker=MARKER) as folder:
+
+    def keep(found: Deployed, felt: np.ndarray | None, *, finished: bool) -> dict[str, Any]:
+        """Write the session, the numbers and, of a run that came to its end, the picture."""
         from skincal.report.deploy import deploy_figure
         from skincal.report.style import save
 
+        content = {
+            "task": task.value, "policy": chosen.file, "driver": driver, "seed": seed, "finished": finished,
+            **_numbers(found), "session": str(out / SESSION), "asked": asked,
+        }  # fmt: skip
+        if felt is not None:
+            content["estimate_error_median_m"] = estimate_error_m(found.record, felt)
         source = f"skincal deploy {task}: policy {Path(chosen.file).name}, driver {driver}, seed {seed}"
-        write_record(found.record, hand.description, folder / SESSION, radius_m=width / 2, source=source)
-        (folder / MARKER).write_text(json.dumps(plain(content), indent=1) + "\n", encoding="utf-8")
-        save(deploy_figure(found, layout_of(sensor, None), felt_m=felt), folder / "run.png")
+        with whole_folder(out, force=force, marker=MARKER) as folder:
+            write_record(found.record, hand.description, folder / SESSION, radius_m=width / 2, source=source)
+            (folder / MARKER).write_text(json.dumps(plain(content), indent=1) + "\n", encoding="utf-8")
+            if finished:
+                save(deploy_figure(found, layout_of(sensor, None), felt_m=felt), folder / "run.png")
+        return content
+
+    ended: list[Callable[[], Deployed]] = []
+
+    def saved() -> str:
+        if not ended:
+            return "Nothing of the run is saved."
+        keep(ended[0](), None, finished=False)
+        return f"The run so far is saved in {out / SESSION}."
+
+    with moving(saved):
+        with RunProgress(sensor) as watch:
+            found = run(
+                chosen, made, hand, targets, object_width_m=width, speed_rad_per_s=speed, guard=guard, watch=watch,
+                cut_short=ended.append,
+            )  # fmt: skip
+        ended.append(lambda: found)
+        felt = None if places is None else estimated_places(found.record, places, hand, width)
+        content = keep(found, felt, finished=True)
     held = "held to the end" if content["held"] else f"lost after {content['lost_s']:.1f} s"
     error = "" if content["error_m"] is None else f", tracking error {1e3 * content['error_m']:.2f} mm"
     period = "" if content["period_s"] is None else f"; period {1e3 * content['period_s']:.1f} ms"

@@ -10,7 +10,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from skincal.cli.terminal import say
-from skincal.errors import text_of
+from skincal.errors import SkincalError, text_of
 from skincal.signals import ENDING
 
 if TYPE_CHECKING:
@@ -52,6 +52,10 @@ def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
 
     Every signal that can be caught interrupts, Ctrl-Z too: a hand that nobody watches must not go on pressing. So do
     SIGINT and SIGQUIT of a verb in the background of a script, where the shell ignores them: Ctrl-C ends the script.
+
+    Args:
+        saved: saves what is left to save of the work of a verb that ends early, while signals wait, and returns what
+            is saved.
     """
     from skincal.errors import WorkError
 
@@ -82,14 +86,18 @@ def _tell_end(error: KeyboardInterrupt | WorkError | OSError, saved: Callable[[]
             signal.signal(number, signal.SIG_IGN)
     danger, notes = _danger_and_notes(error)
     stopped = isinstance(error, KeyboardInterrupt)
-    if not stopped and (text := " ".join(filter(None, [*notes, saved()]))):
-        say(f"skincal: the session ended early. {text}")
-    if danger:
+    if danger:  # at once: saving may take a while
         say(f"skincal: error: {danger}")
-        return 1
-    if stopped:
-        say(" ".join(filter(None, ["skincal: interrupted.", *notes, saved()])))
-    return 130 if stopped else 0
+    try:
+        kept = saved()
+    except (SkincalError, OSError) as trouble:
+        kept = f"The work so far could not be saved: {text_of(trouble)}"
+    text = " ".join(filter(None, [*([] if danger else notes), kept]))
+    if stopped and not danger:
+        say(f"skincal: interrupted. {text}".rstrip())
+    elif text:
+        say(f"skincal: the session ended early. {text}")
+    return 1 if danger else 130 if stopped else 0
 
 
 def _danger_and_notes(error: BaseException | None) -> tuple[str, list[str]]:
@@ -98,9 +106,9 @@ def _danger_and_notes(error: BaseException | None) -> tuple[str, list[str]]:
     while error is not None:
         if getattr(error, "stopped", None) is False:
             danger = danger or text_of(error, 2000)
-        notes += [note for note in getattr(error, "__notes__", []) if note not in notes]
+        notes += getattr(error, "__notes__", [])
         error = error.__cause__ or error.__context__
-    return danger, notes
+    return danger, [*dict.fromkeys(notes)]
 
 
 @contextmanager

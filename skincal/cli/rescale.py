@@ -87,6 +87,8 @@ def _check_run(run: Any) -> None:
 
     settings = run["asked"]
     Task(run["task"])
+    if run.get("finished") is False:
+        raise ValueError("a run that ended early, which the simulated ones would not")
     beyond = [
         name
         for name, (low, high) in _BOUNDS.items()

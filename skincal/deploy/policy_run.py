@@ -68,6 +68,7 @@ def deploy(
     options: DeployOptions | None = None,
     guard: GuardOptions | None = None,
     watch: Watch | None = None,
+    cut_short: Callable[[Callable[[], Deployed]], None] | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Deployed:
     """Let a policy move an object between the fingers of a hand.
@@ -82,6 +83,7 @@ def deploy(
         options: times, speeds, forces.
         guard: limits.
         watch: called with every state.
+        cut_short: where an error or an interrupt ends the policy's acting, called with what returns the run so far.
         clock: ours [s].
 
     Returns:
@@ -102,16 +104,22 @@ def deploy(
         raise input_error(policy.file, expected, f"one for {policy.description.actions}")
     kinematics = Kinematics(pinch.description)
     postures, forces = Postures.of(pinch, kinematics), PinchForces(pinch, kinematics)
-    with GuardedHand(driver, guard, clock=clock, contact_force=forces.largest_n) as hand:
-        motion = Motion(hand, driver.object_position_m, watch)
-        state = motion.look()
-        if seen.sees_image and not np.isfinite(state.taxels).any():
-            raise input_error(f"driver {hand.name}", f"{taxels} taxels, for a tactile policy", "none")
-        command = take(motion, pinch, postures, forces, object_width_m, options)
-        loop = _PolicyLoop(policy, seen, motion, pinch, forces, targets, speed_rad_per_s, options)
-        loop.run(command)
-        if loop.lost_s is None:
-            let_go(motion, postures, object_width_m, options)
+    loop: _PolicyLoop | None = None
+    try:
+        with GuardedHand(driver, guard, clock=clock, contact_force=forces.largest_n) as hand:
+            motion = Motion(hand, driver.object_position_m, watch)
+            state = motion.look()
+            if seen.sees_image and not np.isfinite(state.taxels).any():
+                raise input_error(f"driver {hand.name}", f"{taxels} taxels, for a tactile policy", "none")
+            command = take(motion, pinch, postures, forces, object_width_m, options)
+            loop = _PolicyLoop(policy, seen, motion, pinch, forces, targets, speed_rad_per_s, options)
+            loop.run(command)
+            if loop.lost_s is None:
+                let_go(motion, postures, object_width_m, options)
+    except BaseException:
+        if loop is not None and loop.acting and cut_short is not None:
+            cut_short(loop.found)
+        raise
     return loop.found()
 
 
@@ -179,8 +187,13 @@ class _PolicyLoop:
         """Return the share of the way to the policy's angles that the low-pass lets through in a time."""
         return -math.expm1(-2 * math.pi * self._options.low_pass_hz * passed_s)
 
+    @property
+    def acting(self) -> bool:
+        """Whether the policy has acted."""
+        return "acting" in self._motion.phases
+
     def found(self) -> Deployed:
-        """Return the result of the run."""
+        """Return the result of the run so far."""
         return Deployed(
             Record.of(self._motion, self._first, self._forces), self._targets, len(self._errors),
             self._missed, self.lost_s, np.array(self._errors), np.diff(self._begun), np.diff(self._own),

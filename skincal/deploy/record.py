@@ -47,10 +47,11 @@ class Record:
     @classmethod
     def of(cls, motion: Motion, acting: int, forces: PinchForces) -> Record:
         """Return the record of a motion so far."""
-        places = np.array(motion.places_m)
-        normal = np.array([np.mean(forces.normal_n(state)) for state in motion.states])
         phases, rest = tuple(motion.phases), motion.rest_counts
-        return cls(tuple(motion.states), phases, places, acting, rest, np.maximum(normal, 0.0))
+        # An interrupt may have come while the last state was being noted; its phase is noted last.
+        states, places = motion.states[: len(phases)], np.array(motion.places_m[: len(phases)])
+        normal = np.array([np.mean(forces.normal_n(state)) for state in states])
+        return cls(tuple(states), phases, places, acting, rest, np.maximum(normal, 0.0))
 
     @property
     def images_counts(self) -> FloatArray:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from skincal.errors import quoted
 from skincal.hand.checks import ContactForce
@@ -36,7 +36,7 @@ class ContractOptions:
         periods: number of states that are checked in a row.
         call_s: largest duration of a call to the driver [s].
         stop_s: largest duration of ``stop`` [s].
-        move: whether to move the hand.
+        move: whether to move the hand; one that could not be stopped is not moved.
         beyond_limits: whether the limits of its description may exceed those of any finger.
         contact_force: creates the function that computes the contact force of a state.
     """
@@ -101,37 +101,49 @@ def run_contract(
 ) -> ContractReport:
     """Run every check against a driver."""
     results: list[CheckResult] = []
+    options = options or ContractOptions()
     for check in CHECKS:
-        results.append(_run(check, make, options or ContractOptions()))
-        progress(results[-1])
+        result, stopped = _run(check, make, options)
+        if not stopped:
+            options = replace(options, move=False)
+        results.append(result)
+        progress(result)
     return ContractReport(name, tuple(results))
 
 
-def outcome(run: Callable[[], str | None], limit_s: float) -> tuple[str, str]:
-    """Run a check; return its status, and what was found.
+def outcome(run: Callable[[], str | None], limit_s: float) -> tuple[str, str, bool]:
+    """Run a check; return its status, what was found, and False if the hand could not be stopped.
 
     Args:
         run: the check; it returns what was measured, or raises.
         limit_s: longest duration of a call, for the report [s].
+
+    Raises:
+        KeyboardInterrupt: the user's.
+        HandError: the user interrupted, and the hand could not be stopped.
     """
     try:
-        return PASSED, run() or ""
+        return PASSED, run() or "", True
     except SkippedCheckError as why:
-        return SKIPPED, str(why)
+        return SKIPPED, str(why), True
     except FailedCheckError as why:
-        return FAILED, str(why)
+        return FAILED, str(why), True
     except CallTimeoutError:
-        return FAILED, f"a call that did not return within {limit_s:g} s"
+        return FAILED, f"a call that did not return within {limit_s:g} s", True
     except KeyboardInterrupt:
         raise
     except BaseException as error:
         raised = error.__cause__ if isinstance(error, CallExitError) else error
-        return FAILED, quoted(raised or error)
+        unstopped = isinstance(error, HandError) and error.stopped is False
+        if unstopped and isinstance(error.__cause__, KeyboardInterrupt):
+            raise
+        return FAILED, quoted(raised or error), not unstopped
 
 
 def _run(
     check: Callable[[Trial], str | None], make: Callable[[], HandDriver], options: ContractOptions
-) -> CheckResult:
+) -> tuple[CheckResult, bool]:
+    """Return the result of a check, and False if the hand could not be stopped."""
     name, expected = check.__name__.replace("_", " "), (check.__doc__ or "").strip().rstrip(".")
     start = time.monotonic()
     trial: Trial | None = None
@@ -142,7 +154,7 @@ def _run(
         return check(trial)
 
     try:
-        status, got = outcome(run, options.call_s)
+        status, got, stopped = outcome(run, options.call_s)
         trouble = "" if trial is None else trial.end()
         if trouble:
             status, got = FAILED, f"{got}. {trouble}".removeprefix(". ")
@@ -155,4 +167,4 @@ def _run(
             raise HandError(f"interrupted; {trouble}", "driver", stopped=False) from interrupt
         interrupt.add_note(STOPPED)
         raise
-    return CheckResult(name, expected, status, got, time.monotonic() - start)
+    return CheckResult(name, expected, status, got, time.monotonic() - start), stopped and not trouble

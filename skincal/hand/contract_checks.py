@@ -112,7 +112,7 @@ def connecting_does_not_move(trial: Trial) -> str:
 def commands_are_followed(trial: Trial) -> str:
     """Each joint in turn makes a small step and returns; desired and measured angles follow."""
     if not trial.options.move:
-        raise SkippedCheckError("the hand is not to be moved")
+        raise SkippedCheckError("the hand is not to be moved, or could not be stopped before")
     if not _follows(trial):
         raise SkippedCheckError("the driver says that it follows no commands")
     step = trial.options.step_rad

@@ -78,18 +78,27 @@ def run_stage_checks(
     guard: GuardOptions | None = None,
     progress: Callable[[CheckResult], None] = lambda result: None,
 ) -> ContractReport:
-    """Run every check against a driver of a stage."""
+    """Run every check against a driver of a stage.
+
+    Args:
+        name: the driver's name, for the report.
+        make: creates a driver that is not connected; called once per check.
+        move: whether to move the stage; one that could not be stopped is not moved.
+        guard: limits and times.
+        progress: callback with every result.
+    """
     guard = guard or GuardOptions()
     results: list[CheckResult] = []
-    for check in (describes, states, moves, stops):
+    for check in (describes, states, stops, moves):
         begin = time.monotonic()
 
-        def run(check: Callable[[StageDriver, GuardOptions], str] = check) -> str:
+        def run(check: Callable[[StageDriver, GuardOptions], str] = check, move: bool = move) -> str:
             if check is moves and not move:
-                raise SkippedCheckError("--no-move")
+                raise SkippedCheckError("the stage is not to be moved, or could not be stopped before")
             return check(created(make, guard.connect_timeout_s), guard)
 
-        status, got = outcome(run, guard.connect_timeout_s)
+        status, got, stopped = outcome(run, guard.connect_timeout_s)
+        move = move and stopped
         expected = (check.__doc__ or "").strip()
         results.append(CheckResult(check.__name__, expected, status, got, time.monotonic() - begin))
         progress(results[-1])

@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain, combinations
+from itertools import accumulate, chain, combinations
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +18,9 @@ from skincal.imports.text_table import TextTable, text_lines
 
 MOST_LINES: Final = 4000
 """Number of lines that are looked at."""
+
+MOST_LETTERS: Final = 2 << 20
+"""Number of characters that are looked at: a header of 32768 columns is a third of it."""
 
 LONGEST_LINE: Final = 200
 """Number of characters of a line above the blocks that are looked at."""
@@ -51,6 +54,8 @@ def layout_hint(path: Path, form: CsvFormat, wanted: Sequence[str]) -> str:
     plain = replace(form, skip_rows=0, skip_after_header=0, comment="")
     lines = text_lines(path, plain, Findings(), blank=True)
     filled = [(number, line) for number, line in lines or [] if line.strip()][:MOST_LINES]
+    letters = accumulate(len(line) for _, line in filled)
+    filled = [item for item, total in zip(filled, letters, strict=True) if total <= MOST_LETTERS]
     if not filled:
         return ""
     counted = bool(wanted) and all(name.isascii() and name.isdigit() for name in wanted)

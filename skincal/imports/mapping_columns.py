@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from skincal.dataset.columns import JOINT
@@ -25,7 +26,7 @@ def read_columns(
         _check_target(target, rows, report)
         found += read_quantities(entry, target, ("columns", target), file, report)
     names = [quantity.target for quantity in found]
-    for target in sorted({name for name in names if names.count(name) > 1}):
+    for target in sorted(name for name, times in Counter(names).items() if times > 1):
         report.violation(("columns", target), "each column once", "it occurs alone and in a vector")
     return tuple(found)
 

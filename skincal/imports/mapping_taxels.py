@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import string
+from collections import Counter
 from typing import cast
 
 import numpy as np
@@ -75,7 +76,7 @@ def _names(table: CsvTaxels, image: Image, report: Translator) -> tuple[tuple[st
     if len(names) != count or not all(names):
         report.violation(place, f"the names of {count} columns (rows x cols)", f"{len(names)} entries")
         return nothing
-    if doubled := sorted({name for name in names if names.count(name) > 1}):
+    if doubled := sorted(name for name, times in Counter(names).items() if times > 1):
         report.violation(place, "each column once", ", ".join(doubled[:6]))
     return names, image
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any, cast
@@ -192,7 +193,8 @@ def _check_names(file: str, names: list[str], wanted: list[str], findings: Findi
         findings.error(file, f'a column "{name}"', f"the columns {shown}", fix)
     if len(missing) > 6:
         findings.error(file, f"{len(missing) - 6} more columns, like {missing[6]}", "none of them")
-    doubled = [name for name in wanted if names.count(name) > 1]
+    times = Counter(names)
+    doubled = [name for name in wanted if times[name] > 1]
     for name in doubled:
         findings.error(f'{file}, column "{name}"', "each column once", f"{names.count(name)} of that name")
     return not missing and not doubled

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -46,9 +47,12 @@ _YamlLoader.add_implicit_resolver(  # pyright: ignore[reportUnknownMemberType]
 
 
 def _refuse_twice(keys: list[object]) -> None:
-    for i, key in enumerate(keys):
-        if key in keys[:i]:
-            raise _TwiceError(key)
+    seen: set[object] = set()
+    for key in keys:
+        with suppress(TypeError):  # a list, which YAML's loader refuses as a key
+            if key in seen:
+                raise _TwiceError(key)
+            seen.add(key)
 
 
 def _json_table(pairs: list[tuple[str, Any]]) -> Plain:

@@ -106,3 +106,16 @@ def test_a_further_signal_does_not_suppress_that_a_hand_was_not_stopped(
         raise HandError("interrupted; stop() did not return! Cut the hand's power.", "driver", stopped=False)
     assert left.value.code == 1
     assert "Cut the hand's power" in capsys.readouterr().err
+
+
+def test_what_cannot_be_saved_does_not_hide_that_the_power_must_be_cut(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def saved() -> str:
+        assert "Cut the hand's power" in capsys.readouterr().err, "said before anything is saved"
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(SystemExit) as left, moving(saved):
+        raise HandError("stop() did not return! Cut the hand's power.", "driver", stopped=False)
+    assert left.value.code == 1
+    assert "could not be saved: [Errno 28] No space left on device" in capsys.readouterr().err

@@ -12,6 +12,8 @@ import pytest
 
 from benchmarks.remote_cost import Clock, Link
 from skincal.cli.main import main
+from skincal.cli.rescale import read_deployed
+from skincal.dataset import HOLD, read_dataset
 from skincal.deploy import deploy, letters, marble_targets
 from skincal.deploy.observation import PolicyObservation
 from skincal.envs.pinch import read_pinch
@@ -147,6 +149,83 @@ def test_verb_writes_a_session_that_replays(tmp_path: Path, capsys: pytest.Captu
     replay = create_driver("replay", dataset=str(out / "session"))
     replay.connect()
     assert np.isfinite(replay.observe().q_rad).all()
+
+
+@pytest.mark.parametrize(
+    ("act", "status", "said"),
+    [
+        ("interrupt", 130, "interrupted. The hand was stopped."),
+        ("nan", 1, "ended early. The hand was stopped."),
+    ],
+)
+def test_a_run_that_ends_early_is_kept(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    act: str,
+    status: int,
+    said: str,
+) -> None:
+    out, acts, steps = tmp_path / "rolled", Policy.__call__, iter(range(100))
+
+    def ends(self: Policy, observation: np.ndarray) -> np.ndarray:
+        if next(steps) < 4:
+            return acts(self, observation)
+        if act == "interrupt":
+            raise KeyboardInterrupt
+        return np.full(6, np.nan)
+
+    monkeypatch.setattr(Policy, "__call__", ends)
+    with pytest.raises(SystemExit) as end:
+        main(
+            [
+                "deploy",
+                "marble",
+                "marble-tactile-1",
+                "--trajectory",
+                "still",
+                "--duration-s",
+                "1",
+                "--out",
+                str(out),
+            ]
+        )
+    err = capsys.readouterr().err
+    assert end.value.code == status
+    assert f"{said} The run so far is saved in {out / 'session'}." in err
+    kept = json.loads((out / "deploy.json").read_text())
+    assert kept["finished"] is False and kept["steps"] == 4
+    found = read_dataset(out / "session").frames
+    assert found is not None and (found.phase == HOLD).sum() == 40
+    assert [p.name for p in tmp_path.iterdir()] == ["rolled"]
+    with pytest.raises(InputError, match="ended early"):
+        read_deployed(out)
+
+
+def test_an_interrupt_while_the_picture_is_drawn_loses_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object, **more: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("skincal.report.deploy.deploy_figure", interrupt)
+    out = tmp_path / "rolled"
+    with pytest.raises(SystemExit) as end:
+        main(
+            [
+                "deploy",
+                "marble",
+                "marble-tactile-1",
+                "--trajectory",
+                "still",
+                "--duration-s",
+                "1",
+                "--out",
+                str(out),
+            ]
+        )
+    assert end.value.code == 130 and "The run so far is saved" in capsys.readouterr().err
+    assert json.loads((out / "deploy.json").read_text())["steps"] == 10
 
 
 def test_verb_refuses_a_policy_of_another_task(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

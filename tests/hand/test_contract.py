@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,9 +17,10 @@ import pytest
 from hand_fakes import FakeHand, changed, tiny_description
 from test_replay import recorded
 
-from skincal.hand import remote, replay, trial
+from skincal.hand import contract_checks, remote, replay, trial
 from skincal.hand.contract import ContractOptions, ContractReport, run_contract
 from skincal.hand.driver import HandCommand, HandState
+from skincal.hand.errors import HandError
 from skincal.hand.remote import RemoteDriver
 from skincal.hand.replay import ReplayDriver
 from skincal.hand.serve import HandServer
@@ -277,10 +281,13 @@ def test_a_force_above_the_limit_stops_the_hand_in_every_check() -> None:
     assert all(hand.ticks <= 16 for hand in made if hand.ticks > 15 and hand.commands)
 
 
-def test_a_clock_that_does_not_keep_pace_with_ours() -> None:
+def test_a_clock_that_does_not_keep_pace_with_ours(monkeypatch: pytest.MonkeyPatch) -> None:
     def make() -> FakeHand:
         return FakeHand(real_time=True)  # its states come as fast as they are asked for
 
+    # 0.1 ms a state, however busy the machine is.
+    own = (QUICK.periods * 1e-4 * reading for reading in count())
+    monkeypatch.setattr(contract_checks, "time", SimpleNamespace(monotonic=lambda: next(own)))
     report = run_contract("fast", make, QUICK)
     result = next(r for r in report.results if r.name == "clock keeps the period")
     assert result.status == "failed"
@@ -314,6 +321,36 @@ def test_a_hand_that_does_not_stop_at_the_end_fails_the_check() -> None:
     report = run_contract("on", lambda: FakeHand(hang={"stop": 1.0}, after=0), QUICK)
     sound = next(r for r in report.results if r.name == "states are sound")
     assert sound.status == "failed" and "Cut the hand's power" in sound.got
+
+
+def test_a_hand_that_cannot_be_stopped_is_not_moved() -> None:
+    made: list[FakeHand] = []
+
+    def make() -> FakeHand:
+        made.append(FakeHand(raises={"stop": RuntimeError("no")}))
+        return made[-1]
+
+    report = run_contract("on", make, QUICK)
+    moving = next(r for r in report.results if r.name == "commands are followed")
+    assert "could not be stopped before" in moving.got and "Cut the hand's power" in moving.got
+    assert all((q == 0).all() for hand in made for q in hand.commands)
+
+
+def test_an_interrupt_while_the_hand_moves_is_no_failed_check() -> None:
+    """Of a hand that cannot be stopped then: who interrupts is told to cut the power, at once."""
+    struck: list[FakeHand] = []
+
+    class Struck(FakeHand):
+        def act(self, command: HandCommand) -> None:
+            super().act(command)
+            if command.q_desired_rad.any() and not struck:
+                struck.append(self)
+                self.raises = {"stop": RuntimeError("no")}
+                signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(HandError, match=r"interrupted; .*Cut the hand's power") as caught:
+        run_contract("struck", Struck, QUICK)
+    assert caught.value.stopped is False and struck
 
 
 def test_a_driver_that_is_never_made_fails(monkeypatch: pytest.MonkeyPatch) -> None:

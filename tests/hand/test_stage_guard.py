@@ -267,6 +267,21 @@ def test_a_driver_that_hangs_fails_the_checks() -> None:
         assert next(one for one in report.results if one.name == "stops").status == "failed"
 
 
+def test_a_stage_that_cannot_be_stopped_is_not_moved() -> None:
+    sent: list[np.ndarray] = []
+
+    class Goes(StageSim):
+        def act(self, position_m: np.ndarray) -> None:
+            sent.append(position_m)
+
+        def stop(self) -> None:
+            raise RuntimeError("no")
+
+    report = run_stage_checks("goes", Goes, guard=QUICK)
+    assert next(one for one in report.results if one.name == "moves").status == "skipped"
+    assert not sent
+
+
 def test_checks_allow_limits_that_somebody_allows() -> None:
     class Fast(StageSim):
         @property

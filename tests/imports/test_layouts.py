@@ -16,9 +16,10 @@ import pytest
 
 from skincal.dataset import Dataset, read_dataset
 from skincal.errors import InputError, WorkError
-from skincal.imports import import_csv, import_rosbag
+from skincal.imports import import_csv, import_rosbag, layout_hints
 from skincal.imports.array_files import read_hdf5
 from skincal.imports.frame_text import NAMED, PAIR
+from skincal.imports.mapping_file import CsvFormat
 from tests.imports.devices import ONE_FILE, PLANE, contacts, gauge_table, taxel_table
 from tests.imports.foreign import mapping, write_mapping
 from tests.imports.ros import BAG
@@ -464,3 +465,11 @@ def test_a_long_line_takes_no_time(line: str):
     assert not PAIR.findall(line)
     assert not NAMED.findall(line + "?")
     assert time.process_time() - begun < 5
+
+
+def test_a_line_of_megabytes_is_not_searched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "log.csv").write_text("a=1;b=2\n" * 3 + "1;" * (2 << 20) + "\n" + "a=1;b=2\n" * 3)
+    seen: list[int] = []
+    monkeypatch.setattr(layout_hints, "_labelled", lambda filled: seen.append(len(filled)) or "")
+    layout_hints.layout_hint(tmp_path / "log.csv", CsvFormat(), ["x"])
+    assert seen == [3]
