@@ -240,7 +240,7 @@ class Fitter:
 
     def prior(self, state: State, free: tuple[Free, ...]) -> tuple[FloatArray, FloatArray]:
         """(n,) precisions beforehand, and their slope at a state."""
-        law = np.array([C.law_power, C.law_blur, C.law_radius]) * (1e-3 if self.foundation else 1.0)
+        law = law_widths() * (1e-3 if self.foundation else 1.0)
         prior = np.concatenate([self.before.base, 1 / law**2, [1 / f.sigma**2 for f in free]])
         off = np.concatenate([self.off(state), state.law, [f.get(state.effects) - f.middle for f in free]])
         return prior, prior * off
@@ -263,17 +263,16 @@ class Fitter:
         h, g = b.h.sum(axis=0) + np.diag(at.prior), b.b.sum(axis=0) - at.pull
         size = 1 / np.sqrt(np.diag(h))
         d = np.linalg.solve(h * np.outer(size, size), g * size) * size
-        if at.free:
-            # No farther than the prior is wide, or the bounds let it; the others then go where that leaves them.
-            now = np.array([f.get(s.effects) for f in at.free])
-            reach = np.array(
-                [f.sigma * (_FORM if f.parameter.role == "form" else _STRENGTH) for f in at.free]
-            )
-            ends = np.array([f.bounds() for f in at.free])
-            own = np.clip(np.clip(d[NB:], -reach, reach), ends[:, 0] - now, ends[:, 1] - now)
-            if np.any(own != d[NB:]):
-                rest, free = h[:NB, :NB] * np.outer(size[:NB], size[:NB]), g[:NB] - h[:NB, NB:] @ own
-                d = np.append(np.linalg.solve(rest, free * size[:NB]) * size[:NB], own)
+        # No farther than the prior is wide, or the bounds let it; the others then go where that leaves them.
+        wide, first = law_widths(), NB - len(LAW)
+        reach = [f.sigma * (_FORM if f.parameter.role == "form" else _STRENGTH) for f in at.free]
+        ends = np.array([*np.outer(wide, (-_LAW, _LAW)), *(f.bounds() for f in at.free)])
+        now, reach = np.array([*s.law, *(f.get(s.effects) for f in at.free)]), np.array([*wide, *reach])
+        own = np.clip(np.clip(d[first:], -reach, reach), ends[:, 0] - now, ends[:, 1] - now)
+        if np.any(own != d[first:]):
+            base = slice(0, first)
+            rest, left = h[base, base] * np.outer(size[base], size[base]), g[base] - h[base, first:] @ own
+            d = np.append(np.linalg.solve(rest, left * size[base]) * size[base], own)
         return self.moved(at, d)
 
     def moved(self, at: Fitted, d: FloatArray, columns: IntArray | None = None) -> State:
@@ -292,9 +291,7 @@ class Fitter:
         pose = moved_pose(self.forward.surface, s.pose, "y", own[0])
         pose = moved_pose(self.forward.surface, pose, "turn", own[1])
         pose = moved_pose(self.forward.surface, pose, "alpha", own[2])
-        # The law is followed no farther than its prior is wide: about the foundation slopes say too much.
-        wide = np.array([C.law_power, C.law_blur, C.law_radius])
-        law = np.clip(s.law + np.clip(own[6:NB], -wide, wide), -_LAW * wide, _LAW * wide)
+        law = np.clip(s.law + own[6:NB], -_LAW * law_widths(), _LAW * law_widths())
         effects = (
             with_values(
                 s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + own[NB : at.numbers]
@@ -366,6 +363,11 @@ class Fitter:
         seen = self.forward.see(state)
         own, none = self.equations(seen, word=True)
         return seen, self.blocks(self.whitened(seen, none, own), state.move)
+
+
+def law_widths() -> FloatArray:
+    """(3,) how far the contact law is from a foundation's beforehand, in the numbers of a state."""
+    return np.array([C.law_power, C.law_blur, C.law_radius])
 
 
 def _about_none(x: FloatArray) -> FloatArray:

@@ -30,7 +30,7 @@ from skincal.inference.blocks import Blocks, Whitened
 from skincal.inference.check import left, limits
 from skincal.inference.columns import Candidate, Free, begun, candidates, free_of, starts_of
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.fit import NB, Fitted, Fitter
+from skincal.inference.fit import NB, Fitted, Fitter, law_widths
 from skincal.inference.forward import Effects, Seen, State
 from skincal.inference.gains import full_step, gains
 from skincal.inference.null import Null, drawn_residuals, law_residuals
@@ -377,7 +377,7 @@ class Search:
         sd = np.sqrt(np.diag(fit.covariance)[:4])
         if (np.abs(self.fitter.off(fit.state)[:4]) >= C.alike * sd).any():
             begin.append(start.log_e)
-        if (np.abs(fit.state.law) > C.like_none * np.array([C.law_power, C.law_blur, C.law_radius])).any():
+        if (np.abs(fit.state.law) > C.like_none * law_widths()).any():
             begin += [fit.state.log_e - much for much in C.softer]
         for log_e in begin:
             at = replace(fit.state, pose=start.pose, log_e=log_e, law=np.zeros(3), move=start.move)
