@@ -193,14 +193,14 @@ def _loads(
     weights: FloatArray | None,
     contact: ContactLaw,
 ) -> FloatArray:
-    law = contact.stress(law)
     share = (np.arange(NODES) / (NODES - 1)) ** 2
     out = np.zeros((len(most), NODES, patch.layout.taxels if weights is None else weights.shape[1]))
-    power, reference = (1.0, 1.0) if law is None else (law.exponent, law.reference_m)
+    stress = contact.stress(law)
+    power, reference = (1.0, 1.0) if stress is None else (stress.exponent, stress.reference_m)
     own = np.zeros((0, 1)) if weights is None else np.ascontiguousarray(weights)
     for number, indenter in enumerate(indenters):
         rows = np.flatnonzero(presses.indenter == number)
-        stiff, indenter = contact.stiffness(indenter), contact.pressed_by(indenter)
+        stiff, indenter = contact.stiffness(indenter, law), contact.pressed_by(indenter)
         if isinstance(indenter, Sphere):
             centre = presses.points_m[rows] + indenter.radius_m * presses.normals[rows]
             out[rows] = stiff * _balls(
@@ -208,7 +208,7 @@ def _loads(
                 indenter.radius_m, most[rows] / stiff, share, out.shape[2], power, reference,
             )  # fmt: skip
         elif len(rows):
-            _cast(out, patch, indenter, presses, rows, most, law, weights)
+            _cast(out, patch, indenter, presses, rows, most, stress, weights)
     return out
 
 

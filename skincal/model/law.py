@@ -67,18 +67,22 @@ class ContactLaw:
             raise ValueError(f"contact law spread_m2: expected a finite number; got {self.spread_m2}")
 
     def stress(self, law: StressLaw | None) -> StressLaw | None:
-        """Return the law of stress, combined with that of an effect if there is one."""
+        """Return the law of stress, combined with that of an effect if there is one.
+
+        A material whose stress is a power m of its strain, and strain a power n of the penetration: m times n.
+        """
         if self.exponent == 1.0:
             return law
         if law is None:
             return StressLaw(self.exponent, self.reference_m)
-        return StressLaw(law.exponent + self.exponent - 1, law.reference_m)
+        return StressLaw(law.exponent * self.exponent, law.reference_m)
 
-    def stiffness(self, indenter: Indenter) -> float:
-        """Return E under an indenter over that under the ball that it belongs to."""
+    def stiffness(self, indenter: Indenter, law: StressLaw | None = None) -> float:
+        """Return E under an indenter over that under the ball that it belongs to, with the law of an effect."""
         if not self.reference_radius_m or not isinstance(indenter, Sphere):
             return 1.0
-        return (indenter.radius_m / self.reference_radius_m) ** (self.exponent - 1)
+        power = (self.exponent - 1) * (1.0 if law is None else law.exponent)
+        return (indenter.radius_m / self.reference_radius_m) ** power
 
     def pressed_by(self, indenter: Indenter) -> Indenter:
         """Return the indenter that presses on the foundation as this one does on the skin."""

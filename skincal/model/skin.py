@@ -127,7 +127,7 @@ class Skin:
         """Press under the contact law; see :func:`skincal.model.press.call.press`."""
         law, elasticity = self.law, self.parameters.elasticity_pa_per_m
         if self.contact is not None:
-            elasticity *= self.contact.stiffness(indenter)
+            elasticity *= self.contact.stiffness(indenter, law)
             indenter, law = self.contact.pressed_by(indenter), self.contact.stress(law)
         return press(self.patch, elasticity, indenter, contacts, law, entries)
 
