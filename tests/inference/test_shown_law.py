@@ -78,8 +78,8 @@ def test_numbers_of_a_state_and_a_law_are_the_same():
         (0, -0.3, 0),
         (0, 0, 0.04),
         (0.1, -0.2, 0.03),
-        (-0.48, 0.1, 0.3),
-        (0.4, 0, -0.2),
+        (-0.48, 0.1, 0.05),
+        (0.3, 0, 0.1),
     ],
 )
 def test_a_skin_has_the_law_that_is_fitted(law: tuple[float, float, float]):
