@@ -53,8 +53,8 @@ class Gap:
 
     @property
     def refutes(self) -> bool:
-        """Whether presses are surely further off after than before."""
-        return self.added[0] > 0
+        """Whether presses are surely further off after than before, or what was missing has more than doubled."""
+        return self.added[0] > 0 or self.closed < -1
 
 
 def placed_presses(fitter: Fitter, state: State, rows: IntArray, others: Sequence[State] = ()) -> State:

@@ -9,11 +9,12 @@ that the fit has not seen.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.fit import NB, Fitted, Fitter
+from skincal.inference.fit import NB, Fitted, Fitter, law_bounds
 from skincal.inference.forward import BLUR_M2, LAW, LAW_WAYS, Forward
 from skincal.inference.score import Score, folds_of, held_out
 from skincal.model import ContactLaw
@@ -31,8 +32,13 @@ def numbers_of(law: ContactLaw) -> FloatArray:
 def law_ends(forward: Forward, numbers: FloatArray, covariance: FloatArray) -> tuple[ContactLaw, ContactLaw]:
     """Ends of 95 % intervals, of a state's numbers and the covariance (n, n) of its fit."""
     own = slice(NB - len(LAW), NB)
-    reach = np.linalg.solve(LAW_WAYS, _WIDTH * np.sqrt(np.diag(LAW_WAYS @ covariance[own, own] @ LAW_WAYS.T)))
-    return forward.contact_law(numbers - reach), forward.contact_law(numbers + reach)
+    reach = _WIDTH * np.sqrt(np.diag(LAW_WAYS @ covariance[own, own] @ LAW_WAYS.T))
+    # Of what the bounds of the numbers allow.
+    corners = np.array(list(product(*law_bounds()))) @ LAW_WAYS.T
+    least, most = corners.min(axis=0), corners.max(axis=0)
+    ends = [np.clip(LAW_WAYS @ numbers + side * reach, least, most) for side in (-1, 1)]
+    low, high = (as_floats(np.linalg.solve(LAW_WAYS, end)) for end in ends)
+    return forward.contact_law(low), forward.contact_law(high)
 
 
 def law_gain(fit: Fitted, folds: IntArray) -> Score:

@@ -21,8 +21,9 @@ from skincal.model.arrays import FloatArray, IntArray
 NB = len(BASE) + len(LAW)
 _FORM, _STRENGTH = 0.5, 0.4
 """A step of an effect's number is no longer than this part of what is expected of it beforehand."""
-_LAW = 3.0
-"""The law's numbers are no farther from the foundation than so many standard deviations of what is known of them."""
+_LAW = np.array([[-3.0, 0.5], [-3.0, 3.0], [-3.0, 3.0]])
+"""The law's numbers are no farther from the foundation than so many standard deviations of what is known of them.
+A layer is never stiffer under a larger contact: a power above 1 is a material that stiffens."""
 _MOST = np.array([1.5e-3, 1.5e-3, 0.12, 0.35, 0.35, 5.0])
 """A step of the base is no longer than this: metres, metres, radians, logarithms; of rest in noises."""
 
@@ -266,7 +267,7 @@ class Fitter:
         # No farther than the prior is wide, or the bounds let it; the others then go where that leaves them.
         wide, first = law_widths(), NB - len(LAW)
         reach = [f.sigma * (_FORM if f.parameter.role == "form" else _STRENGTH) for f in at.free]
-        ends = np.array([*np.outer(wide, (-_LAW, _LAW)), *(f.bounds() for f in at.free)])
+        ends = np.array([*law_bounds(), *(f.bounds() for f in at.free)])
         now, reach = np.array([*s.law, *(f.get(s.effects) for f in at.free)]), np.array([*wide, *reach])
         own = np.clip(np.clip(d[first:], -reach, reach), ends[:, 0] - now, ends[:, 1] - now)
         if np.any(own != d[first:]):
@@ -291,7 +292,7 @@ class Fitter:
         pose = moved_pose(self.forward.surface, s.pose, "y", own[0])
         pose = moved_pose(self.forward.surface, pose, "turn", own[1])
         pose = moved_pose(self.forward.surface, pose, "alpha", own[2])
-        law = np.clip(s.law + own[6:NB], -_LAW * law_widths(), _LAW * law_widths())
+        law = np.clip(s.law + own[6:NB], *law_bounds().T)
         effects = (
             with_values(
                 s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + own[NB : at.numbers]
@@ -368,6 +369,11 @@ class Fitter:
 def law_widths() -> FloatArray:
     """(3,) how far the contact law is from a foundation's beforehand, in the numbers of a state."""
     return np.array([C.law_power, C.law_blur, C.law_radius])
+
+
+def law_bounds() -> FloatArray:
+    """(3, 2) the least and the most that they are."""
+    return law_widths()[:, None] * _LAW
 
 
 def _about_none(x: FloatArray) -> FloatArray:

@@ -327,7 +327,11 @@ def _balls(
                     carried += area[i] * (e if power == 1.0 else reference * (e / reference) ** power)
             if carried >= most[c] or reach > 0.02:
                 break
-            reach *= 1.5
+            # From a depth that carries nearly enough no farther than is needed: a ball's load is a power of the depth.
+            short = most[c] / carried if carried > 0 else 10.0
+            reach *= min(1.5, 1.05 * short ** (1 / (power + 1)))
+        if power != 1.0 and carried > 1.2 * most[c]:
+            reach *= 1.1 * (most[c] / carried) ** (1 / (power + 1))
         order = _by_size(met, m, first + reach)
         if power == 1.0:
             heavy, moment = np.zeros(taxels), np.zeros(taxels)
@@ -351,12 +355,12 @@ def _balls(
                 for j in range(taxels):
                     out[c, k, j] = max(level * heavy[j] - moment[j], 0.0)
             continue
-        # Another law: loads at even depths, then brought to the nodes of F / E.
-        steps = 2 * nodes
+        # Another law: loads at depths that lie near the nodes, then brought to these.
+        steps = nodes + 4
         whole = reference * (reach / reference) ** power
         carry, own = np.zeros(steps), np.zeros((steps, taxels))
         for s in range(1, steps):
-            level = first + reach * s / (steps - 1)
+            level = first + reach * (s / (steps - 1)) ** (2 / (power + 1))
             for i in order:
                 e, rise = level - gap[i], half_rise[i]
                 if e <= -rise:

@@ -15,6 +15,8 @@ from skincal.model.arrays import FloatArray, IntArray
 
 _TURNS = (-0.2, 0.0, 0.2)
 """Angles that the search begins at, about the start's own [rad]."""
+_LAYER = np.array([C.law_power, 0.0, 0.0])
+"""From a foundation half of the way to a half-space."""
 _LATTICE = np.linspace(-0.8, 0.8, 9)
 
 
@@ -54,7 +56,11 @@ def base_fit(fitter: Fitter, *, known: bool) -> Fitted:
         reweighted(fitter, state)
         found = fitter.solve(state, steps=3)
         state = placed(fitter, found.state)
-    return fitter.solve(state, steps=3)
+    # A layer of some millimetres is far from a foundation, and what is missing may hold the fit on the way.
+    fits = [
+        fitter.solve(replace(state, law=law), steps=C.last_steps) for law in (state.law, state.law - _LAYER)
+    ]
+    return min(fits, key=lambda one: one.loss())
 
 
 def _misfit(fitter: Fitter, found: Fitted) -> float:
