@@ -140,8 +140,10 @@ def _box(low: FloatArray, high: FloatArray) -> gymnasium.spaces.Box:
     return gymnasium.spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
 
 
-_LEFT_OUT: Final = ("noise", "random_force", "position_m", "psi_deg", "theta_deg", "phi_deg", "taxel")
-"""Draws that are over, or that change in every step."""
+_LEFT_OUT: Final = (
+    "noise", "random_force", "position_m", "psi_deg", "theta_deg", "phi_deg", "taxel", "reference_radius"
+)  # fmt: skip
+"""Draws that are over, that change in every step, or that no range varies."""
 
 
 def constant_parts(nominal: Values) -> list[Part]:
