@@ -71,7 +71,7 @@ def calibrate(
 ) -> Outcome:
     """Fit the skin model to a dataset; return the calibration with its fit.
 
-    What :func:`skincal.fit` takes means the same here; ``progress`` is called with stage, done and total.
+    What ``skincal.fit`` takes means the same here; ``progress`` is called with stage, done and total.
 
     Raises:
         WorkError: the presses do not allow a fit; says why and what to do.
