@@ -14,9 +14,7 @@ class Constants:
     force: float = 0.02  # P  relative error of a press's force
     equation: float = 0.2  # P  relative error of an effect's equation in each phase of a press
     law_power: float = 0.22  # M  how far the exponent of the stress lies from 1 that fits elastic layers
-    law_blur: float = (
-        0.2  # M  the same of a spreading beyond that, in steps of a quarter of a millimetre, squared
-    )
+    law_blur: float = 0.2  # M  the same of a spreading beyond that, in steps of 0.25 mm, squared
     law_radius: float = 0.06  # M  the same of the indenter's radius, relative
     law_scale: float = 0.012  # M  the same of the scale
     rest: float = 0.3  # P  how far the common level at rest is from what idle frames say, in noises

@@ -1,9 +1,9 @@
 """The contact law of a calibration, the three numbers of a state, and whether a session shows that they are not zero.
 
-A state's numbers are the power of the stress less 1, a spreading whose variance is so many times half the square of a
-quarter of a millimetre, and the relative radius (:mod:`skincal.inference.forward`). Every fit has them, with the width
-by which elastic layers differ from the foundation as their prior. A calibration gets them where they predict presses
-that the fit has not seen.
+A state's numbers are the power of the stress less 1, and what a spreading and the relative radius have beyond what goes
+with it (:mod:`skincal.inference.forward`); the spreading's variance is so many times half the square of a quarter of a
+millimetre. Every fit has them, with the width by which elastic layers differ from the foundation as their prior. A
+calibration gets them where they predict presses that the fit has not seen.
 """
 
 from __future__ import annotations

@@ -19,7 +19,9 @@ from skincal.inference.rounded_frames import noise_of_rounded
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _NEAR, _FINE, _KNOTS = 8.0, 8.0, 4000
-_FEW_AT_REST, _SHARED = 100, 1.94
+_FEW_AT_REST = 100
+"""Fewer frames at rest do not tell the noise better than holds do."""
+_SHARED = 1.94
 """Second differences of independent frames tell as much as so many times fewer of these: 1 + 2 (16 + 1) / 36."""
 _AWAY = 4
 """Rounds in which the noise, and how far from the bounds it is looked for, follow each other."""

@@ -151,6 +151,12 @@ def test_verb_writes_a_session_that_replays(tmp_path: Path, capsys: pytest.Captu
     assert np.isfinite(replay.observe().q_rad).all()
 
 
+def still_for_a_second(out: Path) -> list[str]:
+    """The command that holds the marble still."""
+    command = ["deploy", "marble", "marble-tactile-1", "--trajectory", "still", "--duration-s", "1"]
+    return [*command, "--out", str(out)]
+
+
 @pytest.mark.parametrize(
     ("act", "status", "said"),
     [
@@ -177,19 +183,7 @@ def test_a_run_that_ends_early_is_kept(
 
     monkeypatch.setattr(Policy, "__call__", ends)
     with pytest.raises(SystemExit) as end:
-        main(
-            [
-                "deploy",
-                "marble",
-                "marble-tactile-1",
-                "--trajectory",
-                "still",
-                "--duration-s",
-                "1",
-                "--out",
-                str(out),
-            ]
-        )
+        main(still_for_a_second(out))
     err = capsys.readouterr().err
     assert end.value.code == status
     assert f"{said} The run so far is saved in {out / 'session'}." in err
@@ -211,19 +205,7 @@ def test_an_interrupt_while_the_picture_is_drawn_loses_nothing(
     monkeypatch.setattr("skincal.report.deploy.deploy_figure", interrupt)
     out = tmp_path / "rolled"
     with pytest.raises(SystemExit) as end:
-        main(
-            [
-                "deploy",
-                "marble",
-                "marble-tactile-1",
-                "--trajectory",
-                "still",
-                "--duration-s",
-                "1",
-                "--out",
-                str(out),
-            ]
-        )
+        main(still_for_a_second(out))
     assert end.value.code == 130 and "The run so far is saved" in capsys.readouterr().err
     assert json.loads((out / "deploy.json").read_text())["steps"] == 10
 
