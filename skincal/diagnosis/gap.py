@@ -18,7 +18,9 @@ from skincal.inference.forward import Forward, State
 from skincal.inference.start import placed_at
 from skincal.model.arrays import FloatArray, IntArray
 
-_DRAWS, _STEPS = 400, 6
+_DRAWS, _STEPS, _DAMPING = 400, 8, 0.01
+_REACH = np.array([4e-4, 4e-4, 0.03])
+"""A step of a press's place is no longer than this: metres, and the logarithm of its force."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +77,14 @@ def placed_presses(fitter: Fitter, state: State, rows: IntArray, others: Sequenc
 
 
 def _settled(fitter: Fitter, at: State, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """(P, 3) where presses come to from where they are, and (P,) what they then leave, prior in."""
+    """(P, 3) where presses come to from where they are, and (P,) what they then leave, prior in.
+
+    Levenberg's steps, each press with its own damping: a place is sharply told in one direction, and hardly in another.
+    """
     count, owned = fitter.forward.presses, fitter.press >= 0
     owner, known = fitter.press[owned], fitter.before.move
     best, move = np.full(count, np.inf), at.move.copy()
+    damping, ways = np.full(count, _DAMPING), dict[int, tuple[FloatArray, FloatArray]]()
     for _ in range(_STEPS):
         seen = fitter.forward.see(at)
         none = np.zeros((*seen.values.shape, 0))
@@ -86,17 +92,17 @@ def _settled(fitter: Fitter, at: State, rows: IntArray) -> tuple[FloatArray, Flo
         each = (w.residual**2 + np.where(w.seen, 2 * w.log_sd, 0.0)).sum(axis=1)
         loss = np.bincount(owner, each[owned], count) + at.move**2 @ known
         better = loss < best
+        damping *= np.where(better, 0.2, 6.0)
         best, move[better] = np.minimum(best, loss), at.move[better]
-        # Where the last step was too long it is tried again, shorter; elsewhere the next one follows.
-        new = at.move.copy()
+        new = move.copy()
         for p in rows.tolist():
             if better[p]:
                 own = fitter.press == p
                 n, r = w.press[own].reshape(-1, 3), w.residual[own].ravel()
-                step = np.linalg.solve(n.T @ n + np.diag(known), n.T @ r - known * at.move[p])
-                new[p] = move[p] + np.clip(step, [-4e-4, -4e-4, -0.03], [4e-4, 4e-4, 0.03])
-            else:
-                new[p] = move[p] + 0.3 * (at.move[p] - move[p])
+                ways[p] = n.T @ n + np.diag(known), n.T @ r - known * move[p]
+            h, g = ways[p]
+            step = np.linalg.solve(h + damping[p] * np.diag(np.diag(h)), g)
+            new[p] += step / max(1.0, np.abs(step / _REACH).max())
         new[:, :2] = np.clip(new[:, :2], -fitter.before.slack_m, fitter.before.slack_m)
         at = replace(at, move=new)
     return move, best

@@ -8,7 +8,7 @@ the contact is the chain of effects itself, so each slope by a parameter is a di
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -291,7 +291,7 @@ class Forward:
                 if len(far) < len(places) / 2:
                     places, terms = places.copy(), table.terms.copy()
                     places[far] = middle[far]
-                    terms[:, far] = self._make(skin, felt, before, places, rows=far).terms
+                    terms[:, far] = self._make(skin, felt, before, places[far], rows=far).terms
                     self._tables[key] = (before, places, PressTable(terms, table.most_m3))
                     return self._tables[key][2], places
         moved = middle.copy()
@@ -317,7 +317,7 @@ class Forward:
             if isinstance(a.effect, SpreadEffect) and not a.neutral:
                 weights = a.effect.weights(a.values, skin.skin.patch)
         rows = np.arange(self.presses) if rows is None else rows
-        moved = self._measured.of(rows).moved(self.surface, places[rows])
+        moved = self._measured.of(rows).moved(self.surface, places)
         return press_table(
             skin.skin.patch, self.surface, felt.indenters, moved, float(np.exp(state.log_e)), _stress(skin),
             weights, contact=self._contact_law(_node(state) if law is None else law), lattice=lattice,
@@ -360,6 +360,37 @@ class Forward:
         less, more, small, wide = (table.at(self.row, x) for table in ends)
         parts = [(more - less) / _POWER, curved.at(self.row, x), (wide - small) / _RADIUS]
         return e * np.stack(parts, axis=-1)
+
+    def reader(self, state: State, at: IntArray) -> Callable[[FloatArray], FloatArray]:
+        """What presses read elsewhere: of one sample each (B,), by the chain without memory.
+
+        Effects with memory change all that is felt in the same proportion as where the state has the press.
+
+        Returns:
+            of moves (B, G, 2) [m] the levels (B, G, J).
+        """
+        still = {n: v for n, v in state.effects.items() if not effect(n).has_memory}
+        skin = self.skin(state, still)
+        felt, off = self._felt(skin)
+        middle, seen = self._middle(off), self.see(state)
+        part = np.ones(len(at))
+        if len(still) < len(state.effects):
+            ways = seen.values[at], self._after(skin, seen.loads, felt)[at]
+            now, plain = (np.maximum(x.sum(axis=1), 1e-12) for x in ways)
+            part = np.clip(now / plain, 0.2, 5.0)
+        force = self._force(felt, replace(state, move=np.zeros_like(state.move)))[at]
+        e = float(np.exp(state.log_e))
+
+        def read(moves: FloatArray) -> FloatArray:
+            many, taxels = moves.shape[1], self.layout.taxels
+            rows = np.repeat(self.row[at], many)
+            places = moves.reshape(-1, 2) + middle[rows]
+            table = self._make(skin, felt, state, places, rows=rows, lattice=False)
+            loads = e * table.at(np.arange(len(rows)), np.repeat(force, many) / e)
+            values = self._after(skin, loads, felt[np.repeat(at, many)])
+            return values.reshape(-1, many, taxels) * part[:, None, None] + state.rest
+
+        return read
 
     @staticmethod
     def _near(a: SensorPose, b: SensorPose) -> bool:

@@ -10,7 +10,6 @@ from skincal.effects.samples import HOLD
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.forward import State
-from skincal.inference.press_table import press_table
 from skincal.model.arrays import FloatArray, IntArray
 
 _TURNS = (-0.2, 0.0, 0.2)
@@ -18,6 +17,8 @@ _TURNS = (-0.2, 0.0, 0.2)
 _LAYER = np.array([C.law_power, 0.0, 0.0])
 """From a foundation half of the way to a half-space."""
 _LATTICE = np.linspace(-0.8, 0.8, 9)
+_NEAR, _FEW = np.linspace(-0.5, 0.5, 5), 4
+"""Places about one of the best few of a lattice, in its steps."""
 
 
 def base_fit(fitter: Fitter, *, known: bool) -> Fitted:
@@ -133,43 +134,43 @@ def placed(fitter: Fitter, state: State) -> State:
 
 
 def placed_at(fitter: Fitter, state: State, bad: IntArray) -> State:
-    """The same of the presses named."""
+    """The same of the presses named: on the lattice, then on a finer one about its best few places."""
+    f, move = fitter.forward, state.move.copy()
+    images, at = _images(fitter, state, bad)
+    own = np.flatnonzero(at >= 0)
+    bad, images, at = bad[own], images[own], at[own]
+    if not len(bad):
+        return state
+    read = f.reader(state, at)
+    grid = np.array([(a, b) for a in _LATTICE for b in _LATTICE])[None] * fitter.before.slack_m
+    grid = np.repeat(grid, len(bad), axis=0)
+    near = np.array([(a, b) for a in _NEAR for b in _NEAR]) * (_LATTICE[1] - _LATTICE[0])
+    for finer in (True, False):
+        mean, _ = f.noise.written(read(grid))
+        top = np.maximum(np.nanmax(images, axis=1) - state.rest, 0.0)
+        sd = np.hypot(f.noise.frame, 0.05 * top)[:, None, None]
+        off = np.nansum(((mean - images[:, None]) / sd) ** 2, axis=2)
+        off += (grid**2).sum(axis=2) * fitter.before.move[0]
+        order = np.argsort(off, axis=1)[:, : _FEW if finer else 1]
+        best = np.take_along_axis(grid, order[..., None], axis=1)
+        grid = (best[:, :, None] + near * fitter.before.slack_m).reshape(len(bad), -1, 2)
+    move[bad] = np.append(best[:, 0], np.zeros((len(bad), 1)), axis=1)
+    return replace(state, move=move)
+
+
+def _images(fitter: Fitter, state: State, presses: IntArray) -> tuple[FloatArray, IntArray]:
+    """(B, J) mean images of presses, and (B,) the sample of each that stands for it; -1 for none."""
     f = fitter.forward
-    reach = fitter.before.slack_m
-    grid = np.array([(a, b) for a in _LATTICE for b in _LATTICE]) * reach
-    skin = f.skin(state)
-    e, measured = float(np.exp(state.log_e)), f._measured
-    move = state.move.copy()
-    every = np.repeat(bad, len(grid))
-    some = replace(
-        measured, points_m=measured.points_m[every], normals=measured.normals[every],
-        indenter=measured.indenter[every], most_n=measured.most_n[every],
-    )  # fmt: skip
-    table = press_table(
-        skin.skin.patch,
-        f.surface,
-        f.samples.indenters,
-        some.moved(f.surface, np.tile(grid, (len(bad), 1))),
-        e,
-        lattice=False,
-    )
-    force = np.maximum(np.nan_to_num(f.samples.contacts.force_n), 0.0)
-    scale, added = np.exp(state.log_s), np.zeros(fitter.counts.shape)
-    if state.effects:
-        # What effects do to an image is taken to be the same at other places near by.
-        added = f.mean @ (f.see(state).values - f.see(replace(state, effects={})).values)
-    for k, p in enumerate(bad):
+    force = np.nan_to_num(f.samples.contacts.force_n) * f.samples.touching
+    mean = f.mean @ force
+    images, at = np.full((len(presses), fitter.counts.shape[1]), np.nan), np.full(len(presses), -1)
+    for k, p in enumerate(presses.tolist()):
         rows = np.flatnonzero((fitter.press == p) & (fitter.phase == HOLD))
         rows = rows if len(rows) else np.flatnonzero(fitter.press == p)
-        own = (f.mean @ force)[rows]
-        if not len(own) or not own.max() > 0:
+        if not len(rows) or not mean[rows].max() > 0:
             continue
-        image = np.average((fitter.counts - added)[rows], axis=0, weights=own + 1e-12)
-        loads = e * table.at(
-            np.arange(k * len(grid), (k + 1) * len(grid)), np.full(len(grid), float(own.mean()) / e)
-        )
-        mean, _ = f.noise.written(loads * scale + state.rest)
-        sd = np.hypot(f.noise.frame, 0.05 * max(float(np.nanmax(image)) - state.rest, 0.0))
-        off = np.nansum(((mean - image) / sd) ** 2, axis=1) + (grid**2).sum(axis=1) * fitter.before.move[0]
-        move[p] = (*grid[int(np.argmin(off))], 0.0)
-    return replace(state, move=move)
+        images[k] = np.average(fitter.counts[rows], axis=0, weights=np.maximum(mean[rows], 0.0) + 1e-12)
+        own = np.flatnonzero(f.row == p)
+        level = float(mean[rows].mean())
+        at[k] = own[np.argmin(np.abs(force[own] - level))]
+    return images, at
