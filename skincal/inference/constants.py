@@ -32,6 +32,7 @@ class Constants:
     last_steps: int = 12  # T  of that of the effect which is taken
     contend: float = 0.5  # T  of the best shared gain: what has less is not fitted in full
     contenders: int = 4  # T  that are fitted in full in a round
+    paths: int = 2  # T  that are followed where effects are not told apart
     least_gain: float = 8.0  # T  nats; less is never named, whatever the null
     alike: float = 2.0  # T  standard errors within which two effects are not told apart
     most: int = 4  # T  effects that are named at most

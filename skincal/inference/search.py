@@ -10,7 +10,7 @@
         those that surely gain; the best and what is not told from it are fitted until they are settled
         take the one whose fit predicts best; those that predict as well are its set
         drop what the new one has made needless
-    until none surely gains
+    until none surely gains; the same from the next best of the set, and the better end is taken
     fit once more from where the sensor was thought to be, if the base has gone far from there
 
 All gains are of :mod:`skincal.inference.score`, all limits of :mod:`skincal.inference.null`.
@@ -98,6 +98,30 @@ class Named:
 
 
 @dataclass(frozen=True, eq=False)
+class Path:
+    """A way of the search: a set of effects, and what led to it.
+
+    Attributes:
+        fit: with its effects.
+        named: in the order in which they were taken.
+        rounds: what was tried in each round, best first.
+        dropped: effects that another one has made needless.
+        ended: whether nothing more surely gains.
+    """
+
+    fit: Fitted
+    named: tuple[Named, ...] = ()
+    rounds: tuple[tuple[Tried, ...], ...] = ()
+    dropped: frozenset[str] = frozenset()
+    ended: bool = False
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """Names of its effects."""
+        return frozenset(n.name for n in self.named)
+
+
+@dataclass(frozen=True, eq=False)
 class Found:
     """What the search ends with.
 
@@ -156,50 +180,85 @@ class Search:
         """From the base model to what is missing."""
         self._folds = folds_of(self.base.blocks, self.rng)
         self._known, self._null = dict(self.base.state.effects), self._drawn()
-        fit, named, rounds = self.base, list[Named](), list[tuple[Tried, ...]]()
-        dropped: set[str] = set()
-        without: dict[str, Fitted] = {}
-        while True:
-            tried = self._round(fit, named)
-            rounds.append(tuple(tried))
-            good = [t for t in tried if t.good and t.name not in dropped]
-            more = len(named) < C.most and len(rounds) <= C.rounds
-            best = self._best(fit, good) if good and more else None
-            if best is None:
-                break
-            own, new = best
-            again = next((n for n in named if n.name == own.name), None)
-            if again is None:
-                named.append(own)
-            else:
-                named[named.index(again)] = replace(again, gain=again.gain + own.gain)
-            fit, without = new, dict[str, Fitted]()
-            # What the new one has made needless goes.
-            for old in named[:-1]:
-                without[old.name] = less = self._without(fit, old.name)
-                if Score(self.score(fit) - self.score(less)).total < old.limit:
-                    fit, named, without = less, [n for n in named if n is not old], {}
-                    dropped.add(old.name)
+        going, ended = [Path(self.base)], list[Path]()
+        while going:
+            grown = [one for path in going for one in self._grown(path)]
+            ended += [path for path in grown if path.ended]
+            # Two ways to the same names are one.
+            by_names = {path.effects: path for path in sorted(grown, key=self._total) if not path.ended}
+            going = sorted(by_names.values(), key=self._total, reverse=True)[: C.paths]
+        best = self._chosen(ended)
+        fit, named = best.fit, [self._told_apart(best, k, ended) for k in range(len(best.named))]
         for old in named[:-1]:
-            other, named = self._swapped(fit, named, old, without.get(old.name))
-            fit, without = other, without if other is fit else {}
+            fit, named = self._swapped(fit, named, old)
         fit = self._from_start(fit) if named else fit
-        return Found(self.base, fit, tuple(named), tuple(rounds), self._null)
+        return Found(self.base, fit, tuple(named), best.rounds, self._null)
 
-    def _swapped(
-        self, fit: Fitted, named: list[Named], old: Named, less: Fitted | None
-    ) -> tuple[Fitted, list[Named]]:
+    def _grown(self, path: Path) -> list[Path]:
+        """A path with one more effect: the one that predicts best, and each that is not told from it."""
+        fit, named = path.fit, path.named
+        tried = self._round(fit, named)
+        rounds = (*path.rounds, tuple(tried))
+        good = [t for t in tried if t.good and t.name not in path.dropped]
+        more = len(named) < C.most and len(rounds) <= C.rounds
+        alike = self._best(fit, good) if good and more else []
+        if not alike:
+            return [replace(path, rounds=rounds, ended=True)]
+        return [
+            self._needed(replace(path, fit=new, named=_added(named, own), rounds=rounds))
+            for own, new in alike[: C.paths]
+        ]
+
+    def _needed(self, path: Path) -> Path:
+        """The same path without what the newest effect has made needless."""
+        for old in path.named[:-1]:
+            less = self._without(path.fit, old.name)
+            if Score(self.score(path.fit) - self.score(less)).total < old.limit:
+                named = tuple(n for n in path.named if n is not old)
+                path = replace(path, fit=less, named=named, dropped=path.dropped | {old.name})
+        return path
+
+    def _total(self, path: Path) -> float:
+        return float(self.score(path.fit).sum())
+
+    def _chosen(self, ended: Sequence[Path]) -> Path:
+        """The path that predicts best; one with more effects must gain what each of those more must."""
+        best, *others = sorted(ended, key=lambda p: (len(p.named), -self._total(p)))
+        for path in others:
+            more = len(path.named) - len(best.named)
+            least = sum(sorted(n.limit for n in path.named)[:more])
+            gain = Score(self.score(path.fit) - self.score(best.fit))
+            if gain.total > least and (not more or gain.sure > C.alike):
+                best = path
+        return best
+
+    def _told_apart(self, best: Path, k: int, ended: Sequence[Path]) -> Named:
+        """An effect of the best path, without those alike whose own paths end at what surely predicts worse."""
+        own, scores = best.named[k], self.score(best.fit)
+        gone = set[str]()
+        for path in ended:
+            other = path.named[k].name if len(path.named) > k else own.name
+            if other in own.alike and other != own.name and best.named[:k] == path.named[:k]:
+                behind = Score(scores - self.score(path.fit))
+                error = effect(other).equation_error
+                if behind.total > max(C.alike * max(behind.error, 1.0), 0.5 * error**2 * own.gain):
+                    gone.add(other)
+        left = tuple(n for n in own.alike if n not in gone)
+        return replace(own, alike=left, rivals=tuple((n, x) for n, x in own.rivals if n not in gone))
+
+    def _swapped(self, fit: Fitted, named: list[Named], old: Named) -> tuple[Fitted, list[Named]]:
         """An effect against all others that gain more than it does beside those that were found after it."""
-        less = self._without(fit, old.name) if less is None else less
+        less = self._without(fit, old.name)
         others = [n for n in named if n is not old]
         tried = self._round(less, others)
         own = max((t.gain for t in tried if t.name == old.name), default=0.0)
         best = self._best(less, [t for t in tried if t.good and t.gain > own])
-        if best is None or best[0].name in [n.name for n in others]:
+        if not best or best[0][0].name in [n.name for n in others]:
             return fit, named
-        if Score(self.score(best[1]) - self.score(fit)).total <= 0:
+        other, new = best[0]
+        if Score(self.score(new) - self.score(fit)).total <= 0:
             return fit, named
-        return best[1], [best[0] if n is old else n for n in named]
+        return new, [other if n is old else n for n in named]
 
     # ------------------------------------------------------------------ a round
 
@@ -297,8 +356,8 @@ class Search:
         sigma = [np.array(c.start.sigma) for c in found]
         return gains(linear.blocks, b, linear.prior, pull, sigma, self._folds)
 
-    def _best(self, fit: Fitted, good: Sequence[Tried]) -> tuple[Named, Fitted] | None:
-        """Of the best few the one whose joint fit surely predicts better, and best, and those that predict as well.
+    def _best(self, fit: Fitted, good: Sequence[Tried]) -> list[tuple[Named, Fitted]]:
+        """Of the best few those whose joint fit surely predicts better: the best, and those that predict as well.
 
         What is near the best after a few steps is fitted until it is settled before it is compared: the base has gone
         along with what was missing, and may have far to come back.
@@ -311,18 +370,18 @@ class Search:
             gain = Score(self.score(new) - self.score(fit))
             if gain.total > t.limit and max(t.sure, gain.sure) > C.sure:
                 fits.append((t, new))
-        if not fits:
-            return None
         fits = [(t, self._settled(x.state, x.free)) for t, x in self._alike(fit, fits)]
-        fits = [(t, x) for t, x in fits if Score(self.score(x) - self.score(fit)).total > t.limit]
-        if not fits:
-            return None
-        (first, new), *alike = self._alike(fit, fits)
-        gain = Score(self.score(new) - self.score(fit)).total
-        rivals = tuple((t.name, x) for t, x in alike)
-        return Named(
-            first.name, (first.name, *(n for n, _ in rivals)), gain, first.limit, first.p_value, rivals
-        ), new
+        before = self.score(fit)
+        fits = [(t, x) for t, x in fits if Score(self.score(x) - before).total > t.limit]
+        fits = self._alike(fit, fits)
+        names, out = [t.name for t, _ in fits], list[tuple[Named, Fitted]]()
+        for t, x in fits:
+            rivals = tuple((u.name, y) for u, y in fits if u is not t)
+            alike = (t.name, *(n for n in names if n != t.name))
+            out.append(
+                (Named(t.name, alike, Score(self.score(x) - before).total, t.limit, t.p_value, rivals), x)
+            )
+        return out
 
     def _alike(self, fit: Fitted, fits: Sequence[tuple[Tried, Fitted]]) -> list[tuple[Tried, Fitted]]:
         """The one that predicts best, and those that are not surely worse.
@@ -330,7 +389,7 @@ class Search:
         One is not if its difference is not sure, or no more than what its equation may err by makes it lose.
         """
         before, scores = self.score(fit), [self.score(x) for _, x in fits]
-        best = max(scores, key=np.sum)
+        best = max(scores, key=np.sum, default=before)
         near: list[tuple[float, int]] = []
         for i, ((tried, _), own) in enumerate(zip(fits, scores, strict=True)):
             behind = Score(best - own)
@@ -414,6 +473,14 @@ class Search:
     def scene(self) -> Scene:
         """The scale of the session."""
         return scene_of(self.fitter, self.base)
+
+
+def _added(named: tuple[Named, ...], own: Named) -> tuple[Named, ...]:
+    """Effects with one more; one that is found again, for other taxels, gains that much more."""
+    again = next((n for n in named if n.name == own.name), None)
+    if again is None:
+        return (*named, own)
+    return tuple(replace(n, gain=n.gain + own.gain) if n is again else n for n in named)
 
 
 def owed(errors: Sequence[FloatArray], cells: IntArray, new: FloatArray) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -26,7 +26,10 @@ class Endless(Search):
         return [SimpleNamespace(good=True, name="dead_taxel")]
 
     def _best(self, fit: Any, good: Any) -> Any:
-        return Named("dead_taxel", ("dead_taxel",), 20.0, 8.0, 0.01), fit
+        return [(Named("dead_taxel", ("dead_taxel",), 20.0, 8.0, 0.01), fit)]
+
+    def score(self, fit: Any) -> Any:
+        return np.zeros(12)
 
     def _from_start(self, fit: Any) -> Any:
         return fit
@@ -63,7 +66,7 @@ def test_what_is_named_is_beyond_its_limit_when_its_fit_is_settled(settled: floa
     search = Settling(none, none, (), frozenset(), np.random.default_rng(0))
     search.settled = settled
     tried: Any = SimpleNamespace(name="cover", shared=26.0, sure=2.9, limit=30.0, p_value=0.01)
-    assert (search._best(SimpleNamespace(each=0.0), [tried]) is not None) is named
+    assert bool(search._best(SimpleNamespace(each=0.0), [tried])) is named
 
 
 @pytest.mark.parametrize(("rows", "share"), [(slice(0, 6), 1.0), (slice(6, 12), 0.0)])
@@ -73,3 +76,47 @@ def test_what_an_equation_errs_by_bars_what_is_like_it_and_nothing_else(rows: sl
     errors, new = np.zeros((12, 2)), np.zeros((12, 2))
     errors[:6], new[rows] = 0.5, 7.0
     assert owed([errors], cells, new) == pytest.approx(share * 0.5 * C.alike**2 * float((errors**2).sum()))
+
+
+class Forking(Search):
+    """Two effects gain as much alone; a third gains more beside the second."""
+
+    gains: ClassVar = {
+        (): 0.0,
+        ("creep",): 40.0,
+        ("latency",): 39.0,
+        ("creep", "cover"): 60.0,
+        ("latency", "cover"): 90.0,
+    }
+
+    def _drawn(self) -> Any:
+        return None
+
+    def score(self, fit: Any) -> Any:
+        return np.full(20, self.gains[fit.effects] / 20)
+
+    def _round(self, fit: Any, named: Any) -> Any:
+        names = ("cover",) if named else ("creep", "latency")
+        return [SimpleNamespace(good="cover" not in fit.effects, name=n, gain=0.0) for n in names]
+
+    def _best(self, fit: Any, good: Any) -> Any:
+        new = {t.name: SimpleNamespace(effects=(*fit.effects, t.name), free=()) for t in good}
+        names = tuple(new)
+        gain = {n: float((self.score(x) - self.score(fit)).sum()) for n, x in new.items()}
+        return [(Named(n, (n, *(m for m in names if m != n)), gain[n], 8.0, 0.01), x) for n, x in new.items()]
+
+    def _without(self, fit: Any, name: str) -> Any:
+        return SimpleNamespace(
+            effects=tuple(n for n in ("creep", "latency") if n in fit.effects and n != name)
+        )
+
+    def _from_start(self, fit: Any) -> Any:
+        return fit
+
+
+def test_what_is_alike_alone_is_told_apart_by_what_else_there_is():
+    base: Any = SimpleNamespace(blocks=SimpleNamespace(press=np.arange(20)), effects=())
+    base.state = SimpleNamespace(effects={})
+    none: Any = None
+    found = Forking(none, base, (), frozenset(), np.random.default_rng(0)).run()
+    assert [n.alike for n in found.named] == [("latency",), ("cover",)]
