@@ -11,7 +11,9 @@ area and moment); other indenters take :class:`skincal.model.Skin`.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numba import njit
@@ -30,6 +32,7 @@ from skincal.model import (
     contact_rotations,
 )
 from skincal.model.arrays import FloatArray, IntArray
+from skincal.workers.processes import available_cores
 
 NODES = 22
 """Values of F / E in a table, even in the square root."""
@@ -202,14 +205,25 @@ def _loads(
         rows = np.flatnonzero(presses.indenter == number)
         stiff, indenter = contact.stiffness(indenter, law), contact.pressed_by(indenter)
         if isinstance(indenter, Sphere):
-            centre = presses.points_m[rows] + indenter.radius_m * presses.normals[rows]
-            out[rows] = stiff * _balls(
-                patch.points_m, patch.normals, patch.areas_m2, patch.taxel, own, centre, presses.normals[rows],
-                indenter.radius_m, most[rows] / stiff, share, out.shape[2], power, reference,
-            )  # fmt: skip
+
+            def balls(rows: IntArray, radius: float = indenter.radius_m, stiff: float = stiff) -> None:
+                normals = presses.normals[rows]
+                out[rows] = stiff * _balls(
+                    patch.points_m, patch.normals, patch.areas_m2, patch.taxel, own,
+                    presses.points_m[rows] + radius * normals, normals, radius, most[rows] / stiff, share,
+                    out.shape[2], power, reference,
+                )  # fmt: skip
+
+            list(_threads().map(balls, np.array_split(rows, min(available_cores(), len(rows)) or 1)))
         elif len(rows):
             _cast(out, patch, indenter, presses, rows, most, stress, weights)
     return out
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    """A thread a core: the compiled loop leaves the others free to work."""
+    return ThreadPoolExecutor(available_cores())
 
 
 def _cast(
