@@ -1,8 +1,9 @@
 """How much of the gap is gone, on presses that neither the fit nor the choice has seen; they are looked at once.
 
 Before and after are compared frame by frame, with measured counts as they are and predictions as the converter shows
-them on average. A press may place itself within its slack, alike before and after. The floor is the noise at the values
-that are predicted, and no more than what the better of the two models leaves: an error below it shows that it is less.
+them on average. A press may place itself within its slack, alike before and after; one that is out of all proportion
+both times is left out. The floor is the noise at the values that are predicted, and no more than what the better of the
+two models leaves: an error below it shows that it is less.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from skincal.diagnosis.observed import Observed, full_rate
 from skincal.inference.fit import Fitter
 from skincal.inference.forward import Forward, State
-from skincal.inference.start import placed_at
+from skincal.inference.start import placed_at, wild_presses
 from skincal.model.arrays import FloatArray, IntArray
 
 _DRAWS, _STEPS, _DAMPING = 400, 8, 0.01
@@ -127,6 +128,9 @@ def gap_of(observed: Observed, before: State, after: State, rng: np.random.Gener
         # A press may be trapped at one place before and at another after: each model has both to choose from.
         second = placed_presses(fitter, after, rows, [first])
         first = placed_presses(fitter, before, rows, [second])
+    # An image out of all proportion by either model is a fault of its press, and says nothing of models.
+    wild = np.intersect1d(wild_presses(fitter, first), wild_presses(fitter, second))
+    rows = np.setdiff1d(rows, wild)
     frames = _frames(whole, observed)
     (base, _), (named, noise) = (_squares(whole, s, frames) for s in (first, second))
     owner = whole.session.press
