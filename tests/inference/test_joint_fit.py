@@ -10,12 +10,13 @@ import pytest
 from inference.made import KINDS, made
 from report.diagnosis_cases import calibration
 
-from skincal.diagnosis.gap import placed_presses
+from skincal.diagnosis.gap import gap_of, placed_presses
 from skincal.diagnosis.observed import Observed, observe
 from skincal.effects import effect
 from skincal.inference.columns import free_of
 from skincal.inference.fit import Fitter
 from skincal.inference.forward import Forward
+from skincal.inference.start import placed_at
 
 
 @cache
@@ -63,6 +64,43 @@ def test_what_memory_keeps_of_a_press_does_not_tell_the_pose():
         state = replace(fitter.before.start, effects=effects)
         sd.append(np.sqrt(np.diag(fitter.linear(state, (), word=True).covariance))[:3])
     assert (sd[1] > 0.8 * sd[0]).all()
+
+
+@pytest.mark.parametrize("kind", ["law", "taxel_gain", "creep"])
+def test_a_press_is_found_by_the_chain_as_it_is(kind: str):
+    """Wherever it was thought to be: what the law and effects do to its image is what they do at each place."""
+    fitter = seen("nothing").fitter
+    state = fitter.before.start
+    if kind == "law":
+        state = replace(state, law=np.array([-0.6, 0.0, 0.0]), log_e=state.log_e + 1.0)
+    elif kind == "taxel_gain":
+        gain = np.exp(0.7 * np.random.default_rng(3).standard_normal(fitter.counts.shape[1]))
+        state = replace(state, effects={"taxel_gain": {"gain": gain}})
+    else:
+        creep = effect("creep").checked({"amplitude": 0.5, "time_constant_s": 1.0}, fitter.counts.shape[1])
+        state = replace(state, effects={"creep": dict(creep)})
+    at = replace(state, move=np.zeros_like(state.move))
+    told = Fitter(fitter.forward, fitter.expected(fitter.forward.see(at))[0], fitter.before)
+    rows = np.unique(fitter.press[fitter.press >= 0])
+    lost = state.move.copy()
+    lost[rows, :2] = fitter.before.slack_m * 0.6
+    found = placed_at(told, replace(state, move=lost), rows).move[rows, :2]
+    assert (np.linalg.norm(found, axis=1) < 0.3 * fitter.before.slack_m).mean() > 0.9
+
+
+def test_a_press_no_model_can_follow_has_no_part_in_the_gap():
+    observed = seen("hysteresis")
+    row = int(np.flatnonzero(observed.held)[0])
+    counts = observed.session.counts
+    assert counts is not None
+    image = counts[observed.session.press == row]
+    counts[observed.session.press == row] = image[:, ::-1]
+    gap = gap_of(
+        observed, observed.fitter.before.start, observed.fitter.before.start, np.random.default_rng(0)
+    )
+    counts[observed.session.press == row] = image
+    assert row not in gap.presses
+    assert len(gap.presses) == observed.held.sum() - 1
 
 
 def test_presses_kept_for_the_end_are_placed_where_they_fit():
