@@ -23,6 +23,7 @@ class Constants:
     folds: int = 6  # T  parts of the presses that are held out in turn
     clip: float = 3.0  # T  no press counts for more in the standard error of a gain
     sure: float = 2.7  # T  standard errors by which a gain must be there
+    few: int = 3  # T  presses without which a gain must stay beyond its limit, or be sure as above
     null_sessions: int = 120  # T  simulated sessions with nothing hidden
     null_quantile: float = 0.99  # T  of their greatest gains: an effect's limit
     slack: float = 1.25  # M  what a limit is raised by for laws and errors that the null does not have
@@ -30,7 +31,7 @@ class Constants:
     noise: float = 0.02  # P  relative error of the noise's variance, so much may always be left
     joint_steps: int = 5  # T  of a joint fit
     last_steps: int = 12  # T  of that of the effect which is taken
-    contend: float = 0.5  # T  of the best shared gain: what has less is not fitted in full
+    contend: float = 0.5  # T  of the best gain, whole or shared: what has less is not fitted in full
     contenders: int = 4  # T  that are fitted in full in a round
     paths: int = 2  # T  that are followed where effects are not told apart
     least_gain: float = 8.0  # T  nats; less is never named, whatever the null

@@ -76,6 +76,11 @@ class Score:
         return float(k.sum() / (k.std() * np.sqrt(len(k)) + 1e-9))
 
     @property
+    def lasting(self) -> float:
+        """Nats without the ``few`` blocks that gain most."""
+        return self.total - float(np.sort(self.each)[-C.few :].sum())
+
+    @property
     def shared(self) -> float:
         """Nats, no block counting for more than ``clip``."""
         return float(np.clip(self.each, -C.clip, C.clip).sum())

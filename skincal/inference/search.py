@@ -363,12 +363,16 @@ class Search:
         along with what was missing, and may have far to come back.
         """
         order = sorted(good, key=lambda t: -t.shared)
-        few = [t for t in order if t.shared > C.contend * order[0].shared][: C.contenders]
+        least, shared = (
+            C.contend * max(x, default=0.0) for x in ([t.gain for t in good], [t.shared for t in good])
+        )
+        few = [t for t in order if t.shared > shared or t.gain > least][: C.contenders]
         fits: list[tuple[Tried, Fitted]] = []
         for t in few:
             new = self.with_one(fit, t)
             gain = Score(self.score(new) - self.score(fit))
-            if gain.total > t.limit and max(t.sure, gain.sure) > C.sure:
+            # Many presses gain a little, or some gain much: a few alone are no evidence, whatever they gain.
+            if gain.total > t.limit and (max(t.sure, gain.sure) > C.sure or gain.lasting > t.limit):
                 fits.append((t, new))
         fits = [(t, self._settled(x.state, x.free)) for t, x in self._alike(fit, fits)]
         before = self.score(fit)

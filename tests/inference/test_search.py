@@ -65,7 +65,7 @@ def test_what_is_named_is_beyond_its_limit_when_its_fit_is_settled(settled: floa
     none: Any = None
     search = Settling(none, none, (), frozenset(), np.random.default_rng(0))
     search.settled = settled
-    tried: Any = SimpleNamespace(name="cover", shared=26.0, sure=2.9, limit=30.0, p_value=0.01)
+    tried: Any = SimpleNamespace(name="cover", gain=40.0, shared=26.0, sure=2.9, limit=30.0, p_value=0.01)
     assert bool(search._best(SimpleNamespace(each=0.0), [tried])) is named
 
 
