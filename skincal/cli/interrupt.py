@@ -7,14 +7,10 @@ import threading
 from collections.abc import Callable, Collection, Generator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import TYPE_CHECKING
 
 from skincal.cli.terminal import say
-from skincal.errors import SkincalError, text_of
+from skincal.errors import InputError, text_of
 from skincal.signals import ENDING
-
-if TYPE_CHECKING:
-    from skincal.errors import WorkError
 
 AGAIN_S = 0.02
 """Interval at which a held-back interrupt checks whether the modules have loaded [s]."""
@@ -57,14 +53,14 @@ def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
         saved: saves what is left to save of the work of a verb that ends early, while signals wait, and returns what
             is saved.
     """
-    from skincal.errors import WorkError
-
     # `interruptible` uses the alarm to check again.
     more = (number for number in ENDING if number != signal.SIGALRM)
     with interruptible(*more, ignored=(signal.SIGINT, signal.SIGQUIT)):
         try:
             yield
-        except (KeyboardInterrupt, WorkError, OSError) as error:  # a full disk, for instance
+        except (KeyboardInterrupt, Exception) as error:  # a full disk, no memory left, a fault of ours
+            if isinstance(error, InputError) and not hasattr(error, "__notes__"):
+                raise  # found before the hand moved
             status = None
             while status is None:
                 with suppress(KeyboardInterrupt):  # of a further signal
@@ -74,7 +70,7 @@ def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
             raise Ended(status) from None
 
 
-def _tell_end(error: KeyboardInterrupt | WorkError | OSError, saved: Callable[[], str]) -> int:
+def _tell_end(error: BaseException, saved: Callable[[], str]) -> int:
     """Say why a verb that moves a hand ends, what is saved, and whether the hand was stopped.
 
     Returns:
@@ -90,7 +86,7 @@ def _tell_end(error: KeyboardInterrupt | WorkError | OSError, saved: Callable[[]
         say(f"skincal: error: {danger}")
     try:
         kept = saved()
-    except (SkincalError, OSError) as trouble:
+    except Exception as trouble:
         kept = f"The work so far could not be saved: {text_of(trouble)}"
     text = " ".join(filter(None, [*([] if danger else notes), kept]))
     if stopped and not danger:

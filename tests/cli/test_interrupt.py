@@ -9,9 +9,12 @@ import time
 from pathlib import Path
 
 import pytest
+from hand.hand_fakes import FakeHand
 
 from skincal.cli.interrupt import REQUESTS, interruptible, moving
+from skincal.errors import InputError
 from skincal.hand.errors import HandError
+from skincal.hand.guard import GuardedHand
 
 HANDLERS = (signal.SIGINT, signal.SIGALRM, *REQUESTS)
 
@@ -123,3 +126,12 @@ def test_what_cannot_be_saved_does_not_hide_that_the_power_must_be_cut(
         raise HandError("stop() did not return! Cut the hand's power.", "driver", stopped=False)
     assert left.value.code == 1
     assert "could not be saved: [Errno 28] No space left on device" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("error", [MemoryError(), KeyError("ours"), InputError("no such folder")])
+def test_whatever_ends_the_work_tells_that_the_hand_was_stopped(
+    error: Exception, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(type(error)), moving(lambda: "Two presses are saved."), GuardedHand(FakeHand()):
+        raise error
+    assert "ended early. The hand was stopped. Two presses are saved." in capsys.readouterr().err
