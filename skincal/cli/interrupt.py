@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
+import time
 from collections.abc import Callable, Collection, Generator
 from contextlib import contextmanager, suppress
 from types import FrameType
@@ -11,6 +13,9 @@ from types import FrameType
 from skincal.cli.terminal import say
 from skincal.errors import InputError, text_of
 from skincal.signals import ENDING
+
+TOGETHER_S = 0.05
+"""Signals that come within this time are one request: a second interrupt would cut off what the first one began [s]."""
 
 AGAIN_S = 0.02
 """Interval at which a held-back interrupt checks whether the modules have loaded [s]."""
@@ -125,6 +130,7 @@ def interruptible(*more: int, ignored: Collection[int] = ()) -> Generator[None]:
     if threading.current_thread() is not threading.main_thread() or not before:
         yield
         return
+    _asked_s[0] = -math.inf
     timer = signal.signal(signal.SIGALRM, _interrupt)
     for number in before:
         signal.signal(number, _interrupt)
@@ -141,7 +147,13 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     if _importing(frame):
         signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
         return
-    raise KeyboardInterrupt
+    last_s, _asked_s[0] = _asked_s[0], time.monotonic()
+    if _asked_s[0] - last_s > TOGETHER_S:
+        raise KeyboardInterrupt
+
+
+_asked_s = [-math.inf]
+"""When a signal came last [s]."""
 
 
 def _importing(frame: FrameType | None) -> bool:

@@ -135,3 +135,13 @@ def test_whatever_ends_the_work_tells_that_the_hand_was_stopped(
     with pytest.raises(type(error)), moving(lambda: "Two presses are saved."), GuardedHand(FakeHand()):
         raise error
     assert "ended early. The hand was stopped. Two presses are saved." in capsys.readouterr().err
+
+
+def test_signals_at_once_are_one_request() -> None:
+    with interruptible():
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(0.1)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
