@@ -313,6 +313,14 @@ def check_table_size(rows: int, columns: int, most_rows: int = MOST_ROWS) -> Non
         raise UnreadableError(f"at most {MOST_COLUMNS} columns", f"{columns}")
 
 
+def memory_bytes() -> int:
+    """Return the memory of this machine; 16 GiB where the system does not tell."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, OSError):
+        return 16 << 30
+
+
 def _size(count: int) -> str:
     return f"{count >> 20} MiB"
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
+import time
 from collections.abc import Callable, Collection, Generator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import TYPE_CHECKING
 
 from skincal.cli.terminal import say
-from skincal.errors import SkincalError, text_of
+from skincal.errors import InputError, text_of
 from skincal.signals import ENDING
 
-if TYPE_CHECKING:
-    from skincal.errors import WorkError
+TOGETHER_S = 0.05
+"""Signals that come within this time are one request: a second interrupt would cut off what the first one began [s]."""
 
 AGAIN_S = 0.02
 """Interval at which a held-back interrupt checks whether the modules have loaded [s]."""
@@ -57,14 +58,14 @@ def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
         saved: saves what is left to save of the work of a verb that ends early, while signals wait, and returns what
             is saved.
     """
-    from skincal.errors import WorkError
-
     # `interruptible` uses the alarm to check again.
     more = (number for number in ENDING if number != signal.SIGALRM)
     with interruptible(*more, ignored=(signal.SIGINT, signal.SIGQUIT)):
         try:
             yield
-        except (KeyboardInterrupt, WorkError, OSError) as error:  # a full disk, for instance
+        except (KeyboardInterrupt, Exception) as error:  # a full disk, no memory left, a fault of ours
+            if isinstance(error, InputError) and not hasattr(error, "__notes__"):
+                raise  # found before the hand moved
             status = None
             while status is None:
                 with suppress(KeyboardInterrupt):  # of a further signal
@@ -74,7 +75,7 @@ def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
             raise Ended(status) from None
 
 
-def _tell_end(error: KeyboardInterrupt | WorkError | OSError, saved: Callable[[], str]) -> int:
+def _tell_end(error: BaseException, saved: Callable[[], str]) -> int:
     """Say why a verb that moves a hand ends, what is saved, and whether the hand was stopped.
 
     Returns:
@@ -90,7 +91,7 @@ def _tell_end(error: KeyboardInterrupt | WorkError | OSError, saved: Callable[[]
         say(f"skincal: error: {danger}")
     try:
         kept = saved()
-    except (SkincalError, OSError) as trouble:
+    except Exception as trouble:
         kept = f"The work so far could not be saved: {text_of(trouble)}"
     text = " ".join(filter(None, [*([] if danger else notes), kept]))
     if stopped and not danger:
@@ -129,6 +130,7 @@ def interruptible(*more: int, ignored: Collection[int] = ()) -> Generator[None]:
     if threading.current_thread() is not threading.main_thread() or not before:
         yield
         return
+    _asked_s[0] = -math.inf
     timer = signal.signal(signal.SIGALRM, _interrupt)
     for number in before:
         signal.signal(number, _interrupt)
@@ -145,7 +147,13 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     if _importing(frame):
         signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
         return
-    raise KeyboardInterrupt
+    last_s, _asked_s[0] = _asked_s[0], time.monotonic()
+    if _asked_s[0] - last_s > TOGETHER_S:
+        raise KeyboardInterrupt
+
+
+_asked_s = [-math.inf]
+"""When a signal came last [s]."""
 
 
 def _importing(frame: FrameType | None) -> bool:

@@ -151,15 +151,19 @@ class Journal:
         _durably(self.folder / name, buffer.getvalue())
 
     def _read(self, kind: str) -> list[tuple[Path, dict[str, NDArray[Any]]]]:
-        """Return the complete files in the order of their names."""
+        """Return the complete files in the order of their names.
+
+        Raises:
+            OSError: one cannot be read at present; it is no reason to press there again, and lose it.
+        """
         found: list[tuple[Path, dict[str, NDArray[Any]]]] = []
         for path in sorted(self.folder.glob(f"{kind}-*.npz")):
             if not path.stem.removeprefix(f"{kind}-").isdecimal():
                 continue
             try:
                 found.append((path, read_arrays(path)))
-            except (OSError, UnreadableError):
-                continue
+            except UnreadableError as error:
+                _log.warning("%s is damaged and does not count: %s", path, error)
         return found
 
 

@@ -18,7 +18,7 @@ FORMAT = "skincal-dataset/1"
 
 Baseline = Literal["raw", "subtracted"]
 Pair = tuple[float, float]
-Count = Annotated[int, Key("a whole number, at least 1", low=1)]
+Count = Annotated[int, Key(f"a whole number, 1 to {MOST_TAXELS}", 1, MOST_TAXELS)]
 Angle = Annotated[float, Key("an angle in degrees, within ±180", -180, 180)]
 AngleRange = Annotated[Pair, Range("[low, high] in degrees", high=180)]
 LengthRange = Annotated[Pair, Range("[low, high] in metres", high=1.0, beyond=MILLIMETRES)]
@@ -72,9 +72,7 @@ class SensorSpec(Table):
     def violations(self) -> Iterator[Violation]:
         """Yield a size that is missing or too large for the pitch, and bounds out of order."""
         if self.taxels > MOST_TAXELS:
-            got = f"{self.rows} x {self.cols}"
-            for key in [key for key in ("rows", "cols") if getattr(self, key) > MOST_TAXELS] or ["rows"]:
-                yield key, f"at most {MOST_TAXELS} taxels, rows x cols", got
+            yield "rows", f"at most {MOST_TAXELS} taxels, rows x cols", f"{self.rows} x {self.cols}"
         low, high, size, pitch = self.value_min, self.value_max, self.taxel_size_m, self.pitch_m
         if low is not None and high is not None and low >= high:
             yield "value_max", f"more than value_min = {low:g}", high, "Correct one of them."

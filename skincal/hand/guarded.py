@@ -18,9 +18,12 @@ import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass, replace
 from threading import Lock
 from types import TracebackType
 from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
+
+import numpy as np
 
 from skincal.errors import one_line, quoted, shown, text_of
 from skincal.hand.driver import Driver
@@ -40,6 +43,7 @@ PATIENCE = 10.0
 Description = TypeVar("Description")
 State = TypeVar("State")
 Command = TypeVar("Command")
+Value = TypeVar("Value")
 
 
 class Guarded(ABC, Generic[Description, State, Command]):
@@ -155,9 +159,11 @@ class Guarded(ABC, Generic[Description, State, Command]):
             HandError: a check failed; the rig has been stopped.
         """
         start_s = self._clock()
-        state: State = self._call("observe", self._made.observe, timeout_s=self._options.timeout_s)
+        given: State = self._call("observe", self._made.observe, timeout_s=self._options.timeout_s)
         now_s = self._clock()
+        state = given
         try:
+            state = _own(given)
             violation = self._check_state(state, now_s, now_s - start_s)
         except (Exception, SystemExit) as error:  # whole numbers beyond a float, classes of the driver's own
             violation = Violation("state", f"a state that cannot be read: {quoted(error)}")
@@ -177,11 +183,12 @@ class Guarded(ABC, Generic[Description, State, Command]):
             raise HandError(
                 f"{self.name}: the {self.rig} has been stopped; connect again to move it", "stopped"
             )
-        violation = self._check_command(command, self._clock())
+        own = _own(command)
+        violation = self._check_command(own, self._clock())
         if violation is not None:
             self._violated(violation)
-        self._call("act", self._send, command, timeout_s=self._options.timeout_s)
-        self._check_command.sent(command, self._clock())
+        self._call("act", self._send, _own(own), timeout_s=self._options.timeout_s)
+        self._check_command.sent(own, self._clock())
 
     def stop(self) -> None:
         """Stop the rig; may be called at any time and from any thread. States can still be observed.
@@ -371,3 +378,17 @@ class Guarded(ABC, Generic[Description, State, Command]):
         finally:
             worker.end()
         return None
+
+
+def _own(value: Value) -> Value:
+    """Return a state or command whose arrays are nobody else's.
+
+    A driver may fill the same arrays in every period, from a thread of its own too, and convert a command in place; a
+    caller may reuse the array of a command. What was checked must be what is stored, sent and compared.
+    """
+    if type(value) is np.ndarray:
+        return value.copy()
+    if not is_dataclass(value) or isinstance(value, type):
+        return value
+    arrays = {one.name: getattr(value, one.name) for one in fields(value)}
+    return replace(value, **{name: one.copy() for name, one in arrays.items() if type(one) is np.ndarray})

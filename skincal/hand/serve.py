@@ -6,25 +6,32 @@ The guard here enforces the limits a second time, next to the hand, and is the w
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Event
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
+from skincal.bounded import memory_bytes
 from skincal.errors import SkincalError, text_of
 from skincal.hand.checks import ContactForce
 from skincal.hand.client_session import Outbox, Reply, Session
 from skincal.hand.driver import HandDriver
 from skincal.hand.errors import HandError
 from skincal.hand.guard_options import GuardOptions
+from skincal.hand.halt import STOPPED
 from skincal.hand.messages import REQUESTS, Message, MessageError, decode, encode, refusal_body
 from skincal.hand.sockets import Keys, checked_address, prepared, zmq_module
 from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
 from skincal.robot import HandDescription, check_limits
 
 POLL_MS = 100
+MOST_BYTES = min(1 << 30, memory_bytes() // 4)
+"""Memory that a server may take after it has begun; a driver that needs more loads it before [bytes]."""
+
 MAKE_S = 10.0
 """Longest time to create a driver for later clients [s]."""
 
@@ -120,8 +127,10 @@ class HandServer:
         """Serve until :meth:`end` is called, or until a number of sessions have ended.
 
         Raises:
-            HandError: a client is gone, and the hand could not be stopped: nobody else may have it.
+            HandError: a client is gone, and the hand could not be stopped: nobody else may have it; or messages without
+                an end fill the memory.
         """
+        begun_bytes = _taken_bytes()
         poller = self._zmq.Poller()
         poller.register(self._socket, self._zmq.POLLIN)
         poller.register(self._wake, self._zmq.POLLIN)
@@ -133,11 +142,26 @@ class HandServer:
                 parts = self._socket.recv_multipart()
                 self._handle(parts[0], parts[-1])
             self._send_replies()
+            if _taken_bytes() - begun_bytes > MOST_BYTES:
+                self._overrun()
             over = self._session is None or self._session.over
             if over and self._session is not None and self._session.trouble is not None:
                 raise self._session.trouble
             if sessions is not None and over and self.sessions >= sessions:
                 return
+
+    def _overrun(self) -> NoReturn:
+        """End before the system kills this process, and with it whatever could stop the hand.
+
+        ZeroMQ bounds the parts of a message and the number of whole messages, but not the number of parts.
+        """
+        if self._session is not None:
+            self._session.end()
+        text = (
+            f"this server has taken {MOST_BYTES >> 20} MiB of memory since it began, as a client that sends a message "
+            f"without an end makes it do. {STOPPED} Find out who it was, and start the server again."
+        )
+        raise HandError(text, "refused", stopped=True)
 
     def end(self) -> None:
         """Make :meth:`run` return; callable from any thread."""
@@ -215,3 +239,11 @@ class HandServer:
         if self._authenticator is not None:
             self._authenticator.stop()
         self._context.destroy(linger=0)
+
+
+def _taken_bytes() -> int:
+    """Return the memory that this process holds; 0 where the system does not tell."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0

@@ -23,6 +23,9 @@ from skincal.hand.messages import MAX_BYTES
 if TYPE_CHECKING:
     import zmq
 
+HANDSHAKE_MS = 5000
+"""Longest time from the beginning of a connection until both sides have shown their keys [ms]."""
+
 INSTALL = "pip install 'skincal[remote]'"
 
 
@@ -139,6 +142,8 @@ def prepared(context: zmq.Context[zmq.Socket[bytes]], kind: int, keys: Keys | No
         socket.linger = 0
         socket.maxmsgsize = MAX_BYTES
         socket.heartbeat_ivl, socket.heartbeat_timeout = 500, 2000
+        # Connections that say nothing hold places that others need.
+        socket.handshake_ivl = HANDSHAKE_MS
         if keys is not None:
             socket.curve_publickey, socket.curve_secretkey = keys.public, keys.secret
             if keys.server is None:

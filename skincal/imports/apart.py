@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from skincal.bounded import UnreadableError
+from skincal.bounded import UnreadableError, memory_bytes
 from skincal.errors import quoted
 
 Value = TypeVar("Value")
@@ -51,7 +51,7 @@ def apart(read: Callable[..., Value], path: Path, *arguments: Any) -> Value:
         UnreadableError: the process crashed, or the file needs more memory or time than allowed.
         Exception: what the function raised.
     """
-    most = min(MOST_BYTES, max(LEAST_BYTES, _memory_bytes() // 2))
+    most = min(MOST_BYTES, max(LEAST_BYTES, memory_bytes() // 2))
     longest_s = LONGEST_S + _size(path) / BYTES_PER_S
     asked = pickle.dumps(sys.path) + pickle.dumps((most, int(longest_s) + 1, read, path, arguments))
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
@@ -125,13 +125,6 @@ def _sendable(error: Exception) -> Exception:
     except Exception:
         return ValueError(quoted(error))
     return error
-
-
-def _memory_bytes() -> int:
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (ValueError, OSError):
-        return 2 * MOST_BYTES
 
 
 def _size(path: Path) -> int:

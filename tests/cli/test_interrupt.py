@@ -9,9 +9,12 @@ import time
 from pathlib import Path
 
 import pytest
+from hand.hand_fakes import FakeHand
 
 from skincal.cli.interrupt import REQUESTS, interruptible, moving
+from skincal.errors import InputError
 from skincal.hand.errors import HandError
+from skincal.hand.guard import GuardedHand
 
 HANDLERS = (signal.SIGINT, signal.SIGALRM, *REQUESTS)
 
@@ -43,10 +46,14 @@ def test_an_interrupt_that_somebody_else_handles_is_left_to_them() -> None:
 
 @pytest.mark.parametrize("number", REQUESTS)
 def test_who_asks_to_end_interrupts(number: signal.Signals) -> None:
-    with pytest.raises(KeyboardInterrupt), interruptible():
-        signal.raise_signal(number)
-        time.sleep(5)
-    assert signal.getsignal(number) is signal.SIG_DFL
+    before = signal.signal(number, signal.SIG_DFL)  # nohup ignores SIGHUP, and what it starts does, too
+    try:
+        with pytest.raises(KeyboardInterrupt), interruptible():
+            signal.raise_signal(number)
+            time.sleep(5)
+        assert signal.getsignal(number) is signal.SIG_DFL
+    finally:
+        signal.signal(number, before)
 
 
 def test_a_terminal_that_may_go_away_may() -> None:
@@ -119,3 +126,22 @@ def test_what_cannot_be_saved_does_not_hide_that_the_power_must_be_cut(
         raise HandError("stop() did not return! Cut the hand's power.", "driver", stopped=False)
     assert left.value.code == 1
     assert "could not be saved: [Errno 28] No space left on device" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("error", [MemoryError(), KeyError("ours"), InputError("no such folder")])
+def test_whatever_ends_the_work_tells_that_the_hand_was_stopped(
+    error: Exception, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(type(error)), moving(lambda: "Two presses are saved."), GuardedHand(FakeHand()):
+        raise error
+    assert "ended early. The hand was stopped. Two presses are saved." in capsys.readouterr().err
+
+
+def test_signals_at_once_are_one_request() -> None:
+    with interruptible():
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(0.1)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)

@@ -51,6 +51,17 @@ def test_a_file_that_is_not_whole_does_not_count(tmp_path: Path, content: bytes)
     assert list(open_journal(tmp_path).presses()) == [0]
 
 
+def test_a_press_that_cannot_be_read_now_is_not_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    open_journal(tmp_path).keep_press(0, {"a": np.ones(1)})
+
+    def unreachable(path: Path) -> None:
+        raise OSError(errno.EIO, "Input/output error", str(path))
+
+    monkeypatch.setattr("skincal.collect.journal.read_arrays", unreachable)
+    with pytest.raises(OSError, match="Input/output"):
+        open_journal(tmp_path).open_end(2)
+
+
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path):
     folder = tmp_path / ".run.collect"
     folder.mkdir()

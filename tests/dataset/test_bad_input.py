@@ -63,7 +63,7 @@ TOML = [
     ("[sensor]", "[sensr]", ["sensr", 'Did you mean "sensor"?']),
     ('kind = "cylinder"', 'kind = "cylindr"', ["[surface] kind", 'Did you mean "cylinder"?']),
     ("rows = 4", "rows = 4.5", ["[sensor] rows", "whole number", "4.5"]),
-    ("rows = 4", "rows = 0", ["[sensor] rows", "at least 1"]),
+    ("rows = 4", "rows = 0", ["[sensor] rows", "1 to 16384"]),
     ("rows = 4", "rows = true", ["[sensor] rows", "true"]),
     ("rows = 4\n", "", ["[sensor] rows", "nothing", "Add rows"]),
     ("rows = 4", "rows = = 4", ["dataset.toml", "line 6"]),

@@ -364,6 +364,37 @@ def test_an_array_that_is_used_again_does_not_deceive_the_guard() -> None:
         hand.act(HandCommand(q))
 
 
+class FewArrays(FakeHand):
+    """Fills the same arrays in every period, and converts commands in place, as drivers in C do."""
+
+    def connect(self) -> None:
+        self.kept: HandState | None = None
+        super().connect()
+
+    def observe(self) -> HandState:
+        state = super().observe()
+        self.kept = self.kept or state
+        for name in ("q_rad", "q_desired_rad", "taxel_time_s"):
+            getattr(self.kept, name)[:] = getattr(state, name)
+        return replace(self.kept, time_s=state.time_s)
+
+    def act(self, command: HandCommand) -> None:
+        super().act(command)
+        command.q_desired_rad[:] = 99.0
+
+
+def test_what_a_driver_does_with_its_arrays_changes_nothing() -> None:
+    with GuardedHand(FewArrays()) as hand:
+        seen = []
+        for _ in range(5):
+            seen.append(hand.observe())
+            command = hand.nearest(array(0.5, 0.5))
+            hand.act(command)
+            assert command.q_desired_rad.max() < 0.2
+    assert [float(state.taxel_time_s[0]) for state in seen] == [state.time_s for state in seen]
+    assert [float(state.q_rad[0]) for state in seen] == pytest.approx([0.0, 0.0, 0.02, 0.04, 0.06])
+
+
 def test_a_hand_that_nobody_calls_is_stopped() -> None:
     driver = FakeHand()
     with pytest.raises(HandError, match=r"no call for 0\.1 s\. The hand was stopped") as caught:  # noqa: SIM117

@@ -6,12 +6,15 @@ import json
 import os
 import random
 import signal
+import socket
+import struct
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +24,7 @@ from hand_fakes import FakeHand, changed, tiny_description
 
 from benchmarks.lossy_proxy import Proxy, lossy
 from skincal.errors import InputError, WorkError
-from skincal.hand import remote, sockets
+from skincal.hand import remote, serve, sockets
 from skincal.hand.driver import HandCommand
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
@@ -255,19 +258,19 @@ def test_a_message_of_another_session_does_nothing() -> None:
         driver = RemoteDriver(server.address)
         driver.connect()
         state = driver.observe()
-        with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
-            socket.linger = 0
-            socket.connect(server.address)
+        with zmq.Context() as context, context.socket(zmq.DEALER) as wire:
+            wire.linger = 0
+            wire.connect(server.address)
             old = [
                 Message("act", 9, "another", {"q_desired_rad": [0, 0], "answers": 2}),
                 Message("stop", 9, "another"),
             ]
             for message in old:
-                socket.send(encode(message))
-                assert decode(socket.recv(), REPLIES).kind == "refused"
+                wire.send(encode(message))
+                assert decode(wire.recv(), REPLIES).kind == "refused"
             for data in (b"garbage", b"", json.dumps({"v": VERSION, "kind": "act"}).encode()):
-                socket.send(data)
-                assert decode(socket.recv(), REPLIES).kind == "refused"
+                wire.send(data)
+                assert decode(wire.recv(), REPLIES).kind == "refused"
         assert hands.last.commands == []
         assert hands.last.stopped_at is None
         driver.act(HandCommand(state.q_desired_rad))
@@ -453,6 +456,46 @@ def test_a_client_that_does_not_wait_for_answers_fills_no_memory() -> None:
         driver.stop()
         driver.close()
     assert waiting <= 8
+
+
+def raw(server: HandServer) -> socket.socket:
+    """A connection that has not said anything; what the server says is read."""
+    return socket.create_connection(("127.0.0.1", int(server.address.rpartition(":")[2])), timeout=5)
+
+
+GREETING = b"\xff\0\0\0\0\0\0\0\1\x7f\3\0" + b"NULL".ljust(20, b"\0") + bytes(32)
+READY = b"\x05READY\x0bSocket-Type\0\0\0\x06DEALER"
+
+
+def test_a_message_without_end_stops_the_hand_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serve, "MOST_BYTES", 32 << 20)
+    hands = Hands()
+    with HandServer(hands, "tcp://127.0.0.1:*", options=replace(SERVE, watchdog_s=5.0)) as server:
+        driver = RemoteDriver(server.address)
+
+        def attack() -> None:
+            driver.connect()
+            with suppress(OSError), raw(server) as wire:
+                wire.sendall(GREETING + b"\x04" + bytes([len(READY)]) + READY)
+                for _ in range(5000):
+                    wire.sendall(b"\x03" + struct.pack(">Q", 60_000) + bytes(60_000))
+
+        attacker = threading.Thread(target=attack)
+        attacker.start()
+        with pytest.raises(HandError, match=r"32 MiB of memory .* The hand was stopped"):
+            server.run()
+    attacker.join()
+    driver.close()
+    assert hands.last.stopped_at is not None
+
+
+def test_a_connection_that_says_nothing_holds_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sockets, "HANDSHAKE_MS", 200)
+    with served(Hands()) as server, raw(server) as wire:
+        start = time.monotonic()
+        while wire.recv(4096):
+            pass
+        assert time.monotonic() - start < 2.0
 
 
 def test_keys_are_read_once(tmp_path: Path) -> None:

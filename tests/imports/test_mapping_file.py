@@ -45,7 +45,7 @@ def test_everything_at_once(tmp_path: Path):
     )
     found = problems(tmp_path, content)
     for text in (
-        "[sensor] rows: expected a whole number, at least 1; got 0",
+        "[sensor] rows: expected a whole number, 1 to 16384; got 0",
         "[csv] delimeter: expected one of delimiter, decimal",
         'Did you mean "delimiter"?',
         '[columns.force_n] unit: expected a unit of force: N, kN, cN, mN, uN, gf, kgf, lbf, ozf, dyn; got "mm". '
@@ -83,7 +83,8 @@ def test_everything_at_once(tmp_path: Path):
         ({"taxels": {"columns": [["a", "b"]]}}, "expected 4 rows of 4 columns"),
         ({"taxels": {"first": "one"}}, "the first number of rows, columns or taxels"),
         ({"taxels": {"colums": "x"}}, 'Did you mean "columns"?'),
-        ({"sensor": {"cols": 2**62}}, "[sensor] cols: expected at most 16384 taxels"),
+        ({"sensor": {"rows": 2**62, "cols": "x"}}, "[sensor] rows: expected a whole number, 1 to 16384"),
+        ({"sensor": {"rows": 2**14, "cols": 2**14}}, "[sensor] rows: expected at most 16384 taxels"),
         ({"frame": {"rotation_deg": [1, 2]}}, "expected three angles about x, y, z [deg]; got [1, 2]"),
         ({"frame": {"quaternion_xyzw": [1, 1, 0, 0]}}, "expected a quaternion of length 1"),
         ({"frame": {"translation_m": [0, 23, 0]}}, "It looks like millimetres"),
