@@ -78,6 +78,27 @@ def test_what_an_equation_errs_by_bars_what_is_like_it_and_nothing_else(rows: sl
     assert owed([errors], cells, new) == pytest.approx(share * 0.5 * C.alike**2 * float((errors**2).sum()))
 
 
+class Lumpy(Settling):
+    """A joint fit that gains 20 nats on some presses and loses a little on the others."""
+
+    on = 0
+
+    def with_one(self, fit: Any, tried: Any) -> Any:
+        return SimpleNamespace(state=None, free=(), each=np.where(np.arange(20) < self.on, 20.0, -0.4))
+
+    def _settled(self, state: Any, free: Any) -> Any:
+        return self.with_one(None, None)
+
+
+@pytest.mark.parametrize(("on", "named"), [(C.few, False), (C.few + 3, True)])
+def test_what_few_presses_gain_is_no_evidence_whatever_it_is(on: int, named: bool):
+    none: Any = None
+    search = Lumpy(none, none, (), frozenset(), np.random.default_rng(0))
+    search.on = on
+    tried: Any = SimpleNamespace(name="cover", gain=40.0, shared=6.0, sure=1.5, limit=30.0, p_value=0.01)
+    assert bool(search._best(SimpleNamespace(each=0.0), [tried])) is named
+
+
 class Forking(Search):
     """Two effects gain as much alone; a third gains more beside the second."""
 
