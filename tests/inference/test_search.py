@@ -63,10 +63,11 @@ class Settling(Search):
 @pytest.mark.parametrize(("settled", "named"), [(16.0, False), (36.0, True)])
 def test_what_is_named_is_beyond_its_limit_when_its_fit_is_settled(settled: float, named: bool):
     none: Any = None
+    before: Any = SimpleNamespace(each=0.0)
     search = Settling(none, none, (), frozenset(), np.random.default_rng(0))
     search.settled = settled
     tried: Any = SimpleNamespace(name="cover", gain=40.0, shared=26.0, sure=2.9, limit=30.0, p_value=0.01)
-    assert bool(search._best(SimpleNamespace(each=0.0), [tried])) is named
+    assert bool(search._best(before, [tried])) is named
 
 
 @pytest.mark.parametrize(("rows", "share"), [(slice(0, 6), 1.0), (slice(6, 12), 0.0)])
@@ -76,6 +77,28 @@ def test_what_an_equation_errs_by_bars_what_is_like_it_and_nothing_else(rows: sl
     errors, new = np.zeros((12, 2)), np.zeros((12, 2))
     errors[:6], new[rows] = 0.5, 7.0
     assert owed([errors], cells, new) == pytest.approx(share * 0.5 * C.alike**2 * float((errors**2).sum()))
+
+
+class Lumpy(Settling):
+    """A joint fit that gains 20 nats on some presses and loses a little on the others."""
+
+    on = 0
+
+    def with_one(self, fit: Any, tried: Any) -> Any:
+        return SimpleNamespace(state=None, free=(), each=np.where(np.arange(20) < self.on, 20.0, -0.4))
+
+    def _settled(self, state: Any, free: Any) -> Any:
+        return self.with_one(None, None)
+
+
+@pytest.mark.parametrize(("on", "named"), [(C.few, False), (C.few + 3, True)])
+def test_what_few_presses_gain_is_no_evidence_whatever_it_is(on: int, named: bool):
+    none: Any = None
+    before: Any = SimpleNamespace(each=0.0)
+    search = Lumpy(none, none, (), frozenset(), np.random.default_rng(0))
+    search.on = on
+    tried: Any = SimpleNamespace(name="cover", gain=40.0, shared=6.0, sure=1.5, limit=30.0, p_value=0.01)
+    assert bool(search._best(before, [tried])) is named
 
 
 class Forking(Search):
