@@ -299,7 +299,9 @@ def test_taxels_that_feel_the_pressure_itself_have_room_in_e_and_s(peak: Peak) -
     wide = law.shifted(np.zeros((2000, 5)), np.random.default_rng(0))
     assert law.bare == pytest.approx(0.5)
     assert np.unique(wide, axis=0) == pytest.approx(np.array([[0, 0, 0, 0, 0], [0, 0, 0, 0.03, -0.02]]))
-    ruled_out = weigh_laws(np.zeros(1), [peak]).with_bare(peak, replace(moved, log_density=peak.log_density - 50))
+    ruled_out = weigh_laws(np.zeros(1), [peak]).with_bare(
+        peak, replace(moved, log_density=peak.log_density - 50)
+    )
     assert ruled_out.bare < 1e-6
 
 
