@@ -14,6 +14,9 @@ from skincal.model.arrays import FloatArray
 CONVERTER_RANGE = "converter_range"
 """Code of the note."""
 
+WRONG_WORDS = ("bytes_swapped", "counter_wrapped")
+"""Codes of warnings after which the ends of readings are those of words that were read wrongly."""
+
 PILED, BELOW = 4, 0.05
 """Readings that have the largest value exactly are a pile if they are so many, and more than lie within this part of
 the range below it, where loads that differ would spread them; set by eye."""
@@ -52,7 +55,7 @@ def clips_at_zero(columns: Iterable[FloatArray]) -> bool:
 def with_converter_range(dataset: Dataset, sheet: Sheet) -> Dataset:
     """Return the dataset with the ends of its converter, where they are not declared and readings show them."""
     sensor, presses = dataset.meta.sensor, dataset.presses.counts
-    if sensor.baseline != "raw":
+    if sensor.baseline != "raw" or any(one.code in WRONG_WORDS for one in sheet.findings.warnings):
         return dataset
     found = dict[str, float]()
     single = presses.T if dataset.frames is None else dataset.frames.taxel_columns()
