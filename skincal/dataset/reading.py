@@ -9,6 +9,7 @@ import numpy as np
 
 from skincal.bounded import MOST_ROWS
 from skincal.dataset.companions import read_meshes, read_positions
+from skincal.dataset.converter_range import with_converter_range
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
 from skincal.dataset.frame_table import frames_from
@@ -96,7 +97,7 @@ def _read(folder: Path, findings: Findings) -> Dataset | None:
         check_plausible(dataset, files, findings)
     if findings.errors:
         return None
-    dataset = without_impossible(dataset, press_table.sheet)
+    dataset = with_converter_range(without_impossible(dataset, press_table.sheet), press_table.sheet)
     add_remarks(dataset, press_table.sheet, findings)
     return replace(dataset, sha256=dataset_hash(folder), warnings=tuple(findings.warnings))
 

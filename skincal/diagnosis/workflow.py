@@ -103,6 +103,8 @@ def diagnose(
         by_law = gap_of(observed, beaten.state, found.fitted.state, again)
         law = by_law.after < by_law.before
         gap = by_law if law and verdict != "effects" and calibration.contact_law is None else gap
+    if verdict == "none" and not law and _misfits(calibration, dataset):
+        verdict, unexplained = "unknown", True
     if verdict == "effects" or law:
         whole = observed.whole()
         ready = placed_presses(whole, found.fitted.state, np.flatnonzero(observed.held))
@@ -138,6 +140,12 @@ def diagnose(
         verdict, effects, unexplained, where_text(left, observed.session, dataset.layout()), gap, observed.floor, audit,
         found, observed, depends[:6], findings, final, seed, words, plan, taken_back,
     )  # fmt: skip
+
+
+def _misfits(calibration: Calibration, dataset: Dataset) -> bool:
+    """Return whether the fit of these data says that its images lack something: then something is missing."""
+    of = calibration.provenance.dataset_sha256
+    return of == (dataset.sha256 or "") and any(one.code == "misfit" for one in calibration.findings)
 
 
 def _residual(fitter: Fitter, fit: Fitted) -> FloatArray:

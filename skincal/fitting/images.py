@@ -39,6 +39,7 @@ class KernelImages:
         ratio_span: lowest and highest log(F/E) that will be asked for.
         step_m: lattice step of the tables [m].
         spread_m: sideways spread of the pressure [m], see :func:`skincal.fitting.kernel.build_table`.
+        projected: whether taxels feel the projected pressure, see the same.
     """
 
     def __init__(
@@ -51,6 +52,7 @@ class KernelImages:
         *,
         step_m: float = 0.1e-3,
         spread_m: float = 0.0,
+        projected: bool = True,
     ) -> None:
         count = max(2, int(np.ceil((ratio_span[1] - ratio_span[0]) / RATIO_STEP)) + 1)
         sizes, self.size_of = taxel_sizes(layout)
@@ -63,6 +65,7 @@ class KernelImages:
             ratio_span[0] + RATIO_STEP * np.arange(count),
             step_m=step_m,
             spread_m=spread_m,
+            projected=projected,
         )
 
     @property

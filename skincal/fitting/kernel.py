@@ -69,6 +69,7 @@ def build_table(
     *,
     step_m: float = 0.1e-3,
     spread_m: float = 0.0,
+    projected: bool = True,
 ) -> KernelTable:
     """Tables the load shares of taxels.
 
@@ -79,8 +80,8 @@ def build_table(
         alphas_rad: (A,) turns of the patch, equally spaced [rad].
         log_ratios: (L,) logarithms of F_n / E, equally spaced; F_n / E in [m³].
         step_m: lattice step [m]; coarser where a contact is so large that it would need too many nodes.
-
         spread_m: the pressure is spread sideways by a Gaussian of this width [m]; 0 is the paper's foundation.
+        projected: a taxel feels the pressure times both projections of the paper; else the pressure itself.
 
     Returns:
         The table. Its lattice is just large enough for the largest contact.
@@ -96,8 +97,9 @@ def build_table(
     for i, indenter in enumerate(indenters):
         for a, alpha in enumerate(alphas_rad):
             field = _field(surface, indenter, float(alpha), count, step)
+            area = field.load_area_m2 if projected else step**2
             for level, depth in enumerate(_penetrations(field, ratios)):
-                load = np.maximum(depth - field.gap_m, 0.0) * field.load_area_m2
+                load = np.maximum(depth - field.gap_m, 0.0) * area
                 if spread_m > 0:
                     load = gaussian_filter(load, spread_m / step, mode="constant")
                 for m, (du, dv) in enumerate(taxel_sizes_m):

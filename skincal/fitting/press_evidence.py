@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skincal.fitting.places import Places, starting_nuisance
-from skincal.fitting.presses import half_inverse, settle
+from skincal.fitting.presses import PressStates, evaluate, half_inverse, settle
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.seen import Images
 from skincal.fitting.types import Floats, Ints
@@ -44,6 +44,10 @@ MARGIN = 7.0
 """Narrow slacks whose evidence is so much below the press's best one count for nothing."""
 
 _STEPS = 4
+_STEP = 0.3
+"""Places are moved by this part of the narrow slack for the bend of the residual."""
+_FLATTEST = 0.1
+"""A curvature is at least this part of Gauss-Newton's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,5 +174,39 @@ def _evidence(
         centre=slacks.centre_m + problem.shared.shift_m[press],
     )
     weight = -0.5 * (slacks.centre_m**2).sum(axis=1) / left - np.log(left) - np.log(sigmas[1])
-    evidence = -0.5 * state.objective + half_inverse(state.hessian)[1] + weight
+    hessian = _whole_hessian(problem, images, np.tile(macro, (count, 1)), spreads, press, state)
+    evidence = -0.5 * state.objective + half_inverse(hessian)[1] + weight
     return evidence, Places(press, state.uv_m, state.nuisance[:, 2])
+
+
+def _whole_hessian(
+    problem: FitProblem, images: Images, macro: Floats, sigmas: Floats, press: Ints, state: PressStates
+) -> Floats:
+    """Hessians (n, 3, 3) of settled presses with what residuals add by their bend, which Gauss-Newton leaves out.
+
+    A press that reads more or less than its place can give leaves a residual, and a bend of it is part of the curvature
+    to first order; over the middle of a taxel all presses have the same sign of it.
+    """
+    step = _STEP * sigmas[:, 0]
+    added = np.zeros_like(state.hessian)
+    for d in range(2):
+        away = np.zeros_like(state.nuisance)
+        away[:, d] = step
+        ahead, behind = (
+            evaluate(problem, images, macro, sigmas, press, state.nuisance + side * away) for side in (1, -1)
+        )
+        bend = (ahead.nuisance_slope - behind.nuisance_slope) / (2 * step)[:, None, None]
+        added[:, d] = np.einsum("nj,njd->nd", state.residual, bend)
+    added[:, 2, :2] = added[:, :2, 2]
+    added[:, 0, 1] = added[:, 1, 0] = 0.5 * (added[:, 0, 1] + added[:, 1, 0])
+    # Signals grow as exp(f).
+    added[:, 2, 2] = np.einsum("nj,nj->n", state.residual, state.nuisance_slope[..., 2])
+    whole = state.hessian + added
+    # Where a peak is that flat, it is no peak, and Laplace's approximation is as good as none.
+    sound = np.linalg.eigvalsh(whole / _scale(state.hessian))[:, 0] > _FLATTEST
+    return np.where(sound[:, None, None], whole, state.hessian)
+
+
+def _scale(hessian: Floats) -> Floats:
+    size = np.sqrt(np.einsum("nii->ni", hessian))
+    return size[:, :, None] * size[:, None, :]

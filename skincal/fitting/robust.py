@@ -38,11 +38,18 @@ def glitches(problem: FitProblem, peak: Peak) -> Bools:
     return odd
 
 
-def lost_readings(problem: FitProblem, peak: Peak) -> Bools:
-    """Single readings (K, J) that are far below what all others of their press agree on: a taxel dropped out."""
-    below, used = peak.states.residual, problem.used
-    typical = 1.4826 * float(np.median(np.abs(below[used]))) if used.any() else 0.0
-    odd = used & (below > max(LOST_SIGMAS, LOST_TIMES * typical))
+def lost_readings(problem: FitProblem, states: PressStates, gain_sigma: float) -> Bools:
+    """Single readings (K, J) that are far below what all others of their press agree on: a taxel dropped out.
+
+    Args:
+        problem: the presses.
+        states: presses at their best places, with no gains.
+        gain_sigma: relative spread of the taxels' gains; what that explains is not lost.
+    """
+    used = problem.used
+    typical = 1.4826 * float(np.median(np.abs(states.residual[used]))) if used.any() else 0.0
+    below = states.residual / np.hypot(1.0, gain_sigma * states.macro_slope[..., 4])
+    odd = used & (states.residual > LOST_TIMES * typical) & (below > LOST_SIGMAS)
     # Where most of a press's lit taxels are off, it is the press that does not fit.
     odd &= (odd & problem.lit).sum(axis=1, keepdims=True) * 2 <= problem.lit.sum(axis=1, keepdims=True)
     if odd.sum() > MOST_LOST * used.sum():

@@ -47,6 +47,11 @@ class Draws:
         """The weighted mean (11,): the best point, and the logarithms of the sigmas."""
         return self.weight @ self.points
 
+    @property
+    def spread(self) -> Floats:
+        """Standard deviations (11,)."""
+        return np.maximum(np.sqrt(self.weight @ (self.points - self.mean) ** 2), 1e-300)
+
     def resampled(self, rng: np.random.Generator, count: int) -> Floats:
         """(count, 11) draws of equal weight, by systematic resampling."""
         at = (rng.random() + np.arange(count)) / count
@@ -97,7 +102,8 @@ def sample(
         size: draws in each round; after each the proposal is fitted to all draws so far.
         rounds: fewest and most.
         worth: enough are draws that are worth so many independent ones.
-        lacking: a term that the density lacks; it is fitted and added before the last of the fewest rounds.
+        lacking: a term that the density lacks; it is fitted and added before the last of the fewest rounds, and anew
+            where the draws then go elsewhere.
         on_round: told the rounds done.
 
     Returns:
@@ -114,26 +120,44 @@ def sample(
     covariance[:5, :5] = peak.covariance
     covariance[5:, 5:] = np.diag(hyper)
     proposals = [_Student(np.concatenate([peak.macro, np.log(peak.sigmas)]), covariance * 1.5)]
-    points, values = np.empty((0, len(covariance))), np.empty(0)
+    points, plain = np.empty((0, len(covariance))), np.empty(0)
     fewest, most = rounds
-    whole = density
+    term: Density | None = None
+    stale, left, about = lacking is not None, FITS, points
     while True:
         fresh = proposals[-1].draw(rng, size)
-        found = whole(fresh)
-        found = np.where(np.isfinite(found), found, -np.inf)
-        points, values = np.concatenate([points, fresh]), np.concatenate([values, found])
-        if not np.isfinite(values).any():
+        found = density(fresh)
+        points = np.concatenate([points, fresh])
+        plain = np.concatenate([plain, np.where(np.isfinite(found), found, -np.inf)])
+        if not np.isfinite(plain).any():
             raise FitError(NOWHERE)
-        draws, done = Draws(points, _mixture_weights(points, values, proposals)), len(proposals)
-        if lacking is not None and (done >= most or (done >= fewest - 1 and draws.effective >= SOUND)):
+        draws, done = _weighted(points, plain, term, proposals), len(proposals)
+        stale = stale or (term is not None and left > 0 and _strayed(draws, about))
+        if (
+            lacking is not None
+            and stale
+            and (done >= most or (done >= fewest - 1 and draws.effective >= SOUND))
+        ):
+            about, left, stale = np.stack([draws.mean, draws.spread]), left - 1, False
             term = smooth_term(draws, lacking, rng)
-            lacking, whole = None, _sum(density, term)
-            values = values + term(points)
-            draws = Draws(points, _mixture_weights(points, values, proposals))
+            draws = _weighted(points, plain, term, proposals)
         on_round(done)
-        if done >= most or (done >= fewest and draws.effective >= worth and lacking is None):
-            return draws, whole
+        if done >= most or (done >= fewest and draws.effective >= worth and not stale):
+            return draws, density if term is None else _sum(density, term)
         proposals.append(_adapted(draws, proposals[-1]))
+
+
+FITS, STRAYED = 3, 1.5
+"""A smooth term is fitted so often, each time as the draws have gone by so many standard deviations since."""
+
+
+def _weighted(points: Floats, plain: Floats, term: Density | None, proposals: Sequence[_Student]) -> Draws:
+    return Draws(points, _mixture_weights(points, plain if term is None else plain + term(points), proposals))
+
+
+def _strayed(draws: Draws, about: Floats) -> bool:
+    """Return whether draws have gone from where a term was fitted: about a mean, with a spread, (2, 11)."""
+    return bool((np.abs(draws.mean - about[0]) > STRAYED * about[1]).any())
 
 
 def smooth_term(draws: Draws, lacking: Lacking, rng: np.random.Generator) -> Density:
@@ -143,8 +167,7 @@ def smooth_term(draws: Draws, lacking: Lacking, rng: np.random.Generator) -> Den
     coefficient in standard deviations of the draws; the term may be noisier than that.
     """
     some = Draws(draws.points, _tempered(draws.weight, float(lacking.count)))
-    middle = some.mean
-    spread = np.maximum(np.sqrt(some.weight @ (some.points - middle) ** 2), 1e-300)
+    middle, spread = some.mean, some.spread
 
     def parts(at: Floats) -> Floats:
         z = np.clip((at - middle) / spread, -4.0, 4.0)
@@ -178,7 +201,7 @@ def walk(density: Density, start: Draws, rng: np.random.Generator) -> Draws:
     import emcee  # pyright: ignore[reportMissingTypeStubs] - it loads scipy.stats, and few fits need it
 
     spread = Draws(start.points, _tempered(start.weight, float(WALKERS)))
-    scale = np.sqrt(spread.weight @ (start.points - spread.mean) ** 2)
+    scale = spread.spread
     at, found = np.empty((0, start.points.shape[1])), 0
     while len(at) < WALKERS and found < 50:
         # Nudged, so that no two walkers stand at one point and all directions are open.

@@ -270,10 +270,15 @@ def _refine(
     if (dead ^ weak).any():
         peak = run_climb(ClimbTask(problem, bounds, peak.macro, around))
     progress("peak", 1, 2)
-    lost = lost_readings(problem, peak)
+    lost = lost_readings(problem, peak.states, float(peak.sigmas[4]))
     if lost.any():
+        # How much gains differ is told by a climb from near by only; a weak taxel has not dropped out.
+        without = run_climb(
+            ClimbTask(problem.without_readings(lost), bounds, peak.macro, around, peak.sigmas)
+        )
+        lost = lost_readings(problem, peak.states, float(without.sigmas[4]))
         problem = problem.without_readings(lost)
-        peak = run_climb(ClimbTask(problem, bounds, peak.macro, around))
+        peak = run_climb(ClimbTask(problem, bounds, without.macro, around))
     keep = ~glitches(problem, peak)
     if not keep.all():
         problem = problem.subset(keep, "glitch: its image or force does not fit with the other presses")
@@ -433,10 +438,31 @@ def _weigh_laws(
 ) -> LawSpread:
     spreads = options.law_spreads_m
     progress("contact law", 0, 1)
-    tasks = [
+    wide = [
         ClimbTask(problem, bounds, peak.macro, replace(around, spread_m=spread), peak.sigmas)
         for spread in spreads[1:]
     ]
-    peaks = [peak, *mapper(run_climb, tasks)]
+    bare = _bare_tasks(problem, peak, around, bounds) if wide else []
+    peaks = [peak, *mapper(run_climb, [*wide, *bare])]
     progress("contact law", 1, 1)
-    return weigh_laws(np.array(spreads), peaks)
+    law = weigh_laws(np.array(spreads), peaks[: len(spreads)])
+    return law.with_bare(peak if len(bare) == 1 else peaks[-2], peaks[-1]) if bare else law
+
+
+def _bare_tasks(problem: FitProblem, peak: Peak, around: Neighbourhood, bounds: Bounds) -> list[ClimbTask]:
+    """Climbs with taxels that feel the pressure itself, the last one, and with what it is compared with before it.
+
+    Tables of the skin model have the projections in them. There both climbs are by kernels, on the surface as it is
+    round the sensor; without those there is none.
+    """
+    laws = [replace(around, projected=False)]
+    macro = peak.macro
+    if problem.contacts is not None:
+        local = problem.contacts.local
+        if local is None:
+            return []
+        problem, macro = local.problem(problem), local.arcs(macro)
+        bounds = Bounds(*(local.arcs(end) for end in (bounds.low, bounds.high)))
+        plain = Neighbourhood.around(macro)
+        laws = [plain, replace(plain, projected=False)]
+    return [ClimbTask(problem, bounds, macro, law, peak.sigmas) for law in laws]

@@ -67,6 +67,7 @@ class Neighbourhood:
         log_elasticity: logarithm of E at the centre.
         reach: how far log E may stray from it.
         spread_m: sideways spread of the contact law [m].
+        projected: whether taxels feel the projected pressure; otherwise by kernels only.
         table: images of the skin model there, for the general way, which has no kernels.
     """
 
@@ -74,6 +75,7 @@ class Neighbourhood:
     log_elasticity: float
     reach: float = 0.9
     spread_m: float = 0.0
+    projected: bool = True
     table: SkinTable | None = None
 
     @classmethod
@@ -98,16 +100,16 @@ class Neighbourhood:
         )
         rig = problem.rig
         asked = (rig.surface, rig.indenters, rig.layout, self.alphas_rad, span)
-        return _kernels(pickle.dumps(asked), self.spread_m)
+        return _kernels(pickle.dumps(asked), self.spread_m, self.projected)
 
 
 @lru_cache(maxsize=1)
-def _kernels(asked: bytes, spread_m: float) -> KernelImages:
+def _kernels(asked: bytes, spread_m: float, projected: bool) -> KernelImages:
     """The kernels that were asked for last: the draws of a fit come in many rounds, all from the same.
 
     They are known by what they are made of, as every task brings a copy of its own.
     """
-    return KernelImages(*pickle.loads(asked), spread_m=spread_m)
+    return KernelImages(*pickle.loads(asked), spread_m=spread_m, projected=projected)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +141,9 @@ def run_climb(task: ClimbTask) -> Peak:
         around = Neighbourhood.around(task.start, table)
     peak = climb(task.problem, around.images(task.problem), task.bounds, task.start, sigmas=task.sigmas)
     if around.table is None and not around.holds(peak.macro):
-        there = replace(Neighbourhood.around(peak.macro), spread_m=around.spread_m)
+        there = replace(
+            Neighbourhood.around(peak.macro), spread_m=around.spread_m, projected=around.projected
+        )
         peak = climb(task.problem, there.images(task.problem), task.bounds, peak.macro, sigmas=peak.sigmas)
     return peak
 

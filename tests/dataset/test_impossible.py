@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from skincal.dataset import Dataset, read_dataset, table_file, write_dataset
+from skincal.dataset.converter_range import CONVERTER_RANGE, clips_at_zero, converter_top
 from skincal.dataset.impossible import IMPOSSIBLE, impossible_readings
 
 
@@ -39,6 +40,33 @@ def test_images_of_one_taxel_each_and_a_taxel_of_its_own_gain_are_possible() -> 
     counts, force = pressed(0)
     counts[:, 5] = 30.0 + 20.0 * (counts[:, 5] - 30.0)
     assert not impossible_readings(counts, force).any()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_readings_pile_up_where_a_converter_clips(seed: int) -> None:
+    counts, _ = pressed(seed)
+    assert converter_top(counts) is None
+    assert converter_top(np.minimum(counts, 110.0)) == 110.0
+    stuck = counts.copy()
+    stuck[:, 3] = 300.0
+    assert converter_top(stuck) is None
+    assert clips_at_zero(np.maximum(counts - 30.0, 0.0).T)
+    assert not clips_at_zero(counts.T - 30.0)
+    assert not clips_at_zero(counts.T)
+
+
+def test_a_converter_that_clips_is_known_when_read(session: Callable[..., Dataset], tmp_path: Path) -> None:
+    made = session(60)
+    counts, force = pressed(0)
+    sensor = replace(made.meta.sensor, value_min=None, value_max=None)
+    presses = replace(made.presses, counts=np.clip(counts - 30.0, 0.0, 80.0), force_n=force)
+    write_dataset(
+        replace(made, meta=replace(made.meta, sensor=sensor), presses=presses, frames=None), tmp_path / "s"
+    )
+    read = read_dataset(tmp_path / "s")
+    assert (read.meta.sensor.value_min, read.meta.sensor.value_max) == (0.0, 80.0)
+    assert {"sensor.value_min", "sensor.value_max"} <= set(read.meta.assumed)
+    assert [w.code for w in read.warnings].count(CONVERTER_RANGE) == 1
 
 
 @pytest.mark.parametrize("large", [False, True])

@@ -111,6 +111,20 @@ def test_one_level_gives_the_same_images_as_the_whole_table() -> None:
     assert by_v == pytest.approx(whole.by_v, abs=0.02)
 
 
+def test_the_pressure_itself_carries_the_whole_force_on_a_plane() -> None:
+    whole = TaxelLayout.grid(1, 1, taxel_size_m=0.008, pitch_m=0.008)
+    where = (np.zeros((1, 2)), np.zeros(1), np.array([-19.5]), np.zeros(1, dtype=np.intp))
+    projected, bare = (
+        shares(
+            KernelImages(Plane(), (Sphere(0.006),), whole, np.zeros(1), (-20.0, -19.0), projected=p), *where
+        ).value[0, 0]
+        for p in (True, False)
+    )
+    assert bare == pytest.approx(1.0, abs=2e-3)
+    # Depth over diameter: a mean of the cosine of the sphere's normal.
+    assert 0.93 < projected < 0.98
+
+
 def test_spread_keeps_the_force_and_widens_the_contact() -> None:
     tight = TaxelLayout.grid(9, 9, taxel_size_m=0.001, pitch_m=0.001)
     where = (np.zeros((1, 2)), np.zeros(1), np.array([-19.5]), np.zeros(1, dtype=np.intp))

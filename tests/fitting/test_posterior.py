@@ -197,12 +197,27 @@ def test_a_reading_that_dropped_out_is_left_out_and_its_press_is_not(truth: Trut
     spoilt = pose_problem(unclipped, replace(presses, counts=counts))
     start = _macro(truth)
     peak = climb(spoilt, Neighbourhood.around(start).images(spoilt), BOUNDS, start)
-    lost = lost_readings(spoilt, peak)
+    lost = lost_readings(spoilt, peak.states, 0.05)
     assert [tuple(at) for at in np.argwhere(lost)] == [(0, dark[1])]
     left = spoilt.without_readings(lost)
     assert left.used.sum() == spoilt.used.sum() - 1 and left.alive.all()
     clean = climb(honest, Neighbourhood.around(start).images(honest), BOUNDS, start)
-    assert not lost_readings(honest, clean).any()
+    assert not lost_readings(honest, clean.states, 0.0).any()
+
+
+def test_a_reading_of_a_weak_taxel_is_not_lost(truth: Truth) -> None:
+    presses, _ = make_session(truth, presses=45, seed=4)
+    problem = pose_problem(rig(), presses)
+    start = _macro(truth)
+    states = climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start).states
+    # A tenth less than the model says, where the noise is a hundredth.
+    loud = np.unravel_index(np.argmax(states.macro_slope[..., 4]), problem.values.shape)
+    residual, slope = 0.1 * states.residual, 100 * states.macro_slope
+    residual[loud] = 10.0
+    slope[loud][4] = 100.0
+    weak = replace(states, residual=residual, macro_slope=slope)
+    assert [tuple(at) for at in np.argwhere(lost_readings(problem, weak, 0.0))] == [loud]
+    assert not lost_readings(problem, weak, 0.05).any()
 
 
 def test_a_taxel_that_stays_silent_is_found(truth: Truth) -> None:
@@ -276,6 +291,18 @@ def test_contact_law_widens_elasticity_and_scale_only(problem: FitProblem, truth
     assert (
         LawSpread(np.zeros(1), np.ones(1), np.zeros((1, 5))).shifted(draws, np.random.default_rng(0)) == draws
     ).all()
+
+
+def test_taxels_that_feel_the_pressure_itself_have_room_in_e_and_s(peak: Peak) -> None:
+    moved = replace(peak, macro=peak.macro + np.array([1e-4, 1e-4, 0.1, 0.03, -0.02]))
+    law = weigh_laws(np.zeros(1), [peak]).with_bare(peak, moved)
+    wide = law.shifted(np.zeros((2000, 5)), np.random.default_rng(0))
+    assert law.bare == pytest.approx(0.5)
+    assert np.unique(wide, axis=0) == pytest.approx(np.array([[0, 0, 0, 0, 0], [0, 0, 0, 0.03, -0.02]]))
+    ruled_out = weigh_laws(np.zeros(1), [peak]).with_bare(
+        peak, replace(moved, log_density=peak.log_density - 50)
+    )
+    assert ruled_out.bare < 1e-6
 
 
 def test_a_law_without_density_is_ruled_out(peak: Peak) -> None:

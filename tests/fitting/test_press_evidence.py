@@ -6,15 +6,23 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
+from scipy.special import logsumexp
 
 from skincal.fitting.places import find_places
 from skincal.fitting.posterior import press_evidence
 from skincal.fitting.press_evidence import find_narrow_slacks, log_evidence
-from skincal.fitting.problem import pose_problem
+from skincal.fitting.presses import evaluate
+from skincal.fitting.problem import FitProblem, pose_problem
 from skincal.fitting.sampling import Draws, Lacking, smooth_term
+from skincal.fitting.seen import Images
 from skincal.fitting.tasks import Neighbourhood
-from tests.fitting.conftest import Truth, make_session, rig
+from skincal.model import Contacts, Cylinder, Sphere
+from tests.fitting.conftest import LAYOUT, RADIUS, Truth, make_session, rig, skin
 from tests.fitting.test_press_places import SIGMAS, by_brute_force
+
+COARSE = np.array([0.4e-3, 0.002, 1.0, 1e-4, 1e-4, 2e-5])
+"""Noise of single frames, and contacts that are placed by hand."""
 
 
 def test_presses_of_one_taxel_have_the_mass_of_the_integral() -> None:
@@ -49,6 +57,43 @@ def test_presses_of_one_taxel_have_the_mass_of_the_integral() -> None:
     # A constant factor is no matter; what differs from press to press is.
     assert np.std(off) < 0.08
     assert np.std(roughly) > 2 * np.std(off)
+
+
+def test_a_press_at_the_middle_of_a_taxel_tells_e() -> None:
+    """A bend of what is left has the same sign over the middle of every taxel, and would draw E by it."""
+    truth, step = Truth(alpha_rad=0.0), 0.02
+    table = make_session(truth, presses=40, seed=22)[0]
+    across, along = np.array([truth.across_m, truth.y_m])[:, None] + LAYOUT.centres_m[[5, 6, 9]].T
+    points = np.stack([RADIUS * np.sin(across / RADIUS), along, RADIUS * np.cos(across / RADIUS)], axis=1)
+    contacts = Contacts(points, Cylinder(RADIUS).normal_at(points), np.full(3, 3.0))
+    table.across_m[:3], table.along_m[:3], table.force_n[:3] = across, along, 3.0
+    table.counts[:3] = skin(truth).values(Sphere(0.006), contacts)
+    problem = pose_problem(rig(), table, min_active=1)
+    problem = problem.subset(problem.rows < 3, "not in the middle")
+    macro = np.array([
+        truth.across_m, truth.y_m, truth.alpha_rad, math.log(truth.elasticity_pa_per_m), math.log(truth.scale_per_n)
+    ])  # fmt: skip
+    images = Neighbourhood.around(macro).images(problem)
+    at = macro + step * np.outer([1.0, -1.0], np.eye(5)[3])
+    slacks = find_narrow_slacks(problem, images, find_places(problem, images, macro, COARSE), macro, COARSE)
+    told = log_evidence(problem, images, slacks, np.column_stack([at, np.tile(np.log(COARSE), (2, 1))]))
+    exact = [sum(_integral(problem, images, point, k) for k in range(3)) for point in at]
+    assert told[0] - told[1] == pytest.approx(exact[0] - exact[1], rel=0.02)
+
+
+def _integral(problem: FitProblem, images: Images, macro: np.ndarray, press: int) -> float:
+    """Log of the integral over slack and force by a lattice of 10 um about the measured place."""
+    axis = np.arange(-0.6e-3, 0.6e-3, 1e-5)
+    slack = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    n = len(slack)
+    nuisance = np.column_stack([slack, np.zeros(n)])
+    state = evaluate(
+        problem, images, np.tile(macro, (n, 1)), np.tile(COARSE, (n, 1)), np.full(n, press), nuisance
+    )
+    slope = state.nuisance_slope[:, :, 2]
+    stiffness = (slope**2).sum(axis=1) + 1 / COARSE[1] ** 2
+    objective = state.objective - (slope * state.residual).sum(axis=1) ** 2 / stiffness
+    return float(logsumexp(-objective / 2 - np.log(stiffness) / 2))
 
 
 def test_a_term_that_is_known_at_some_draws_moves_all() -> None:
