@@ -30,11 +30,15 @@ from skincal.prediction.touches import frame_normals
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+RESTING = 5.0
+"""A force within so many standard deviations of that at rest is rest."""
+
 
 def gap_session(dataset: Dataset, binning: Binning | None = None) -> GapSession:
     """The session of a dataset: its frames in bins, or the hold means of its presses where it has no frames.
 
-    Presses without a known place, or without force, are left out of the observations. Uniform pressure needs no place.
+    Presses without a known place, or without force, are left out of the observations (uniform pressure needs no place),
+    and frames between presses in which something still presses, or does already, as their force says.
     """
     dataset = at_centre(dataset, MARGIN_M)
     return _of_presses(dataset) if dataset.frames is None else _of_frames(dataset, binning)
@@ -57,7 +61,7 @@ def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
     force = np.where(row >= 0, frames.force_n, 0.0)
     phase = frames.phase.astype(np.int64)
     place = steady_places(np.where((row >= 0)[:, None], frames.position_m, np.nan), force, row, phase)
-    use = (row < 0) | (np.isfinite(place).all(axis=1) & np.isfinite(force))
+    use = np.where(row < 0, ~_pressed_at_rest(dataset), np.isfinite(place).all(axis=1) & np.isfinite(force))
     owner = last_press(row, row >= 0)
 
     def column(name: str) -> NDArray[Any] | None:
@@ -79,6 +83,18 @@ def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
         **recorded_covariates(column, pose_names(dataset)),
     )
     return binned(samples, row, frames.counts[use], dataset.surface(), binning)
+
+
+def _pressed_at_rest(dataset: Dataset) -> NDArray[np.bool_]:
+    """(M,) whether a frame has the phase of rest and more force than rest has: a threshold cuts phases late."""
+    frames = dataset.frames
+    assert frames is not None
+    rest = (frames.phase == IDLE) & np.isfinite(frames.force_n)
+    if not rest.any():
+        return rest
+    middle = np.median(frames.force_n[rest])
+    scatter = 1.4826 * np.median(np.abs(frames.force_n[rest] - middle))
+    return rest & (frames.force_n > middle + RESTING * scatter)
 
 
 def _of_presses(dataset: Dataset) -> GapSession:

@@ -30,6 +30,19 @@ def test_frames_become_bins_with_their_covariates():
     assert (session.press[session.phase == IDLE] == -1).all()
 
 
+def test_a_frame_in_which_something_still_presses_is_no_rest():
+    """The last of an unloading, where a threshold has cut it off."""
+    data = moving()
+    frames = data.frames
+    assert frames is not None
+    force = 0.01 * np.random.default_rng(0).standard_normal(len(frames))
+    last = np.flatnonzero((frames.phase[1:] == IDLE) & (frames.phase[:-1] != IDLE))[:2] + 1
+    force = np.where(frames.phase == IDLE, force, frames.force_n)
+    force[last] = 0.1
+    session = gap_session(replace(data, frames=replace(frames, force_n=force)))
+    assert session.frames.sum() == len(frames) - len(last)
+
+
 def test_presses_are_told_by_their_number_not_by_their_row():
     data = moving()
     order = np.random.default_rng(0).permutation(len(data.presses))
