@@ -167,7 +167,7 @@ def _images(fitter: Fitter, state: State, presses: IntArray) -> tuple[FloatArray
     for k, p in enumerate(presses.tolist()):
         rows = np.flatnonzero((fitter.press == p) & (fitter.phase == HOLD))
         rows = rows if len(rows) else np.flatnonzero(fitter.press == p)
-        if not len(rows) or not mean[rows].max() > 0:
+        if not mean[rows].max(initial=0.0) > 0 or not np.isfinite(fitter.counts[rows]).any():
             continue
         images[k] = np.average(fitter.counts[rows], axis=0, weights=np.maximum(mean[rows], 0.0) + 1e-12)
         own = np.flatnonzero(f.row == p)
