@@ -50,8 +50,8 @@ MOST_TABLES: Final = 1000
 MOST_TAXELS: Final = 1 << 14
 """Of one sensor: 128 x 128, ten times the largest skins that are sold as one array."""
 
-MOST_ROWS: Final = 50_000_000
-"""Of a table: a session of 14 hours at 1 kHz."""
+MOST_ROWS: Final = 10_000_000
+"""Of a table: a session of 28 hours at 100 Hz; a check and a fit of as many frames take less than 2 GB."""
 
 MOST_COLUMNS: Final = 1 << 15
 """Of a table: the taxels, and as many others."""

@@ -50,12 +50,12 @@ def held_back() -> Generator[list[int]]:
             signal.signal(number, note)
         yield came
     finally:
-        _restore(taken)
+        restore(taken)
         for number in dict.fromkeys(came):
             signal.raise_signal(number)
 
 
-def _restore(handlers: dict[int, Any]) -> None:
+def restore(handlers: dict[int, Any]) -> None:
     """Give every signal its handler back; a handler that raises meanwhile does so after the last one."""
     raised = None
     while handlers:

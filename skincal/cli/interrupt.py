@@ -6,16 +6,23 @@ import math
 import signal
 import threading
 import time
-from collections.abc import Callable, Collection, Generator
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from skincal.cli.terminal import say
 from skincal.errors import InputError, text_of
-from skincal.signals import ENDING
+from skincal.signals import ENDING, restore
 
-TOGETHER_S = 0.05
+if TYPE_CHECKING:
+    from skincal.hand.halt import Stop
+
+TOGETHER_S = 0.5
 """Signals that come within this time are one request: a second interrupt would cut off what the first one began [s]."""
+
+MOVING_TOGETHER_S = 10.0
+"""The same while a verb moves a rig, whose end takes longer [s]."""
 
 AGAIN_S = 0.02
 """Interval at which a held-back interrupt checks whether the modules have loaded [s]."""
@@ -53,30 +60,47 @@ def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
 
     Every signal that can be caught interrupts, Ctrl-Z too: a hand that nobody watches must not go on pressing. So do
     SIGINT and SIGQUIT of a verb in the background of a script, where the shell ignores them: Ctrl-C ends the script.
+    The first signal stops every connected rig before it interrupts, so that nothing depends on where it interrupts.
 
     Args:
         saved: saves what is left to save of the work of a verb that ends early, while signals wait, and returns what
             is saved.
     """
+    from skincal.hand.halt import stops_noted
+
     # `interruptible` uses the alarm to check again.
     more = (number for number in ENDING if number != signal.SIGALRM)
-    with interruptible(*more, ignored=(signal.SIGINT, signal.SIGQUIT)):
-        try:
+    with (
+        stops_noted() as stops,
+        _stopping_first(stops),
+        interruptible(*more, ignored=(signal.SIGINT, signal.SIGQUIT)),
+    ):
+        told: list[int] = []
+        # Twice: what interrupts the inner one before it has told comes to the outer one.
+        with _telling_end(saved, stops, told), _telling_end(saved, stops, told):
             yield
-        except (KeyboardInterrupt, Exception) as error:  # a full disk, no memory left, a fault of ours
-            if isinstance(error, InputError) and not hasattr(error, "__notes__"):
-                raise  # found before the hand moved
-            status = None
-            while status is None:
-                with suppress(KeyboardInterrupt):  # of a further signal
-                    status = _tell_end(error, saved)
-            if not status:
-                raise
-            raise Ended(status) from None
 
 
-def _tell_end(error: BaseException, saved: Callable[[], str]) -> int:
-    """Say why a verb that moves a hand ends, what is saved, and whether the hand was stopped.
+@contextmanager
+def _telling_end(
+    saved: Callable[[], str], stops: Mapping[tuple[str, str], Stop], told: list[int]
+) -> Generator[None]:
+    """Tell of the end of a verb that moves a rig, once; ``told`` receives the exit status."""
+    try:
+        yield
+    except (KeyboardInterrupt, Exception) as error:  # a full disk, no memory left, a fault of ours
+        if isinstance(error, InputError) and not stops:
+            raise  # found before the rig moved
+        while not told:
+            with suppress(KeyboardInterrupt):  # of a further signal
+                told.append(_tell_end(error, saved, [*stops.values()]))
+        if not told[0]:
+            raise
+        raise Ended(told[0]) from None
+
+
+def _tell_end(error: BaseException, saved: Callable[[], str], stops: Sequence[Stop]) -> int:
+    """Say why a verb that moves a rig ends, what is saved, and whether the rig was stopped.
 
     Returns:
         The exit status; 0: the error says the rest, and is to be reported as any other.
@@ -85,7 +109,7 @@ def _tell_end(error: BaseException, saved: Callable[[], str]) -> int:
     for number in ENDING:
         if signal.getsignal(number) is _interrupt:
             signal.signal(number, signal.SIG_IGN)
-    danger, notes = _danger_and_notes(error)
+    danger = _danger(error, stops)
     stopped = isinstance(error, KeyboardInterrupt)
     if danger:  # at once: saving may take a while
         say(f"skincal: error: {danger}")
@@ -93,7 +117,8 @@ def _tell_end(error: BaseException, saved: Callable[[], str]) -> int:
         kept = saved()
     except Exception as trouble:
         kept = f"The work so far could not be saved: {text_of(trouble)}"
-    text = " ".join(filter(None, [*([] if danger else notes), kept]))
+    statements = [] if danger else [*dict.fromkeys(f"The {stop.rig} was stopped." for stop in stops)]
+    text = " ".join(filter(None, [*statements, kept]))
     if stopped and not danger:
         say(f"skincal: interrupted. {text}".rstrip())
     elif text:
@@ -101,15 +126,34 @@ def _tell_end(error: BaseException, saved: Callable[[], str]) -> int:
     return 1 if danger else 130 if stopped else 0
 
 
-def _danger_and_notes(error: BaseException | None) -> tuple[str, list[str]]:
-    """Return the warning that a hand was not stopped, or '', and the notes of an exception and its causes."""
-    danger, notes = "", list[str]()
+def _danger(error: BaseException | None, stops: Sequence[Stop]) -> str:
+    """Stop the rigs that were not; return the warning that one could not be, or ''."""
+    troubles = [f"{stop.name}: {text}" for stop in stops if (text := _stopped(stop))]
     while error is not None:
         if getattr(error, "stopped", None) is False:
-            danger = danger or text_of(error, 2000)
-        notes += getattr(error, "__notes__", [])
+            return text_of(error, 2000)
         error = error.__cause__ or error.__context__
-    return danger, [*dict.fromkeys(notes)]
+    return " ".join(troubles)
+
+
+def _stopped(stop: Stop) -> str:
+    return stop() if stop.trouble is None else stop.trouble
+
+
+@contextmanager
+def _stopping_first(stops: Mapping[tuple[str, str], Stop]) -> Generator[None]:
+    """Have a request to end stop the rigs before it interrupts."""
+
+    def stop_all() -> None:
+        for stop in [*stops.values()]:
+            _stopped(stop)
+
+    before = _first[0], _together_s[0]
+    _first[0], _together_s[0] = stop_all, MOVING_TOGETHER_S
+    try:
+        yield
+    finally:
+        _first[0], _together_s[0] = before
 
 
 @contextmanager
@@ -138,22 +182,37 @@ def interruptible(*more: int, ignored: Collection[int] = ()) -> Generator[None]:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        signal.signal(signal.SIGALRM, timer)
+        restore({**before, signal.SIGALRM: timer})
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
+    if _at_work:
+        return
+    _at_work.append(number)
+    try:
+        _first[0]()
+    finally:
+        _at_work.clear()
     if _importing(frame):
         signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
         return
-    last_s, _asked_s[0] = _asked_s[0], time.monotonic()
-    if _asked_s[0] - last_s > TOGETHER_S:
+    now_s = time.monotonic()
+    if now_s - _asked_s[0] > _together_s[0]:
+        _asked_s[0] = now_s
         raise KeyboardInterrupt
 
 
+_first: list[Callable[[], None]] = [lambda: None]
+"""What a request does before it interrupts; not interrupted itself."""
+
+_at_work: list[int] = []
+"""The signal whose handler does that; another one meanwhile is the same request."""
+
+_together_s = [TOGETHER_S]
+"""Time within which signals are one request [s]."""
+
 _asked_s = [-math.inf]
-"""When a signal came last [s]."""
+"""When a signal interrupted last [s]."""
 
 
 def _importing(frame: FrameType | None) -> bool:

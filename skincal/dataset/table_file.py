@@ -32,7 +32,7 @@ MOST_CELLS_HELD = 20_000_000
 """Largest number of cells of a table of frames held in memory (160 MB); of a larger one, only the columns in use."""
 
 MOST_COLUMN_BYTES = 1 << 30
-"""Largest size of one column of a Parquet file, unpacked: twice that of 5 x 10^7 numbers."""
+"""Largest size of one column of a Parquet file, unpacked: of 10^7 texts of 100 letters."""
 
 MOST_CSV_BYTES = 1 << 30
 """Largest size of a CSV file, which is read at once: 10^7 rows of 100 letters."""

@@ -29,7 +29,7 @@ from skincal.errors import one_line, quoted, shown, text_of
 from skincal.hand.driver import Driver
 from skincal.hand.errors import ADVICE, HandError, HandErrorKind, Violation, again, described
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.halt import HURRY_S, halt, stopped
+from skincal.hand.halt import HURRY_S, Stop, note_stop, stopped
 from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
 from skincal.signals import held_back
 
@@ -73,7 +73,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
         self._worker: Worker | None = None
         self._lock = Lock()
         self._failure: HandError | None = None
-        self._halted = False
+        self._halt = Stop(lambda: self._made.stop(), self._options.stop_timeout_s, self._name, self.rig)
         self._closed = False
 
     @abstractmethod
@@ -128,6 +128,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
         self._check_limits()
         self._worker = Worker(f"{self.rig} {self.name}", options.idle_s, self._idle)
         atexit.register(self._at_exit)
+        note_stop(self._halt)
         # A simulated rig may compile its skin model first, which takes longer on a busy machine.
         patience = 1.0 if self._made.real_time else PATIENCE
         try:
@@ -179,7 +180,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
             HandError: the command breaks a limit and was not sent, or the driver failed; the rig has been stopped.
         """
         self._ready("act")
-        if self._halted:
+        if self._halt.asked:
             raise HandError(
                 f"{self.name}: the {self.rig} has been stopped; connect again to move it", "stopped"
             )
@@ -237,7 +238,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
                     return
         except KeyboardInterrupt as interrupt:
             if not self._closed:
-                self._leave(interrupt, "")
+                self._leave(interrupt, self._halt())
             raise
         self._leave(error, trouble)
 
@@ -315,7 +316,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     def _send(self, command: Command) -> None:
         """Run in the worker: send nothing if the rig was stopped while the command waited for its turn."""
-        if self._halted:
+        if self._halt.asked:
             raise HandError(f"the {self.rig} has been stopped; the command was not sent", "stopped")
         self._made.act(command)
 
@@ -341,17 +342,12 @@ class Guarded(ABC, Generic[Description, State, Command]):
             self._failure = self._failure or error
         raise error from cause
 
-    def _halt(self) -> str:
-        """Stop the rig; return the failure to do so, or ''."""
-        self._halted = True
-        return halt(self._made.stop, self._options.stop_timeout_s, self.name, self.rig)
-
     def _advice(self, kind: HandErrorKind) -> str:
         return ADVICE[kind]
 
     def _idle(self) -> None:
         """Run in the worker: stop a rig that has not been called for ``idle_s``."""
-        if self._closed or self._halted:
+        if self._closed or self._halt.asked:
             return
         try:
             self._fail("idle", f"no call for {self._options.idle_s:g} s", limit=self._options.idle_s)

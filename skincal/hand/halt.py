@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 
 from skincal.errors import quoted
 from skincal.hand.worker import CallExitError, CallTimeoutError, call_and_leave
@@ -18,6 +19,52 @@ STOPPED = stopped("hand")
 
 HURRY_S = 2.0
 """Longest time for closing while somebody waits for the end [s]."""
+
+
+class Stop:
+    """The stop of a rig: what is said of the rig follows from this alone.
+
+    Args:
+        stop: the driver's ``stop``.
+        timeout_s: longest time of a call [s].
+        name: the driver's name.
+        rig: the kind of rig.
+
+    Attributes:
+        asked: it was called: the rig is to move no more.
+        trouble: what went wrong with the last call; empty: it returned, the rig is stopped; None: neither is known.
+    """
+
+    def __init__(self, stop: Callable[[], None], timeout_s: float, name: str, rig: str = "hand") -> None:
+        self._stop, self._timeout_s, self.name, self.rig = stop, timeout_s, name, rig
+        self.asked = False
+        self.trouble: str | None = None
+
+    def __call__(self) -> str:
+        """Stop the rig; return the failure to do so, or ''."""
+        self.asked = True
+        self.trouble = trouble = halt(self._stop, self._timeout_s, self.name, self.rig)
+        return trouble
+
+
+_NOTED: list[dict[tuple[str, str], Stop]] = []
+
+
+@contextmanager
+def stops_noted() -> Generator[dict[tuple[str, str], Stop]]:
+    """Yield the stops of the rigs that are connected during a block, by kind and name: the last one of each."""
+    noted: dict[tuple[str, str], Stop] = {}
+    _NOTED.append(noted)
+    try:
+        yield noted
+    finally:
+        _NOTED.remove(noted)
+
+
+def note_stop(stop: Stop) -> None:
+    """Note the stop of a rig that is about to be connected."""
+    for noted in _NOTED:
+        noted[stop.rig, stop.name] = stop
 
 
 def halt(stop: Callable[[], None], timeout_s: float, name: str, rig: str = "hand") -> str:

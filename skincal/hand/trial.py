@@ -11,7 +11,7 @@ from skincal.hand.checks import StateCheck
 from skincal.hand.commands import CommandCheck
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import Violation
-from skincal.hand.halt import STOPPED, halt
+from skincal.hand.halt import STOPPED, Stop, note_stop
 from skincal.hand.worker import CallTimeoutError, Worker, call_and_leave
 
 if TYPE_CHECKING:
@@ -38,6 +38,9 @@ class Trial:
         self.driver, self.options, self.make = driver, options, make
         self._worker = Worker(f"trial {type(driver).__name__}")
         self._close_s = CONNECT_S
+        name = getattr(driver, "name", type(driver).__name__)
+        self.halt = Stop(lambda: self.driver.stop(), options.stop_s, name)
+        note_stop(self.halt)
         self._check_state: StateCheck | None = None
         self._check_command: CommandCheck | None = None
 
@@ -94,11 +97,6 @@ class Trial:
         except CallTimeoutError:
             raise FailedCheckError(f"stop() did not return within {self.options.stop_s:g} s") from None
         return time.monotonic() - start
-
-    def halt(self) -> str:
-        """Stop the hand; return the failure to do so, or ''."""
-        name = getattr(self.driver, "name", type(self.driver).__name__)
-        return halt(self.driver.stop, self.options.stop_s, name)
 
     def end(self, close_s: float = CONNECT_S) -> str:
         """Stop the hand and release it, in whatever state it is; return the failure to stop, or ''."""

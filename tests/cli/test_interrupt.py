@@ -7,6 +7,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hand.hand_fakes import FakeHand
@@ -100,15 +101,15 @@ def test_a_further_signal_does_not_suppress_that_a_hand_was_not_stopped(
     """It may come at any moment: here while the message is composed."""
     from skincal.cli import interrupt
 
-    more, compose = [1, 2], interrupt._danger_and_notes
+    more, compose = [1, 2], interrupt._danger
 
-    def struck(error: BaseException | None) -> tuple[str, list[str]]:
+    def struck(*given: Any) -> str:
         if more:
             more.pop()
             raise KeyboardInterrupt
-        return compose(error)
+        return compose(*given)
 
-    monkeypatch.setattr(interrupt, "_danger_and_notes", struck)
+    monkeypatch.setattr(interrupt, "_danger", struck)
     with pytest.raises(SystemExit) as left, moving():
         raise HandError("interrupted; stop() did not return! Cut the hand's power.", "driver", stopped=False)
     assert left.value.code == 1
@@ -137,7 +138,10 @@ def test_whatever_ends_the_work_tells_that_the_hand_was_stopped(
     assert "ended early. The hand was stopped. Two presses are saved." in capsys.readouterr().err
 
 
-def test_signals_at_once_are_one_request() -> None:
+def test_signals_at_once_are_one_request(monkeypatch: pytest.MonkeyPatch) -> None:
+    from skincal.cli import interrupt
+
+    monkeypatch.setattr(interrupt, "_together_s", [0.05])
     with interruptible():
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGTERM)

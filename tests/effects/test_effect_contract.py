@@ -142,6 +142,15 @@ def test_strengths_stay_in_bounds_and_are_reproducible(name: str):
             effect.at_strength(bad, np.random.default_rng(5), LAYOUT)
 
 
+def assert_same(values: np.ndarray, others: np.ndarray, what: str = "") -> None:
+    """Hold that values are the same but for the last bits.
+
+    With the lowest versions of the libraries (numpy 2.0) the same call, repeated, gives values that differ by some
+    1e-15 of the largest, by where its arrays come to lie in memory; with newer ones it does not.
+    """
+    np.testing.assert_allclose(values, others, rtol=1e-12, atol=1e-12 * np.abs(values).max(), err_msg=what)
+
+
 @every_effect
 @pytest.mark.parametrize("pieces", [1, 17])
 def test_sample_by_sample_is_the_session(name: str, pieces: int):
@@ -153,7 +162,7 @@ def test_sample_by_sample_is_the_session(name: str, pieces: int):
     np.testing.assert_allclose(steps, whole, rtol=0, atol=1e-9)
     stream.reset()
     again = np.vstack([stream.step(SHORT[cut]) for cut in cuts])
-    assert np.array_equal(steps, again)
+    assert_same(steps, again)
 
 
 def test_forms_with_further_needs_state_them():
@@ -184,8 +193,8 @@ def test_other_covariates_do_not_matter(name: str):
     needed = [n for a in skin.effects for n in a.effect.needs(a.values)]
     values = skin.values(SESSION)
     for covariate in set(COVARIATES) - set(needed):
-        assert np.array_equal(values, skin.values(shuffled(SESSION, covariate))), covariate
-        assert np.array_equal(values, skin.values(without(SESSION, covariate))), covariate
+        assert_same(values, skin.values(shuffled(SESSION, covariate)), covariate)
+        assert_same(values, skin.values(without(SESSION, covariate)), covariate)
 
 
 def strongly(name: str, parameter: str) -> dict[str, object]:
