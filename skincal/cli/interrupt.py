@@ -12,7 +12,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from skincal.cli.terminal import say
-from skincal.errors import InputError, text_of
+from skincal.errors import InputError, SkincalError, text_of
 from skincal.signals import ENDING, restore
 
 if TYPE_CHECKING:
@@ -36,6 +36,14 @@ class Ended(SystemExit):
     """The end of a verb that has said why; any other ``SystemExit`` is that of a driver or a library."""
 
 
+def is_interrupt(error: BaseException) -> bool:
+    """Return whether an error is a request to end, or what a library made of one: numpy has other errors instead."""
+    asked = _asked_s[0] > -math.inf and not isinstance(
+        error, (SkincalError, OSError, MemoryError, SystemExit)
+    )
+    return isinstance(error, KeyboardInterrupt) or asked
+
+
 AGAIN = "give the same command again to continue"
 
 
@@ -45,7 +53,7 @@ def resumable(saved: Callable[[], str]) -> Generator[None]:
     try:
         yield
     except BaseException as error:
-        text, stopped = saved(), isinstance(error, KeyboardInterrupt)
+        text, stopped = saved(), is_interrupt(error)
         if not text:
             raise
         say(f"skincal: {'interrupted' if stopped else 'the work ended early'}. {text}")
@@ -110,7 +118,7 @@ def _tell_end(error: BaseException, saved: Callable[[], str], stops: Sequence[St
         if signal.getsignal(number) is _interrupt:
             signal.signal(number, signal.SIG_IGN)
     danger = _danger(error, stops)
-    stopped = isinstance(error, KeyboardInterrupt)
+    stopped = is_interrupt(error)
     if danger:  # at once: saving may take a while
         say(f"skincal: error: {danger}")
     try:

@@ -17,7 +17,7 @@ import typer
 
 from skincal import compiling
 from skincal.cli import verbs
-from skincal.cli.interrupt import Ended, interruptible
+from skincal.cli.interrupt import Ended, interruptible, is_interrupt
 from skincal.cli.options import example
 from skincal.cli.terminal import json_alone, say
 from skincal.errors import SkincalError, input_error, quoted, text_of
@@ -192,7 +192,7 @@ def _report(error: BaseException) -> int:
             expected = "expected names of files and folders in UTF-8; got other bytes. Rename it."
             say(f"skincal: error: {error.object}: {expected}")
             return 2
-        case KeyboardInterrupt():
+        case _ if is_interrupt(error):
             say("skincal: interrupted")
             return 130
         case ImportError() if not (error.name or "").startswith("skincal"):

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from hand.hand_fakes import FakeHand
 
-from skincal.cli.interrupt import REQUESTS, interruptible, moving
+from skincal.cli.interrupt import REQUESTS, Ended, interruptible, moving, resumable
 from skincal.errors import InputError
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
@@ -34,6 +34,17 @@ def test_an_interrupt_waits_until_a_module_is_loaded(tmp_path: Path, monkeypatch
         time.sleep(5)
     assert sys.modules["interrupted_import"].loaded
     assert [signal.getsignal(number) for number in HANDLERS] == before
+
+
+def test_what_a_library_makes_of_an_interrupt_is_one(capsys: pytest.CaptureFixture[str]) -> None:
+    """NumPy says that arrays cannot be compared where an interrupt comes while it compares them."""
+    with pytest.raises(Ended) as ended, interruptible(), resumable(lambda: "Half of it is saved."):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise TypeError("cannot compare") from None
+    assert ended.value.code == 130
+    assert capsys.readouterr().err == "skincal: interrupted. Half of it is saved.\n"
 
 
 def test_an_interrupt_that_somebody_else_handles_is_left_to_them() -> None:
