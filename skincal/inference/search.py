@@ -174,6 +174,7 @@ class Search:
     null_sessions: int = C.null_sessions
     _folds: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     _known: Effects = field(default_factory=dict)
+    _less: dict[tuple[Fitted, str], Fitted] = field(default_factory=dict)
     _null: Null = field(init=False)
 
     def run(self) -> Found:
@@ -238,11 +239,9 @@ class Search:
         gone = set[str]()
         for path in ended:
             other = path.named[k].name if len(path.named) > k else own.name
-            if other in own.alike and other != own.name and best.named[:k] == path.named[:k]:
-                behind = Score(scores - self.score(path.fit))
-                error = effect(other).equation_error
-                if behind.total > max(C.alike * max(behind.error, 1.0), 0.5 * error**2 * own.gain):
-                    gone.add(other)
+            rival = other in own.alike and other != own.name and best.named[:k] == path.named[:k]
+            if rival and not _near(Score(scores - self.score(path.fit)), other, own.gain):
+                gone.add(other)
         left = tuple(n for n in own.alike if n not in gone)
         return replace(own, alike=left, rivals=tuple((n, x) for n, x in own.rivals if n not in gone))
 
@@ -397,8 +396,7 @@ class Search:
         near: list[tuple[float, int]] = []
         for i, ((tried, _), own) in enumerate(zip(fits, scores, strict=True)):
             behind = Score(best - own)
-            lost = 0.5 * effect(tried.name).equation_error ** 2 * Score(own - before).total
-            if own is best or behind.total < max(C.alike * max(behind.error, 1.0), lost):
+            if own is best or _near(behind, tried.name, Score(own - before).total):
                 near.append((behind.total, i))
         return [fits[i] for _, i in sorted(near)]
 
@@ -469,14 +467,23 @@ class Search:
         return best[1]
 
     def _without(self, fit: Fitted, name: str) -> Fitted:
-        effects = {n: v for n, v in fit.state.effects.items() if n != name or n in self._known}
-        free = tuple(f for f in fit.free if f.effect != name)
-        return self._settled(replace(fit.state, effects=effects), free)
+        """The fit without an effect; worked out once for each."""
+        if (fit, name) not in self._less:
+            effects = {n: v for n, v in fit.state.effects.items() if n != name or n in self._known}
+            free = tuple(f for f in fit.free if f.effect != name)
+            self._less[fit, name] = self._settled(replace(fit.state, effects=effects), free)
+        return self._less[fit, name]
 
     @property
     def scene(self) -> Scene:
         """The scale of the session."""
         return scene_of(self.fitter, self.base)
+
+
+def _near(behind: Score, name: str, gained: float) -> bool:
+    """Whether an effect that gains so much is not surely behind, or by no more than its equation may make it lose."""
+    lost = 0.5 * effect(name).equation_error ** 2 * gained
+    return behind.total < max(C.alike * max(behind.error, 1.0), lost)
 
 
 def _added(named: tuple[Named, ...], own: Named) -> tuple[Named, ...]:
