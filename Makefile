@@ -37,8 +37,11 @@ endif
 demo: $(VENV)/.policy-stamp ## sessions on the simulated hand: fit, ranges, a policy; a hidden effect found and added
 	@$(BIN)/skincal demo --out $(DEMO)
 
+# A test that hangs says where, and ends.
+ENDS := -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
+
 test: $(VENV)/.test-stamp ## the tests, without the slow ones
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow" $(ENDS)
 
 test-slow: $(VENV)/.test-stamp ## the slow tests
 	$(BIN)/python -m pytest -n auto --dist worksteal -m slow

@@ -11,6 +11,7 @@ import hashlib
 import importlib
 import os
 import re
+import select
 import shutil
 import signal
 import sys
@@ -23,6 +24,8 @@ from typing import Any
 from skincal.files import moves, recover
 
 KILLED = 137
+LONGEST_S = 120
+"""Time without a write event after which a fork is taken for stuck [s]."""
 TIMES = re.compile(rb"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d[-+.:\dZ]*")
 EVENTS = ("os.rename", "os.mkdir", "os.rmdir", "os.remove", "os.link", "os.truncate", "os.chmod")
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
@@ -97,9 +100,21 @@ def forked(
         finally:
             os._exit(status)
     os.close(write)
-    with os.fdopen(read, "rb") as pipe:
-        events = len(pipe.read())
+    events = len(read_all(read, child))
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), events
+
+
+def read_all(descriptor: int, child: int) -> bytes:
+    """Read what a fork writes until it ends; one that does not is killed, so that no test waits for ever."""
+    with os.fdopen(descriptor, "rb", buffering=0) as pipe:
+        parts = [b""]
+        while True:
+            if not select.select([pipe], [], [], LONGEST_S)[0]:
+                os.kill(child, signal.SIGKILL)
+                raise AssertionError(f"the fork has not done anything for {LONGEST_S} s")
+            parts.append(pipe.read(1 << 16))
+            if not parts[-1]:
+                return b"".join(parts)
 
 
 def preload(work: Callable[[], None], note: Path) -> None:

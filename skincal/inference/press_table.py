@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 from numba import njit
@@ -214,16 +213,13 @@ def _loads(
                     out.shape[2], power, reference,
                 )  # fmt: skip
 
-            list(_threads().map(balls, np.array_split(rows, min(available_cores(), len(rows)) or 1)))
+            # Threads of their own: those that are kept would be missing in a fork, which would wait for them for ever.
+            parts = np.array_split(rows, min(available_cores(), len(rows)) or 1)
+            with ThreadPoolExecutor(len(parts)) as threads:
+                list(threads.map(balls, parts))
         elif len(rows):
             _cast(out, patch, indenter, presses, rows, most, stress, weights)
     return out
-
-
-@cache
-def _threads() -> ThreadPoolExecutor:
-    """A thread a core: the compiled loop leaves the others free to work."""
-    return ThreadPoolExecutor(available_cores())
 
 
 def _cast(

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hand.hand_fakes import FakeHand
+from killing import read_all
 
 from skincal.cli.interrupt import moving
 from skincal.cli.main import main
@@ -146,6 +147,7 @@ def begin(fails: bool) -> tuple[int, int, int]:
         return process, log, err
     status = 70
     try:
+        os.setsid()  # a signal to suspend that comes after the last word would leave it waiting for a shell
         os.dup2(err_end, 2)
         sys.stderr, sys.stdout = os.fdopen(2, "w", buffering=1), io.StringIO()
         Told.log, Told.fails = log_end, fails
@@ -156,11 +158,6 @@ def begin(fails: bool) -> tuple[int, int, int]:
     finally:
         sys.stderr.flush()
         os._exit(status)
-
-
-def read_all(descriptor: int) -> bytes:
-    with os.fdopen(descriptor, "rb") as file:
-        return file.read()
 
 
 RUNS = 16
@@ -182,7 +179,7 @@ def test_signals_at_any_time_leave_no_hand_moving() -> None:
         time.sleep(max(0.0, begun + at - time.monotonic()))
         os.kill(process, number)
     for n, ((process, log, err), head) in enumerate(zip(runs, heads, strict=True)):
-        done, said = (head + read_all(log)).decode(), read_all(err).decode()
+        done, said = (head + read_all(log, process)).decode(), read_all(err, process).decode()
         status = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
         assert "Traceback" not in said and "internal" not in said, said
         if n % 4 == 3:

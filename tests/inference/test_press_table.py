@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from effects.effect_sessions import FINGER, LAYOUT
+from killing import forked
 
 from skincal.inference.press_table import Presses, press_table
 from skincal.model import (
@@ -72,3 +73,13 @@ def test_even_pressure_needs_no_casting(law: StressLaw | None):
     got = E * table.at(np.arange(5), force / E, np.full((5, 2), 2e-4))
     assert np.abs(got - want).max() < 1e-9 * want.max()
     assert not np.any(table.terms[1:])
+
+
+def test_a_fork_makes_tables():
+    """It has none of the threads of the process that it came from."""
+
+    def made() -> None:
+        press_table(PATCH, FINGER, (Sphere(0.006),), presses(), E)
+
+    made()
+    assert forked(made)[0] == 0
