@@ -130,7 +130,7 @@ class HandServer:
             HandError: a client is gone, and the hand could not be stopped: nobody else may have it; or messages without
                 an end fill the memory.
         """
-        begun_bytes = _taken_bytes()
+        least_bytes = _taken_bytes()
         poller = self._zmq.Poller()
         poller.register(self._socket, self._zmq.POLLIN)
         poller.register(self._wake, self._zmq.POLLIN)
@@ -142,7 +142,9 @@ class HandServer:
                 parts = self._socket.recv_multipart()
                 self._handle(parts[0], parts[-1])
             self._send_replies()
-            if _taken_bytes() - begun_bytes > MOST_BYTES:
+            taken_bytes = _taken_bytes()
+            least_bytes = min(least_bytes, taken_bytes)  # what was there before may be freed meanwhile
+            if taken_bytes - least_bytes > MOST_BYTES:
                 self._overrun()
             over = self._session is None or self._session.over
             if over and self._session is not None and self._session.trouble is not None:

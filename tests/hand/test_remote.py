@@ -474,13 +474,26 @@ def test_a_message_without_end_stops_the_hand_and_ends(monkeypatch: pytest.Monke
         driver = RemoteDriver(server.address)
 
         def attack() -> None:
-            driver.connect()
             with suppress(OSError), raw(server) as wire:
-                wire.sendall(GREETING + b"\x04" + bytes([len(READY)]) + READY)
-                for _ in range(5000):
+                wire.sendall(GREETING)
+                wire.recv(64, socket.MSG_WAITALL)
+                wire.sendall(b"\x04" + bytes([len(READY)]) + READY)
+                wire.recv(43, socket.MSG_WAITALL)  # its own, after which it takes messages
+                for _ in range(2500):
                     wire.sendall(b"\x03" + struct.pack(">Q", 60_000) + bytes(60_000))
+                while wire.recv(4096):  # the server says no more; until it ends, or for 5 s
+                    pass
 
-        attacker = threading.Thread(target=attack)
+        def connect_and_attack() -> None:
+            try:
+                driver.connect()
+                before.clear()  # what was there before the server began is none of its own
+                attack()
+            finally:
+                server.end()
+
+        before = bytearray(os.urandom(1 << 20) * 200)
+        attacker = threading.Thread(target=connect_and_attack)
         attacker.start()
         with pytest.raises(HandError, match=r"32 MiB of memory .* The hand was stopped"):
             server.run()
