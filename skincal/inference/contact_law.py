@@ -16,7 +16,7 @@ import numpy as np
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import NB, Fitted, Fitter, law_bounds
 from skincal.inference.forward import BLUR_M2, LAW, LAW_WAYS, Forward
-from skincal.inference.score import Score, folds_of, held_out
+from skincal.inference.score import Score, folds_of, held_out, predicted
 from skincal.model import ContactLaw
 from skincal.model.arrays import FloatArray, IntArray, as_floats
 
@@ -75,17 +75,12 @@ def beaten_foundation(fitter: Fitter, fit: Fitted, rng: np.random.Generator) -> 
     if not _is_sure(law_gain(fit, folds)):
         return None
     foundation = _foundation_fit(fitter, fit)
-    return foundation if _is_sure(Score(_score(fit, folds) - _score(foundation, folds))) else None
+    scores = [predicted(x.blocks, x.prior, x.pull, x.numbers, folds) for x in (fit, foundation)]
+    return foundation if _is_sure(Score(scores[0] - scores[1])) else None
 
 
 def _is_sure(gain: Score) -> bool:
     return gain.total > C.least_gain and gain.sure > C.sure
-
-
-def _score(fit: Fitted, folds: IntArray) -> FloatArray:
-    """(B,) logarithm of the likelihood of each block by the fit of the others."""
-    b = fit.blocks
-    return -0.5 * b.loss + held_out(b.h, b.b[:, :, None], fit.prior, fit.pull, folds)[:, 0]
 
 
 def _foundation_fit(fitter: Fitter, fit: Fitted) -> Fitted:

@@ -144,14 +144,14 @@ def press_table(
             / patch.areas_m2.sum()
         )
         return PressTable(np.stack([even, *[np.zeros_like(even)] * (5 if lattice else 0)]), most)
-    places = _LATTICE if lattice else _LATTICE[:1]
-    stack = [
-        presses if not any(p) else presses.moved(surface, np.tile(STEP_M * np.array(p), (len(most), 1)))
-        for p in places
-    ]
-    found = np.stack(
-        [_loads(patch, indenters, p, most, law, weights, contact or ContactLaw()) for p in stack]
+    places = STEP_M * np.array(_LATTICE if lattice else _LATTICE[:1])
+    count = len(most)
+    all_of = presses.of(np.tile(np.arange(count), len(places)))
+    moved = all_of.moved(surface, np.repeat(places, count, axis=0)) if lattice else presses
+    found = _loads(
+        patch, indenters, moved, np.tile(most, len(places)), law, weights, contact or ContactLaw()
     )
+    found = found.reshape(len(places), count, *found.shape[1:])
     if not lattice:
         return PressTable(found, most)
     c, e, w, n, s, ne = found
@@ -295,7 +295,7 @@ def _balls(
     for k in range(len(inside)):
         inside[k] = (k / max(knots, 1)) ** power
     gap, area, face, which = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64)
-    half_rise, met = np.zeros(n), np.empty(n)
+    half_rise = np.zeros(n)
     for c in range(count):
         ux, uy, uz = ups[c, 0], ups[c, 1], ups[c, 2]
         if not (np.isfinite(ux + centres[c, 0] + centres[c, 1] + centres[c, 2]) and most[c] > 0):
@@ -323,7 +323,6 @@ def _balls(
                 up = w / areas[i]
                 tilt = (normals[i, 0] * x + normals[i, 1] * y + normals[i, 2] * z - up * along) / (up * aside)
                 half_rise[m] = 0.5 * np.sqrt(w) * abs(aside / root + tilt)
-            met[m] = gap[m] - half_rise[m]
             first = min(first, gap[m])
             m += 1
         if m == 0:
@@ -334,7 +333,14 @@ def _balls(
             for i in range(m):
                 e = first + reach - gap[i]
                 if e > 0:
-                    carried += area[i] * (e if power == 1.0 else reference * (e / reference) ** power)
+                    if power == 1.0:
+                        carried += area[i] * e
+                    else:
+                        at_knot = e / reach * knots
+                        k = min(int(at_knot), knots - 1)
+                        carried += area[i] * (inside[k] + (at_knot - k) * (inside[k + 1] - inside[k]))
+            if power != 1.0:
+                carried *= reference * (reach / reference) ** power
             if carried >= most[c] or reach > 0.02:
                 break
             # From a depth that carries nearly enough no farther than is needed: a ball's load is a power of the depth.
@@ -342,8 +348,8 @@ def _balls(
             reach *= min(1.5, 1.05 * short ** (1 / (power + 1)))
         if power != 1.0 and carried > 1.2 * most[c]:
             reach *= 1.1 * (most[c] / carried) ** (1 / (power + 1))
-        order = _by_size(met, m, first + reach)
         if power == 1.0:
+            order = _by_size(gap, m, first + reach)
             heavy, moment = np.zeros(taxels), np.zeros(taxels)
             total, lever, at = 0.0, 0.0, 0
             for k in range(1, nodes):
@@ -369,14 +375,20 @@ def _balls(
         steps = nodes + 4
         whole = reference * (reach / reference) ** power
         carry, own = np.zeros(steps), np.zeros((steps, taxels))
-        for s in range(1, steps):
-            level = first + reach * (s / (steps - 1)) ** (2 / (power + 1))
-            for i in order:
-                e, rise = level - gap[i], half_rise[i]
+        levels = np.array([first + reach * (s / (steps - 1)) ** (2 / (power + 1)) for s in range(steps)])
+        for i in range(m):
+            rise = half_rise[i]
+            if gap[i] - rise >= levels[steps - 1]:
+                continue
+            v = rise / reach
+            f = whole * area[i]
+            mine = taxel[which[i]]
+            for s in range(steps - 1, 0, -1):
+                e = levels[s] - gap[i]
                 if e <= -rise:
                     break
                 # The mean over the cell: a stress that begins steeply would jump with each point that is met.
-                u, v = e / reach, rise / reach
+                u = e / reach
                 if u > 2 * v and u * knots > 8:
                     k = int(u * knots)
                     mean = inside[k] + (u * knots - k) * (inside[k + 1] - inside[k])
@@ -386,14 +398,14 @@ def _balls(
                     if u > v:
                         mean -= (u - v) ** (power + 1)
                     mean /= 2 * v * (power + 1)
-                f = whole * mean * area[i]
-                carry[s] += f
-                f *= face[i]
+                load = f * mean
+                carry[s] += load
+                load *= face[i]
                 if spread:
                     for j in range(taxels):
-                        own[s, j] += f * weights[which[i], j]
-                elif taxel[which[i]] >= 0:
-                    own[s, taxel[which[i]]] += f
+                        own[s, j] += load * weights[which[i], j]
+                elif mine >= 0:
+                    own[s, mine] += load
         root = np.sqrt(carry)
         s = 1
         for k in range(1, nodes):

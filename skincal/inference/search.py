@@ -34,7 +34,7 @@ from skincal.inference.fit import NB, Fitted, Fitter, law_widths
 from skincal.inference.forward import Effects, Seen, State
 from skincal.inference.gains import full_step, gains
 from skincal.inference.null import Null, drawn_residuals, law_residuals
-from skincal.inference.score import Score, folds_of, held_out
+from skincal.inference.score import Score, folds_of, predicted
 from skincal.inference.slopes import Slopes
 from skincal.inference.start import placed
 from skincal.model.arrays import FloatArray, IntArray
@@ -175,6 +175,7 @@ class Search:
     _folds: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     _known: Effects = field(default_factory=dict)
     _less: dict[tuple[Fitted, str], Fitted] = field(default_factory=dict)
+    _line: tuple[Fitted, tuple[list[Candidate], Whitened, int]] | None = None
     _null: Null = field(init=False)
 
     def run(self) -> Found:
@@ -317,7 +318,12 @@ class Search:
         return x - signal * (part * _summed(press, signal * x))[press]
 
     def _linear(self, fit: Fitted) -> tuple[list[Candidate], Whitened, int]:
-        """Candidates, the linearisation with their columns behind the model's, and how many of these are errors."""
+        """Candidates, the linearisation with their columns behind the model's, and how many of these are errors.
+
+        That of the base model serves null sessions and the first round.
+        """
+        if self._line is not None and self._line[0] is fit:
+            return self._line[1]
         seen, f = fit.seen, self.fitter.forward
         slope = f.noise.written(seen.values + seen.state.rest)[1]
         alone = {x.effect for x in fit.free if x.index is not None}
@@ -328,7 +334,8 @@ class Search:
         w, errors = self.fitter.columns_of(seen, fit.free)
         weight = np.where(w.seen, self.fitter.before.weights, 0.0) / np.exp(w.log_sd)
         columns = Slopes.joined([w.columns, *(c.columns.weighted(weight) for c in found)])
-        return found, replace(w, columns=columns), errors
+        self._line = fit, (found, replace(w, columns=columns), errors)
+        return self._line[1]
 
     def _drawn(self) -> Null:
         """Null sessions about the base model."""
@@ -404,10 +411,7 @@ class Search:
 
     def score(self, fit: Fitted) -> FloatArray:
         """(B,) logarithm of the likelihood of each block by the fit of the others."""
-        b, n = fit.blocks, len(fit.prior)
-        return (
-            -0.5 * b.loss + held_out(b.h[:, :n, :n], b.b[:, :n, None], fit.prior, fit.pull, self._folds)[:, 0]
-        )
+        return predicted(fit.blocks, fit.prior, fit.pull, fit.numbers, self._folds)
 
     def with_one(self, fit: Fitted, tried: Tried) -> Fitted:
         """The joint fit with one more."""

@@ -37,11 +37,12 @@ def base_fit(fitter: Fitter, *, known: bool) -> Fitted:
         rough = Fitter(part, part.session.counts, before)
         rough.foundation = True
         state = replace(begin, pose=replace(begin.pose, alpha_rad=begin.pose.alpha_rad + turn))
-        for _ in range(3):
+        for _ in range(4):
             reweighted(rough, state)
-            state = placed(rough, rough.solve(state, steps=3).state)
-        reweighted(rough, state)
-        found = rough.solve(state, steps=3)
+            found = rough.solve(state, steps=3)
+            if found.state is state:
+                break
+            state = placed(rough, found.state)
         misfit = _misfit(rough, found)
         if best is None or misfit < best[0]:
             best = misfit, found
@@ -56,12 +57,14 @@ def base_fit(fitter: Fitter, *, known: bool) -> Fitted:
     for _ in range(2):
         reweighted(fitter, state)
         found = fitter.solve(state, steps=3)
+        if found.state is state:
+            break
         state = placed(fitter, found.state)
+    if found.state is not state:
+        found = fitter.solve(state, steps=C.last_steps)
     # A layer of some millimetres is far from a foundation, and what is missing may hold the fit on the way.
-    fits = [
-        fitter.solve(replace(state, law=law), steps=C.last_steps) for law in (state.law, state.law - _LAYER)
-    ]
-    return min(fits, key=lambda one: one.loss())
+    layer = fitter.solve(replace(state, law=state.law - _LAYER), steps=C.last_steps)
+    return min(found, layer, key=lambda one: one.loss())
 
 
 def _misfit(fitter: Fitter, found: Fitted) -> float:
