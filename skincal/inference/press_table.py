@@ -148,9 +148,7 @@ def press_table(
     count = len(most)
     all_of = presses.of(np.tile(np.arange(count), len(places)))
     moved = all_of.moved(surface, np.repeat(places, count, axis=0)) if lattice else presses
-    found = _loads(
-        patch, indenters, moved, np.tile(most, len(places)), law, weights, contact or ContactLaw()
-    )
+    found = _loads(patch, indenters, moved, np.tile(most, len(places)), law, weights, contact or ContactLaw())
     found = found.reshape(len(places), count, *found.shape[1:])
     if not lattice:
         return PressTable(found, most)
