@@ -103,7 +103,7 @@ def shown(value: Any) -> str:
 
     The ``repr`` of a foreign class, also of one within a list, may raise or never return.
     """
-    kind: type = type(value)
+    kind = cast("type[Any]", type(value))
     if kind.__module__ == "numpy" and hasattr(value, "shape"):  # an array, without importing numpy
         return f"an array of {value.dtype} of shape {value.shape}"
     if kind in _PLAIN:

@@ -408,7 +408,17 @@ def test_other_computers_need_keys(address: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "address", ["127.0.0.1:5555", "tcp://127.0.0.1", "udp://127.0.0.1:1", "tcp://:1", "ipc://", "x"]
+    "address",
+    [
+        "127.0.0.1:5555",
+        "tcp://127.0.0.1",
+        "udp://127.0.0.1:1",
+        "tcp://:1",
+        "ipc://",
+        "x",
+        "tcp://127.0.0.1:65536",
+        "tcp://127.0.0.1:٣",
+    ],
 )
 def test_what_is_no_address(address: str) -> None:
     with pytest.raises(InputError, match="expected an address such as"):
