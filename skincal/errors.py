@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, cast
 
@@ -94,11 +95,21 @@ def _text(error: BaseException) -> str:
     return f"{error.message}: {'; '.join(map(quoted, members))}"
 
 
+_PLAIN: tuple[type, ...] = (bool, int, float, complex, str, bytes, type(None))
+
+
 def shown(value: Any) -> str:
-    """Return a short text for a value of wrong type or shape, whose own ``repr`` may raise."""
-    if type(value).__module__ == "numpy" and hasattr(value, "shape"):  # an array, without importing numpy
+    """Return a short text for a value of wrong type or shape, without running code of its own.
+
+    The ``repr`` of a foreign class, also of one within a list, may raise or never return.
+    """
+    kind = cast("type[Any]", type(value))
+    if kind.__module__ == "numpy" and hasattr(value, "shape"):  # an array, without importing numpy
         return f"an array of {value.dtype} of shape {value.shape}"
-    return f"{type(value).__name__} {reprlib.repr(value):.60}"
+    if kind in _PLAIN:
+        with suppress(ValueError):  # a whole number of thousands of digits
+            return f"{kind.__name__} {reprlib.repr(value):.60}"
+    return f"{kind.__name__} of {len(value)}" if kind in (list, tuple, dict, set) else kind.__name__
 
 
 class SkincalError(Exception):

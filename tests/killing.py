@@ -15,6 +15,7 @@ import select
 import shutil
 import signal
 import sys
+import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -101,7 +102,19 @@ def forked(
             os._exit(status)
     os.close(write)
     events = len(read_all(read, child))
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), events
+    return end_of(child), events
+
+
+def end_of(child: int) -> int:
+    """Wait for the end of a fork, and return its exit status; one that does not end is killed."""
+    deadline = time.monotonic() + LONGEST_S
+    while (found := os.waitpid(child, os.WNOHANG)) == (0, 0):
+        if time.monotonic() > deadline:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            raise AssertionError(f"the fork has not ended for {LONGEST_S} s")
+        time.sleep(0.001)
+    return os.waitstatus_to_exitcode(found[1])
 
 
 def read_all(descriptor: int, child: int) -> bytes:

@@ -94,8 +94,11 @@ def test_a_value_whose_repr_raises() -> None:
         def __repr__(self) -> str:
             raise OSError
 
-    assert shown(Value()).startswith("Value <Value instance")
-    assert len(shown([["x" * 10**6] * 1000] * 1000)) < 100
+    assert shown(Value()) == "Value"
+    assert shown([Value()]) == "list of 1"
+    assert shown([["x" * 10**6] * 1000] * 1000) == "list of 1000"
+    assert len(shown("x" * 10**6)) < 100
+    assert shown(10**5000) == "int"
 
 
 def test_endless_names_of_a_file_are_cut() -> None:

@@ -21,7 +21,7 @@ from skincal.dataset.schema import load_toml, read_table
 from skincal.dataset.table_file import RawTable, write_table
 from skincal.dataset.table_file import read_table as read_raw_table
 from skincal.effects import EFFECTS
-from skincal.files import whole_folder
+from skincal.files import real, whole_folder
 
 
 def read_calibration(path: str | Path) -> Calibration:
@@ -56,11 +56,7 @@ def read_calibration(path: str | Path) -> Calibration:
     findings.raise_errors()
     content: dict[str, Any] = {**found.parts(), **tables}
     return Calibration(
-        **content,
-        positions=positions,
-        meshes=meshes,
-        warnings=tuple(findings.warnings),
-        folder=folder.resolve(),
+        **content, positions=positions, meshes=meshes, warnings=tuple(findings.warnings), folder=real(folder)
     )
 
 

@@ -97,11 +97,11 @@ def show(
     from skincal.dataset.rest import active_threshold
     from skincal.dataset.summary import summarise
     from skincal.dataset.uniform_pressure import notes_on
-    from skincal.files import refuse_existing
+    from skincal.files import real, refuse_existing
     from skincal.report.dataset import dataset_figure
     from skincal.report.style import PICTURE_MARK, checked_suffix, save_whole
 
-    picture = checked_suffix(out or Path(f"{dataset.resolve().name}.png"))
+    picture = checked_suffix(out or Path(f"{real(dataset).name}.png"))
     refuse_existing(picture, dataset, force=force, mark=PICTURE_MARK)
     data = read_dataset(dataset)
     threshold = active_threshold(data) if threshold is None else threshold

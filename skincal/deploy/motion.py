@@ -52,9 +52,6 @@ Watch = Callable[[HandState, str], None]
 class Motion:
     """Command a hand through its guard, and keep its states.
 
-    Args:
-        place: called after every state: where the object truly is (2,), or None.
-
     Attributes:
         states: all of them, in order.
         places_m: where the object was at each of them; NaN where nobody knows.
@@ -62,10 +59,8 @@ class Motion:
         rest_counts: taxels at rest (J,) [counts].
     """
 
-    def __init__(
-        self, hand: GuardedHand, place: Callable[[], FloatArray | None], watch: Watch | None = None
-    ) -> None:
-        self._hand, self._place, self._watch = hand, place, watch
+    def __init__(self, hand: GuardedHand, watch: Watch | None = None) -> None:
+        self._hand, self._watch = hand, watch
         self.period_s = hand.period_s
         self.states: list[HandState] = []
         self.places_m: list[FloatArray] = []
@@ -81,9 +76,9 @@ class Motion:
     def look(self) -> HandState:
         """Return the next state, without a command."""
         state = self._hand.observe()
-        place = self._place()
+        place = self._hand.object_position_m()
         self.states.append(state)
-        self.places_m.append(np.full(2, np.nan) if place is None else place)
+        self.places_m.append(place)
         self.phases.append(self.doing)
         if self._watch is not None:
             self._watch(state, self.doing)

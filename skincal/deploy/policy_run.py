@@ -107,7 +107,7 @@ def deploy(
     loop: _PolicyLoop | None = None
     try:
         with GuardedHand(driver, guard, clock=clock, contact_force=forces.largest_n) as hand:
-            motion = Motion(hand, driver.object_position_m, watch)
+            motion = Motion(hand, watch)
             state = motion.look()
             if seen.sees_image and not np.isfinite(state.taxels).any():
                 raise input_error(f"driver {hand.name}", f"{taxels} taxels, for a tactile policy", "none")

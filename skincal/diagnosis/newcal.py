@@ -13,6 +13,7 @@ from skincal.calibration.parts import LAW, REST, FittedLaw, Loss
 from skincal.calibration.skin import effect_from
 from skincal.dataset import Dataset, active_taxels
 from skincal.diagnosis.observed import Observed
+from skincal.files import real
 from skincal.fitting.fit_options import FitOptions
 from skincal.inference.columns import with_values
 from skincal.inference.contact_law import law_ends
@@ -153,7 +154,7 @@ def new_calibration(
             )
     loss, slack = _fitted_presses(calibration, observed, fit, wild)
     findings = tuple(one for one in calibration.findings if one.code not in OUTDATED)
-    from_, label = calibration.provenance, "" if dataset.folder is None else dataset.folder.resolve().name
+    from_, label = calibration.provenance, "" if dataset.folder is None else real(dataset.folder).name
     before = {"calibrated_on": from_.dataset, "calibrated_on_sha256": from_.dataset_sha256}
     provenance = replace(
         from_,

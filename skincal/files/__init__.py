@@ -1,12 +1,12 @@
 """Safe files: input is a plain file in its folder; output appears complete and replaces only earlier output."""
 
-from skincal.files.inputs import check_input, open_input, reason
+from skincal.files.inputs import check_input, open_input, real, reason
 from skincal.files.locks import alone
 from skincal.files.outputs import whole_file, whole_folder
 from skincal.files.recovery import recover
 from skincal.files.refusals import refuse_existing
 
 __all__ = [
-    "alone", "check_input", "open_input", "reason", "recover", "refuse_existing", "whole_file",
+    "alone", "check_input", "open_input", "real", "reason", "recover", "refuse_existing", "whole_file",
     "whole_folder",
 ]  # fmt: skip

@@ -11,6 +11,11 @@ from typing import BinaryIO
 _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 
 
+def real(path: str | Path) -> Path:
+    """Return the absolute path without links, also of a loop of links, which fails when it is opened."""
+    return Path(os.path.realpath(path))
+
+
 def check_input(path: str | Path, within: str | Path | None = None) -> Path:
     """Return the resolved path of a file to be read.
 
@@ -27,8 +32,8 @@ def check_input(path: str | Path, within: str | Path | None = None) -> Path:
     """
     if "\0" in str(path):
         raise OSError(errno.EINVAL, "a name with a null character", str(path))
-    found = Path(os.path.realpath(path))
-    if within is not None and not found.is_relative_to(os.path.realpath(within)):
+    found = real(path)
+    if within is not None and not found.is_relative_to(real(within)):
         raise PermissionError(errno.EACCES, f"outside the folder {within}", str(path))
     _refuse_special(found.stat().st_mode, path)
     return found

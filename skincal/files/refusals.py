@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from skincal.errors import InputError, Problem
-from skincal.files.inputs import open_input
+from skincal.files.inputs import open_input, real
 from skincal.files.locks import alone
 from skincal.files.manifest import NAME, holds, strangers
 from skincal.files.recovery import recover
@@ -98,13 +98,21 @@ def refuse_removal(path: Path, place: Path, marker: str | None, mark: str) -> No
 
 
 def _refuse_input(path: Path, one: Path) -> None:
-    out, source = path.resolve(), one.resolve()
+    out, source = real(path), real(one)
     if not source.exists():
         return
     inside = source.is_dir() and out.is_relative_to(source) and holds(source, out)
-    if out == source or out in source.parents or inside:
+    if any(_is_same(out, place) for place in (source, *source.parents)) or inside:
         fix = "Choose another name: inputs are not replaced."
         raise problem(path, "an output that is not an input", f"that of {one}", fix)
+
+
+def _is_same(path: Path, other: Path) -> bool:
+    """Return whether two paths lead to one file or folder, by a mount, a hard link or letters of another case, too."""
+    try:
+        return path == other or path.samefile(other)
+    except OSError:
+        return False
 
 
 def _refuse_unwritable(path: Path) -> None:

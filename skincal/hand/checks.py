@@ -16,7 +16,7 @@ from skincal.dataset.columns import LARGEST
 from skincal.errors import quoted, shown
 from skincal.hand.clock import ClockCheck
 from skincal.hand.driver import HandDriver, HandState
-from skincal.hand.errors import NUMBERS, HandErrorKind, Violation
+from skincal.hand.errors import HandErrorKind, Violation, is_number
 from skincal.hand.guard_options import GuardOptions
 from skincal.model.arrays import FloatArray
 from skincal.robot.description import HandDescription
@@ -87,7 +87,7 @@ class StateCheck:
                     return Violation("state", text)
         for name in ("time_s", "temperature_c"):
             value = getattr(state, name)
-            if not isinstance(value, NUMBERS) or isinstance(value, bool):
+            if not is_number(value):
                 return Violation("state", f"state, {name}: expected a number; got {shown(value)}")
         low_c, high_c = TEMPERATURES_C
         if not (math.isnan(state.temperature_c) or low_c <= state.temperature_c <= high_c):

@@ -42,7 +42,7 @@ KINDS: tuple[str, ...] = get_args(HandErrorKind)
 MOST_LETTERS = 1000
 """Longest text of an error of a driver's own [letters]."""
 
-NUMBERS: tuple[type, ...] = (float, int, np.float32, np.integer)
+_NUMBERS: tuple[type, ...] = (float, int, np.float32, np.integer)
 """Kinds of single numbers that a driver may give; a long double or a complex number fits no table."""
 
 ADVICE: dict[HandErrorKind, str] = {
@@ -75,6 +75,12 @@ class Violation:
     joint: str | None = None
     value: float | None = None
     limit: float | None = None
+
+
+def is_number(value: object) -> bool:
+    """Return whether a value of a driver is a single number; one of a class of its own may run any code."""
+    kind = type(value)
+    return isinstance(value, _NUMBERS) and kind is not bool and kind.__module__ in ("builtins", "numpy")
 
 
 class HandError(WorkError):

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
+import numpy as np
+
+from skincal.errors import shown
 from skincal.hand.checks import ContactForce, StateCheck
 from skincal.hand.commands import CommandCheck
 from skincal.hand.driver import HandCommand, HandDriver, HandState
+from skincal.hand.errors import Violation
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
 from skincal.model.arrays import FloatArray
@@ -37,6 +42,22 @@ class GuardedHand(Guarded[HandDescription, HandState, HandCommand]):
         """Return the allowed command nearest to some angles (n,) [rad], within joint limits and speed."""
         self._ready("nearest")
         return HandCommand(self._check_command.nearest(q_desired_rad, self._clock()))
+
+    def object_position_m(self) -> FloatArray:
+        """Return where the hand sees the object (2,) [m]; NaN: it does not.
+
+        Raises:
+            HandError: the driver gave something else, failed or did not return; the hand has been stopped.
+        """
+        given = self._call(
+            "object_position_m", self._made.object_position_m, timeout_s=self._options.timeout_s
+        )
+        place: Any = np.full(2, np.nan) if given is None else given
+        numbers = type(place) is np.ndarray and place.shape == (2,) and place.dtype == np.float64
+        if not numbers or np.isinf(place).any():
+            expected = "None, or an array of float64 of shape (2,), finite or NaN"
+            self._violated(Violation("state", f"object_position_m: expected {expected}; got {shown(given)}"))
+        return place.copy()
 
     def _check_limits(self) -> None:
         check_limits(self.description, beyond=self._options.beyond_limits)

@@ -75,6 +75,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
         self._failure: HandError | None = None
         self._halt = Stop(lambda: self._made.stop(), self._options.stop_timeout_s, self._name, self.rig)
         self._closed = False
+        self._period_s: float | None = None
 
     @abstractmethod
     def _check_limits(self) -> None:
@@ -101,7 +102,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
     @property
     def period_s(self) -> float:
         """Time between two states [s], on the rig's clock."""
-        return self._made.period_s
+        return self._made.period_s if self._period_s is None else self._period_s
 
     @property
     def real_time(self) -> bool:
@@ -151,6 +152,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
                 f"period_s: expected a time above 0 s, {LONGEST_PERIOD_S:g} s at most; got {shown(period_s)}"
             )
             raise HandError(text, "driver")
+        self._period_s = float(period_s)  # a driver's own may change, or fail, later
         return self._checks()
 
     def observe(self) -> State:

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 HANDSHAKE_MS = 5000
 """Longest time from the beginning of a connection until both sides have shown their keys [ms]."""
 
+LAST_PORT = 65535
+
 INSTALL = "pip install 'skincal[remote]'"
 
 
@@ -126,7 +128,9 @@ def checked_address(address: str, *, keys: bool, what: str) -> str:
     host, colon, port = rest.rpartition(":")
     if scheme == "ipc" and rest:
         return address
-    if scheme != "tcp" or not colon or not host or not (port.isdigit() or port == "*"):
+    # ZeroMQ takes a port beyond the last one for another port.
+    is_port = port == "*" or (re.fullmatch("[0-9]{1,5}", port) is not None and int(port) <= LAST_PORT)
+    if scheme != "tcp" or not colon or not host or not is_port:
         raise input_error(what, "an address such as tcp://127.0.0.1:5555", f'"{address}"')
     if not keys and not _is_loopback(host):
         expected = "a loopback address (tcp://127.0.0.1:PORT), or keys for any other"

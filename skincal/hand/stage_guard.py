@@ -11,7 +11,7 @@ from skincal.dataset.columns import LARGEST
 from skincal.errors import InputError, Problem, shown
 from skincal.hand.clock import ClockCheck
 from skincal.hand.commands import FrozenCheck, StepCheck
-from skincal.hand.errors import NUMBERS, HandErrorKind, Violation
+from skincal.hand.errors import HandErrorKind, Violation, is_number
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
 from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState
@@ -106,7 +106,7 @@ class StageStateCheck:
                 return Violation("taxels" if name == "taxels" else "state", text)
         for name in ("time_s", "force_n"):
             value = getattr(state, name)
-            if not isinstance(value, NUMBERS) or isinstance(value, bool):
+            if not is_number(value):
                 return Violation("state", f"state, {name}: expected a number; got {shown(value)}")
         if not np.isfinite([*state.position_m, state.force_n, state.time_s]).all():
             return Violation("state", f"expected a finite time, place and force; got {state}")

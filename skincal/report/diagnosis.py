@@ -12,6 +12,7 @@ from markupsafe import escape
 
 from skincal.diagnosis.next_presses import PLAN_FILE
 from skincal.effects import EFFECTS
+from skincal.files import real
 from skincal.report.audit import audit_figure
 from skincal.report.diagnosis_figures import candidates_figure, curves_figure, gap_figure, where_figure
 from skincal.report.diagnosis_words import tone
@@ -47,7 +48,7 @@ def write_diagnosis_report(
         dataset,
         found.calibration,
         # A calibration that is written unchanged still has the name of the dataset that it was fitted to.
-        name=escape(dataset.folder.resolve().name if dataset.folder else "dataset"),
+        name=escape(real(dataset.folder).name if dataset.folder else "dataset"),
         found=found,
         known=EFFECTS,
         tone=tone(found),

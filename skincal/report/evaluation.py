@@ -15,7 +15,7 @@ from PIL import Image
 
 from skincal.dataset.model_objects import layout_of
 from skincal.envs.trajectories import POLICY_HZ
-from skincal.files import whole_file
+from skincal.files import real, whole_file
 from skincal.model import TaxelLayout
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
@@ -50,7 +50,7 @@ class Evaluated:
 
 def names_of(policies: Sequence[Policy]) -> list[str]:
     """Return a unique name per policy: its file's, or for ``policy.onnx`` its folder's, with a number if needed."""
-    paths = [Path(policy.file).resolve() for policy in policies]
+    paths = [real(policy.file) for policy in policies]
     names = [path.parent.name if path.stem == "policy" else path.stem for path in paths]
     number = Counter(names)
     seen: Counter[str] = Counter()

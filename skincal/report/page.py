@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
+from skincal.files import real
 from skincal.report.style import png_bytes, relabel
 from skincal.units import in_unit
 
@@ -62,7 +63,7 @@ def write_page(
     template: str, folder: Path, dataset: Dataset, calibration: Calibration, **values: Any
 ) -> None:
     """Write ``report.html`` into a folder."""
-    folder_name = dataset.folder.resolve().name if dataset.folder else "dataset"
+    folder_name = real(dataset.folder).name if dataset.folder else "dataset"
     own = {
         "name": escape(calibration.provenance.dataset or folder_name),
         "source": escape(dataset.meta.source),

@@ -17,6 +17,7 @@ from skincal.dataset.schema import Table, load_toml, read_table
 from skincal.dataset.schema_errors import Violation, report
 from skincal.dataset.spec import Description
 from skincal.errors import input_error
+from skincal.files import real
 from skincal.robot.description import (
     FingerDescription,
     FloatArray,
@@ -144,7 +145,7 @@ def read_hand(path: str | Path) -> HandDescription:
         InputError: the file has violations; all are reported.
     """
     path = Path(path)
-    path = (path / "hand.toml" if path.is_dir() else path).resolve()
+    path = real(path / "hand.toml" if path.is_dir() else path)
     findings = Findings()
     values = load_toml(path, findings, what="hand")
     findings.raise_errors()

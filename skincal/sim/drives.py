@@ -69,6 +69,9 @@ class Drives:
         self._target, self.filtered_rad, self.motor_rad, self.speed_rad_per_s, self.torque_nm = self._state
         self._state[:3] = q_rad
         self._step = _compiled()
+        # Compiled here, not in the first step: a guard gives the calls of a connected hand little time.
+        at_rest = (0.0,) * count
+        self._step(self._constants, self._numbers, self._state.copy(), at_rest, at_rest)
 
     @property
     def target_rad(self) -> FloatArray:

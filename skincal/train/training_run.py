@@ -15,7 +15,7 @@ import tomli_w
 from skincal.dataset.findings import Findings
 from skincal.dataset.schema import load_toml, read_table
 from skincal.errors import WorkError, input_error
-from skincal.files import alone, recover, refuse_existing, whole_folder
+from skincal.files import alone, real, recover, refuse_existing, whole_folder
 from skincal.ranges import Ranges, read_ranges, write_ranges
 from skincal.tasks import BackendName
 from skincal.train.checkpoint import (
@@ -92,7 +92,7 @@ def begin(
     work = in_full(work, ranges)
     if start is not None:
         _check_start(start, work)
-        work = replace(work, start=(Path(start.file) if run is None else run.resolve()).stem)
+        work = replace(work, start=(Path(start.file) if run is None else real(run)).stem)
     with whole_folder(out, force=force, marker=MARKER, later=LATER) as temporary:
         content = {"format": FORMAT, **work.as_table()}
         (temporary / MARKER).write_text(tomli_w.dumps(content), encoding="utf-8")

@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 import pytest
+from killing import end_of
 
 from skincal.files import moves, recover, whole_file, whole_folder
 from skincal.files.manifest import NAME
@@ -58,7 +59,7 @@ def test_what_another_process_writes_is_left_alone(tmp_path: Path) -> None:
                 output(tmp_path / "out", "second")  # another process with the same output
             finally:
                 os._exit(0)
-        os.waitpid(child, 0)
+        end_of(child)
         assert (folder / "eval.json").read_text() == "first"
         (tmp_path / "out").rename(tmp_path / "second")
     assert (tmp_path / "out" / "eval.json").read_text() == "first" and (
@@ -88,7 +89,7 @@ def test_a_kill_between_two_moves_is_mended(
             output(tmp_path / "out", "new")
         finally:
             os._exit(0)
-    os.waitpid(child, 0)
+    end_of(child)
     assert not (tmp_path / "out").exists() and len(listed(tmp_path)) == 2
     recover(tmp_path / "out")
     assert listed(tmp_path) == ["out"] and (tmp_path / "out" / "eval.json").read_text() == "old"

@@ -238,6 +238,28 @@ def test_inputs_are_never_replaced(tmp_path: Path, place: str, listed: bool) -> 
     refuse_existing(data / "notes.toml", data, force=True)
 
 
+def test_an_input_of_another_name_is_not_replaced(tmp_path: Path) -> None:
+    """By a hard link; a mount and a file system that ignores case have one file under two paths, too."""
+    (tmp_path / "plan.toml").write_text("a plan")
+    (tmp_path / "out.toml").hardlink_to(tmp_path / "plan.toml")
+    with pytest.raises(InputError, match="an output that is not an input"):
+        refuse_existing(tmp_path / "out.toml", tmp_path / "plan.toml", force=True)
+
+
+def test_a_loop_of_links_is_no_input_and_no_output(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_calibration(make_calibration(), tmp_path / "c")
+    loop = tmp_path / "loop.toml"
+    loop.symlink_to(loop)
+    assert run("export-dr", tmp_path / "c", "--out", loop) == 2
+    assert run("export-dr", loop, "--out", tmp_path / "ranges.toml") == 2
+    assert run("dataset", "show", loop) == 2
+    assert run("hand", "show", loop) == 2
+    assert "internal error" not in capsys.readouterr().err
+    assert loop.is_symlink()
+
+
 def test_export_dr_spares_its_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_calibration(make_calibration(), tmp_path / "c")
     before = (tmp_path / "c" / "calibration.toml").read_bytes()

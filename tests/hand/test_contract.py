@@ -68,7 +68,7 @@ def test_remote_passes(monkeypatch: pytest.MonkeyPatch) -> None:
             report = run_contract("remote", lambda: RemoteDriver(server.address), GOOD)
         finally:
             server.end()
-            thread.join()
+            thread.join(10.0)
     assert failed(report) == set()
     assert report.count("skipped") == 0
 

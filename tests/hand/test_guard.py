@@ -455,7 +455,7 @@ def test_stop_comes_from_another_thread_while_a_call_waits() -> None:
         hand.observe()
         assert driver.stopped_at is not None
         assert driver.stopped_at - start < 0.05 + SLACK_S
-        timer.join()
+        timer.join(10.0)
 
 
 def test_all_calls_but_stop_come_from_one_thread() -> None:
@@ -617,3 +617,95 @@ def test_no_sensor_gives_that(monkeypatch: pytest.MonkeyPatch, odd: dict[str, An
     )
     error, _ = run(FakeHand(changed(**odd)))
     assert error.kind in ("state", "taxels")
+
+
+class OddNumber(float):
+    """A number that runs code of its own."""
+
+    def __sub__(self, other: float) -> float:
+        raise SystemExit(0)
+
+    def __repr__(self) -> str:
+        raise KeyboardInterrupt
+
+
+class OddState:
+    """Something that never says what it is."""
+
+    def __repr__(self) -> str:
+        time.sleep(30.0)
+        return ""
+
+
+@pytest.mark.parametrize(
+    ("odd", "text"),
+    [
+        (changed(temperature_c=OddNumber(20.0)), "temperature_c: expected a number; got OddNumber"),
+        (changed(time_s=OddNumber(1.0)), "time_s: expected a number; got OddNumber"),
+        (lambda s: OddState(), "expected a HandState; got OddState"),
+        (changed(q_rad=[OddState()]), "got list of 1"),
+    ],
+)
+def test_values_of_a_state_run_no_code(odd: Callable[[HandState], Any], text: str) -> None:
+    error, late_s = run(FakeHand(odd))
+    assert error.kind == "state" and text in str(error)
+    assert late_s < SLACK_S
+
+
+class Watched(FakeHand):
+    """A hand that sees an object at a place that a function gives."""
+
+    def __init__(self, place: Callable[[], Any]) -> None:
+        super().__init__()
+        self.place = place
+
+    def object_position_m(self) -> Any:
+        return self.place()
+
+
+def test_where_an_object_is() -> None:
+    place = array(0.001, 0.002)
+    with GuardedHand(Watched(lambda: place), QUICK) as hand:
+        found = hand.object_position_m()
+        place[:] = 1.0
+        np.testing.assert_array_equal(found, [0.001, 0.002])
+    with GuardedHand(FakeHand(), QUICK) as hand:
+        assert np.isnan(hand.object_position_m()).all()
+
+
+def _never() -> None:
+    raise SystemExit(0)
+
+
+@pytest.mark.parametrize(
+    ("place", "text"),
+    [
+        (lambda: np.zeros((3, 4)), "got an array of float64 of shape"),
+        (lambda: array(np.inf, 0.0), "finite or NaN"),
+        (lambda: "here", "got str 'here'"),
+        (_never, "raised SystemExit"),
+        (lambda: time.sleep(5.0), "did not return within 0.15 s"),
+    ],
+)
+def test_an_odd_place_of_an_object_stops_the_hand(place: Callable[[], Any], text: str) -> None:
+    driver = Watched(place)
+    with pytest.raises(HandError, match="object_position_m") as caught, GuardedHand(driver, QUICK) as hand:
+        hand.observe()
+        hand.object_position_m()
+    assert text in str(caught.value)
+    assert "The hand was stopped" in str(caught.value)
+    assert driver.stopped_at is not None
+
+
+def test_a_period_that_changes_is_that_of_the_connection() -> None:
+    class Changing(FakeHand):
+        period = PERIOD_S
+
+        @property
+        def period_s(self) -> float:
+            return self.period
+
+    driver = Changing()
+    with GuardedHand(driver, QUICK) as hand:
+        driver.period = 0.0
+        assert hand.period_s == PERIOD_S

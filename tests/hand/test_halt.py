@@ -79,7 +79,7 @@ def test_an_interrupt_while_connecting_is_no_different() -> None:
     thread = press_again(0.05)
     with pytest.raises(HandError, match="Cut the hand's power"):
         GuardedHand(driver, QUICK).connect()
-    thread.join()
+    thread.join(10.0)
 
 
 def test_a_second_interrupt_waits_until_it_is_known() -> None:
@@ -89,7 +89,7 @@ def test_a_second_interrupt_waits_until_it_is_known() -> None:
         with GuardedHand(driver, GuardOptions(timeout_s=2.0, stop_timeout_s=0.3)) as hand:
             for _ in range(3):
                 hand.observe()
-    thread.join()
+    thread.join(10.0)
 
 
 def test_what_is_held_back_comes_afterwards() -> None:

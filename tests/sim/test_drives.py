@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from skincal.sim import drives as drives_module
 from skincal.sim.drives import DriveParameters, Drives
 
 
@@ -96,3 +97,12 @@ def test_holding_lets_go() -> None:
     assert max(torques) <= before + 1e-12
     # Both springs are at rest only where the link may follow; held, half of nothing is left but K_p's share.
     assert torques[-1] == pytest.approx(before / (1 + 25.0 / 5.0), rel=1e-6)
+
+
+def test_a_hand_compiles_its_drives_when_it_connects() -> None:
+    """A guard gives the first step little time; joints of another number are compiled anew."""
+    five = np.full(5, 5.0)
+    made = Drives(DriveParameters(five, five, 20.0, five, five, five, 0.01), five, 1e-3)
+    compiled = len(drives_module._compiled().signatures)
+    made.step(five.tolist(), five.tolist())
+    assert len(drives_module._compiled().signatures) == compiled
