@@ -20,7 +20,6 @@ from skincal.dataset.press_table import presses_from
 from skincal.dataset.remarks import add_remarks
 from skincal.dataset.table_file import MOST_ROWS_HELD, RawTable, find_table, read_table
 from skincal.errors import InputError, Problem
-from skincal.files import real
 
 NO_TABLE = "Is this a dataset's folder? `skincal import` makes one from a table with other names and units."
 NO_FOLDER = "Give the folder that holds dataset.toml."
@@ -92,7 +91,7 @@ def _read(folder: Path, findings: Findings) -> Dataset | None:
     if not described:
         check_scale(presses.position_m, press_table.sheet.file, findings)
         return None
-    dataset = Dataset(meta, presses, frames, positions, meshes, real(folder))
+    dataset = Dataset(meta, presses, frames, positions, meshes, folder.resolve())
     if _check_model(dataset, findings):
         files = {"presses": press_table.sheet.file, "frames": frame_table.sheet.file if frame_table else ""}
         check_plausible(dataset, files, findings)

@@ -174,7 +174,7 @@ def _check_words(dataset: Dataset, file: str, counts: FloatArray, findings: Find
         mapping = "[taxels] swap_bytes = true" + (', word = "int16"' if word == "int16" else "")
         findings.warn(
             file, "readings whose high byte changes with load, and whose low byte is the fine part",
-            "low bytes that hardly change, while high bytes are spread over their whole range",
+            "readings that scatter far less with their two bytes exchanged",
             f"The two bytes of each reading are exchanged: import again with {mapping}.",
             code="bytes_swapped", mapping=mapping,
         )  # fmt: skip
@@ -182,13 +182,14 @@ def _check_words(dataset: Dataset, file: str, counts: FloatArray, findings: Find
     wrapped = find_wrapped(counts, expected_load(dataset) if counts is dataset.presses.counts else None)
     if wrapped is not None:
         size = 2**wrapped.bits
-        mapping = f'[taxels] word = "{wrapped.word}"'
+        mapping = f'[taxels] word = "{wrapped.word}"' if wrapped.word else ""
+        mend = f", or import again with {mapping}" if mapping else ""
         between = "with nothing between, " if wrapped.apart else "where the load is largest, "
         findings.warn(
             file, "readings within the range of their words",
             f"{wrapped.readings} readings at the other end of {wrapped.bits} bits, {between}from "
             f"{named(names, wrapped.taxels)}",
-            f"The words have overflowed: {wrapped.mend}, or import again with {mapping}.",
+            f"The words have overflowed: {wrapped.mend}{mend}.",
             code="counter_wrapped", modulus=size, mapping=mapping,
             taxels=[names[j] for j in wrapped.taxels],
         )  # fmt: skip

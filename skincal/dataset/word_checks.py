@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+TO_SIGMA: Final = 1.4826
+"""Standard deviation over the median absolute deviation of normal noise."""
+
 WIDTHS: Final = (8, 10, 12, 14, 16, 24, 32)
 """Word sizes that are checked [bit]."""
 
@@ -28,7 +31,14 @@ GAINED: Final = 0.15
 """Gain in correlation with the load, when read as unsigned, from which readings have wrapped (set by eye)."""
 
 SHRINKS: Final = 1 / 8
-"""Bytes are swapped if exchanging them makes the range of most taxels smaller by this factor."""
+"""Bytes are swapped if exchanging them makes the range of most taxels, or of the half of their readings that lie
+closest together (mostly rest), smaller by this factor."""
+
+SINKS: Final = 6.0
+"""Readings so many standard deviations of noise below rest are no noise."""
+
+CHANCE: Final = 1e-3
+"""Probability at most that readings below rest are where the load is largest by chance (Mann and Whitney's test)."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +47,8 @@ class Wrapped:
 
     Attributes:
         bits: size of the words.
-        word: type to read them as: ``uint16``, ``int16``, …; the level at rest may be another in it.
+        word: type to read them as: ``uint16``, ``int16``, …; the level at rest may be another in it; '' if
+            none mends them.
         taxels: flat indices of the taxels concerned.
         readings: number of wrapped readings.
         apart: whether a gap separates them from the others; else the load shows them.
@@ -100,7 +111,34 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped 
             if np.count_nonzero(found) > counts.shape[1] / 2:
                 mend = f"take {size:g} off high ones"
                 return Wrapped(bits, f"int{bits}", np.flatnonzero(found), sum(found), mend=mend)
+            lost = _below_rest(counts, load, high / size) if load is not None else np.zeros_like(finite)
+            if lost.any():
+                mend = "they came out low and cannot be told from others; press with less force, or leave values out"
+                return Wrapped(
+                    bits, "", np.flatnonzero(lost.any(axis=0)), int(lost.sum()), apart=False, mend=mend
+                )
     return None
+
+
+def _below_rest(counts: FloatArray, load: FloatArray, filled: float) -> BoolArray:
+    """Return readings (n, J) far below rest, if they are where the load is largest and the words are filled.
+
+    Readings that passed the top of their words lie anywhere below the others, most of them among these; the few below
+    rest show it.
+    """
+    from scipy.stats import mannwhitneyu  # takes a moment, and few words are filled
+
+    none = np.zeros(counts.shape, dtype=np.bool_)
+    if filled < 1 - 4 * NEAR_END:
+        return none
+    rest = np.nanmedian(counts, axis=0)
+    noise = TO_SIGMA * np.nanmedian(np.abs(counts - rest), axis=0)
+    both = np.isfinite(counts) & np.isfinite(load)
+    sunk = both & (counts < rest - SINKS * np.maximum(noise, 1.0))
+    if sunk.sum() < FEWEST_CELLS:
+        return none
+    lit = both & ~sunk
+    return sunk if mannwhitneyu(load[sunk], load[lit], alternative="greater").pvalue < CHANCE else none
 
 
 def correlation(counts: FloatArray, load: FloatArray) -> float:
@@ -154,17 +192,28 @@ def bytes_swapped(counts: FloatArray) -> str:
     if not low.any() or not alive.any():
         return ""
     right = swapped(counts)[:, alive]
-    range_now = np.minimum(_range(words[:, alive]), _range(as_word(words[:, alive], "int16")))
-    ranges = {word: _range(as_word(right, word)) for word in ("uint16", "int16")}
-    moves = range_now > 0
-    word = min(ranges, key=lambda name: float(np.median(ranges[name])))
-    shrinks = moves.any() and float(np.median(ranges[word][moves] / range_now[moves])) < SHRINKS
-    return word if shrinks else ""
+    for extent in (_range, _shorth):
+        extent_now = np.minimum(extent(words[:, alive]), extent(as_word(words[:, alive], "int16")))
+        extents = {word: extent(as_word(right, word)) for word in ("uint16", "int16")}
+        moves = extent_now > 0
+        word = min(extents, key=lambda name: float(np.median(extents[name])))
+        if moves.any() and float(np.median(extents[word][moves] / extent_now[moves])) < SHRINKS:
+            return word
+    return ""
 
 
 def _range(values: FloatArray) -> FloatArray:
     low, high = np.nanquantile(values, (0.02, 0.98), axis=0)
     return high - low
+
+
+def _shorth(values: FloatArray) -> FloatArray:
+    """Return the length of the shortest interval that holds half of the readings of each taxel (J,)."""
+    ordered = np.sort(values, axis=0)  # NaN last
+    half = np.isfinite(values).sum(axis=0) // 2
+    row = np.arange(len(values))[:, None]
+    ends = np.take_along_axis(ordered, np.minimum(row + half, len(values) - 1), axis=0)
+    return np.nanmin(np.where(row + half < len(values), ends - ordered, np.inf), axis=0)
 
 
 def _groups(values: FloatArray, size: float) -> tuple[FloatArray, FloatArray] | None:

@@ -48,7 +48,7 @@ class JoinedClock:
         rate: relative rate by which the clock of the taxels runs faster; 0 if unknown.
         middle_s: time at which the rate has no influence [s].
         estimated: whether the offset was found by correlation.
-        by: the column that was correlated with the taxels.
+        by: the column, or columns, that was correlated with the taxels.
         lags_s: lags around the best [s], shape (n,); empty without an estimate.
         correlations: at these lags, shape (n,).
         time_s: times of the two traces below, on the clock of the taxels [s], shape (m,).
@@ -129,7 +129,7 @@ def estimate_offset(
         raise NoOffsetError(f"no lag at which {', '.join(columns)} correlates with the taxels ({reached})")
     peak, lags, found, activity, values, column = best
     at = int(np.nanargmax(np.abs(found)))
-    _check_unique(lags + apart, np.abs(found), at)
+    check_unique(lags + apart, np.abs(found), at)
     if within_s - abs(lags[at] + apart) < step:
         raise NoOffsetError(f"the correlation is largest at the bound of {within_s:g} s (within_s)")
     given = np.isfinite(values)
@@ -143,12 +143,13 @@ def estimate_offset(
     return JoinedClock(
         name, offset + apart, sigma, rate, middle + zeros[1], True, column, correlation,
         lags_s=lags[near] + apart, correlations=np.abs(found[near]), time_s=common + zeros[0],
-        traces=np.stack([_share(np.interp(common, taxels_s, activity)),
-                         _share(np.interp(common, file_s + shift, values))]),
+        traces=np.stack([relative(np.interp(common, taxels_s, activity)),
+                         relative(np.interp(common, file_s + shift, values))]),
     )  # fmt: skip
 
 
-def _share(values: Any) -> FloatArray:
+def relative(values: Any) -> FloatArray:
+    """Return values (n,) from 0 to 1."""
     return (values - values.min()) / max(float(np.ptp(values)), 1e-300)
 
 
@@ -179,7 +180,7 @@ def _correlations(
     return lags, found
 
 
-def _check_unique(lags: FloatArray, found: FloatArray, at: int) -> None:
+def check_unique(lags: FloatArray, found: FloatArray, at: int) -> None:
     """Raise if a lag outside the peak is nearly as good."""
     filled = np.nan_to_num(found)
     left, right = at, at

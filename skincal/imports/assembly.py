@@ -96,9 +96,10 @@ def assemble(
 
 
 def _clock(recording: Recording, mapping: Mapping) -> ClockSpec | None:
-    """Return the agreement of the clocks: the mapping's sigma, combined with those of estimated offsets."""
-    given = mapping.meta.clock
-    found = [clock.sigma_s for clock in recording.clocks if clock.estimated]
+    """Return the agreement of the clocks of force and taxels: the mapping's sigma, and that of an estimated offset."""
+    given, force = mapping.meta.clock, mapping.quantity("force_n")
+    of_force = "" if force is None else force.topic
+    found = [clock.sigma_s for clock in recording.clocks if clock.estimated and clock.name == of_force]
     if not found:
         return given
     said = ClockSpec() if given is None else given

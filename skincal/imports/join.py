@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping as Map
 from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatch
@@ -9,12 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
+from skincal.covariates import POSITION
 from skincal.dataset.findings import Findings
 from skincal.errors import input_error
 from skincal.imports import targets
 from skincal.imports.alignment import JoinedClock, NoOffsetError, estimate_offset
 from skincal.imports.clock import DAY_S, resampled, resampled_words, usual_step
 from skincal.imports.mapping import JoinedFile, Mapping, Quantity
+from skincal.imports.place_alignment import estimate_offset_by_place
 from skincal.imports.recording import Column, FloatArray, Recording
 from skincal.imports.source_table import read_source_table
 from skincal.imports.stamps import Clock, Kind, read_clock
@@ -83,7 +86,8 @@ def join_file(
     groups = [[i] for i in range(len(read))] if own else [[*range(len(read))]]
     columns: dict[str, list[Column]] = {q.target: [] for q in quantities}
     clocks: list[JoinedClock] = []
-    for group in groups:
+    shared = [clock for clock in recording.clocks if clock.name == entry.form.clock]
+    for number, group in enumerate(groups):
         rows = recording.part == group[0] if own else np.ones(len(recording), dtype=bool)
         times = np.concatenate([clock.times_s[i] for i in group])
         order = np.argsort(times, kind="stable")
@@ -93,7 +97,10 @@ def join_file(
         ]
         ours = recording.columns["time_s"][rows]
         times, note = _same_day(ours, kind, times[order], clock)
-        aligned = _aligned(entry, ours, recording.counts[rows], times, quantities, held, note, findings)
+        if shared:
+            aligned = replace(shared[number], name=entry.name)
+        else:
+            aligned = _aligned(entry, mapping, ours, recording.counts[rows], times, held, note, findings)
         if aligned is None:
             return recording
         onto = aligned.onto(times)
@@ -118,10 +125,11 @@ def _same_day(ours: FloatArray, kind: Kind, times: FloatArray, clock: Clock) -> 
 
 
 def _aligned(
-    entry: JoinedFile, ours: FloatArray, images: FloatArray, times: FloatArray, quantities: Sequence[Quantity],
+    entry: JoinedFile, mapping: Mapping, ours: FloatArray, images: FloatArray, times: FloatArray,
     held: Sequence[Column], note: str, findings: Findings,
 ) -> JoinedClock | None:  # fmt: skip
     """Return the alignment of a file's clock with that of the taxels; None, with an error, if it is unknown."""
+    quantities = [q for q in mapping.quantities if q.topic == entry.name]
     numbers = {
         q.target: column for q, column in zip(quantities, held, strict=True)
         if not is_text(q) and not targets.is_whole(q.target)
@@ -130,13 +138,15 @@ def _aligned(
         numbers = {"force_n": numbers["force_n"]}
     if isinstance(entry.form.offset_s, str):
         try:
-            return estimate_offset(entry.name, ours, images, times, numbers, entry.form.within_s)
+            return _estimated(entry.name, mapping, ours, images, times, numbers, entry.form.within_s)
         except NoOffsetError as error:
+            others = [other.name for other in mapping.joined if other.name != entry.name]
+            shares = f', or, if it is that of {others[0]}, set clock = "{others[0]}"' if others else ""
             findings.error(
                 f"{entry.place} offset_s",
                 "an offset that the recordings determine",
                 str(error),
-                "Give it in seconds.",
+                f"Give it in seconds{shares}.",
             )
             return None
     onto = times + entry.form.offset_s
@@ -154,7 +164,7 @@ def _aligned(
     given = JoinedClock(entry.name, entry.form.offset_s)
     try:
         inside = (ours >= onto[0] - LOOKED_S) & (ours <= onto[-1] + LOOKED_S)
-        found = estimate_offset(entry.name, ours[inside], images[inside], onto, numbers, LOOKED_S)
+        found = _estimated(entry.name, mapping, ours[inside], images[inside], onto, numbers, LOOKED_S)
     except (NoOffsetError, ValueError):
         return given
     apart = abs(found.offset_s) > max(
@@ -168,6 +178,20 @@ def _aligned(
             f'{entry.form.offset_s + found.offset_s:.6g}, or "estimate".',
         )  # fmt: skip
     return replace(found, offset_s=entry.form.offset_s, sigma_s=np.nan, rate=0.0, estimated=False)
+
+
+def _estimated(
+    name: str, mapping: Mapping, ours: FloatArray, images: FloatArray, times: FloatArray,
+    numbers: Map[str, FloatArray], within_s: float,
+) -> JoinedClock:  # fmt: skip
+    """Return the offset by the correlation with the taxels; of positions alone by where the images lie."""
+    try:
+        return estimate_offset(name, ours, images, times, numbers, within_s)
+    except NoOffsetError:
+        places = {target: column for target, column in numbers.items() if target in POSITION}
+        if not places:
+            raise
+    return estimate_offset_by_place(name, ours, images, mapping.centres_m, times, places, within_s)
 
 
 def _onto(

@@ -175,6 +175,15 @@ class Mapping:
         """Columns that have to be filled."""
         return targets.required_targets(self.rows, positions=bool(np.isfinite(self.meta.position.sigma_m)))
 
+    @property
+    def centres_m(self) -> NDArray[np.float64]:
+        """Centres of the taxels in the patch [m], shape (J, 2)."""
+        if self.positions is not None:
+            return self.positions.centres_m
+        sensor = self.meta.sensor
+        across, along = np.meshgrid(np.arange(float(sensor.cols)), np.arange(float(sensor.rows)))
+        return np.column_stack([across.ravel(), along.ravel()]) * np.array(sensor.pitch_m)
+
     def quantity(self, target: str) -> Quantity | None:
         """Return the source of a column; None if it is not mapped."""
         return next((q for q in self.quantities if q.target == target), None)

@@ -191,6 +191,7 @@ class JoinedFormat(CsvFormat):
         max_age_s: validity of a value [s]; None: three of its own steps.
         offset_s: offset from its clock to that of the taxels [s], or that it is found by correlation.
         within_s: largest offset that is searched then [s].
+        clock: another table of ``[files]`` whose clock it has, so that the offset is the same.
     """
 
     file: Annotated[str, Key("the name of the file, or a pattern like gauge_*.csv")]
@@ -199,10 +200,18 @@ class JoinedFormat(CsvFormat):
     max_age_s: _Time | None = None
     offset_s: Annotated[float | Literal["estimate"], Key('a time [s], or "estimate"')] = 0.0
     within_s: _Time = np.inf
+    clock: str = ""
 
     def violations(self) -> Iterator[Violation]:
-        """Yield a file without stamps."""
+        """Yield a file without stamps, and an offset besides a clock."""
         yield from super().violations()
+        if self.clock and self.offset_s != 0.0:
+            yield (
+                "offset_s",
+                f'none: the clock is that of "{self.clock}"',
+                self.offset_s,
+                "Remove one of them.",
+            )
         if self.time is None and self.rate_hz is None:
             yield "time", 'its stamps, like { column = "t", unit = "s" }', "nothing", "Add time, or rate_hz."
 

@@ -90,9 +90,25 @@ def _joined(file: CsvMapping | BagMapping, report: Translator, name: str) -> tup
         for table, form in files.items()
         if form.time is not None
     }
+    _check_clocks(files, report)
+    # Files with the clock of another come after it.
     return tuple(
-        JoinedFile(table, f"{name}, [files.{table}]", form, times.get(table)) for table, form in files.items()
+        JoinedFile(table, f"{name}, [files.{table}]", form, times.get(table))
+        for table, form in sorted(files.items(), key=lambda item: bool(item[1].clock))
     )
+
+
+def _check_clocks(files: Map[str, JoinedFormat], report: Translator) -> None:
+    """Check that each ``clock`` names another table with a clock of its own."""
+    for table, form in files.items():
+        own = [other for other, one in files.items() if other != table and not one.clock]
+        if form.clock and form.clock not in own:
+            close = did_you_mean(form.clock, own)
+            fix = f'Did you mean "{close}"?' if close else "Leave it out for a clock of its own."
+            expected = (
+                f"another table of [files] with a clock of its own ({', '.join(own) or 'there is none'})"
+            )
+            report.violation(("files", table, "clock"), expected, f'"{form.clock}"', fix)
 
 
 def _cut(

@@ -118,6 +118,31 @@ def test_bytes_in_the_wrong_order(tmp_path: Path, original: Dataset):
     np.testing.assert_array_equal(swapped(swapped(true)), true)
 
 
+def test_swapped_bytes_of_words_that_fill_their_range(original: Dataset):
+    """High bytes change under load and low bytes by noise: the range is whole in either order, rest is not."""
+    from skincal.dataset.word_checks import bytes_swapped
+
+    loads = original.presses.counts - original.presses.counts.min(axis=0)
+    noise = np.random.default_rng(4).normal(0, 30, loads.shape)
+    true = np.rint(20000 + loads * (45000 / loads.max()) + noise).clip(0, 65535)
+    assert bytes_swapped(swapped(true)) == "uint16"
+    assert not bytes_swapped(true)
+
+
+def test_words_that_pass_their_top_among_others(tmp_path: Path, original: Dataset):
+    """A sensor that rests at 90 of 255 counts: what wrapped lies among the others, but for some below rest."""
+    loads = original.presses.counts - original.presses.counts.min(axis=0)
+    true = np.rint(90 + loads * (240 / loads.max()) + np.random.default_rng(4).normal(0, 1, loads.shape))
+    assert ((true > 255) & (true < 255 + 80)).sum() > 5
+    (problem,) = found(tmp_path, changed(original, np.mod(true, 256), value_min=None, value_max=None))
+    assert problem.code == "counter_wrapped" and "press with less force" in problem.fix
+    # One that clips there, and readings that drop out, are none.
+    from skincal.dataset.unit_checks import expected_load
+
+    dropped = np.random.default_rng(3).random(true.shape) < 0.03
+    assert find_wrapped(np.where(dropped, 0, np.minimum(true, 255)), expected_load(original)) is None
+
+
 @pytest.mark.parametrize(("rest", "word"), [(20000.0, "uint16"), (600.0, "uint16"), (0.0, "int16")])
 @pytest.mark.parametrize("signed", [False, True])
 def test_swapped_bytes_of_signed_words(

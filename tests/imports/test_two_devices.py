@@ -16,6 +16,7 @@ from skincal.dataset import Dataset, read_dataset
 from skincal.errors import InputError
 from skincal.imports import Imported, import_csv
 from skincal.imports.alignment import NoOffsetError, estimate_offset
+from skincal.imports.place_alignment import estimate_offset_by_place
 from tests.imports.devices import ONE_FILE, PLANE, TWO_FILES, Contacts, contacts, gauge_table, taxel_table
 from tests.imports.foreign import mapping, write_mapping
 
@@ -42,6 +43,45 @@ def assert_joined(back: Dataset) -> None:
     ratio = (back.presses.counts.max(axis=1) - 20) / (40 * back.presses.force_n)
     away = np.linalg.norm(FOUND.place_m[:, None] - 0.004 * _grid(), axis=2).min(axis=1)
     np.testing.assert_allclose(ratio, np.exp(-((away / 0.003) ** 2)), atol=0.03)
+
+
+POSES_S = np.arange(-0.6, FOUND.end_s + 0.3, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("zeros", "gauge", "poses"),
+    [
+        ((0.0, 0.0, 77.0), {}, {"offset_s": "estimate"}),
+        ((5.0, 0.0, 0.0), {"offset_s": "estimate"}, {"clock": "gauge"}),
+        ((5.0, 0.0, 0.0), {"offset_s": "estimate"}, {"offset_s": "estimate"}),
+        ((5.0, 0.0, 77.0), {"offset_s": "estimate"}, {"offset_s": "estimate"}),
+    ],
+)
+def test_three_files(
+    tmp_path: Path, zeros: tuple[float, float, float], gauge: dict[str, Any], poses: dict[str, Any]
+):
+    """Positions on a third clock, or on that of the gauge; they do not follow the force."""
+    content = mapping(PLANE, TWO_FILES, files={"gauge": gauge})
+    content["files"]["poses"] = {"file": "poses.csv", "time": {"column": "t", "unit": "s"}} | poses
+    for name in ("x_m", "y_m"):
+        content["columns"][name]["file"] = "poses"
+    both = gauge_table(FOUND, POSES_S).assign(t=zeros[2] + POSES_S)
+    both[["t", "px", "py"]].to_csv(tmp_path / "poses.csv", index=False)
+    back, done = recorded(tmp_path, zeros[0] + TAXELS_S, zeros[1] + GAUGE_S, content)
+    assert_joined(back)
+    offsets = {clock.name: clock.offset_s for clock in done.clocks}
+    # An indenter that is in place before it touches tells its clock to that.
+    assert offsets["poses"] == pytest.approx(zeros[0] - zeros[2], abs=0.6)
+    sigma = 0.0 if back.meta.clock is None else back.meta.clock.sigma_s
+    assert sigma < 0.01
+
+
+def test_places_that_do_not_go_with_images():
+    rng = np.random.default_rng(0)
+    columns = {"x_m": np.repeat(rng.normal(size=60), 30), "y_m": np.repeat(rng.normal(size=60), 30)}
+    images, time = FOUND.images(TAXELS_S), np.arange(0.0, 90.0, 0.05)
+    with pytest.raises(NoOffsetError, match="x_m, y_m go with where the images lie"):
+        estimate_offset_by_place("poses", TAXELS_S, images, _grid(), time, columns)
 
 
 def _grid() -> np.ndarray:
@@ -168,6 +208,7 @@ def test_single_stretches_of_two_devices(tmp_path: Path):
         ({"files": {"gauge": {"time": None}}}, "Add time, or rate_hz"),
         ({"files": {"gauge": {"offset_s": "guess"}}}, 'a time [s], or "estimate"'),
         ({"files": {"other": {"file": "b.csv", "rate_hz": 10.0}}}, 'Write file = "other" there'),
+        ({"files": {"gauge": {"clock": "other"}}}, "a clock of its own (there is none)"),
         ({"files": {"gauge": {"offset": 1.0}}}, 'Did you mean "offset_s"?'),
     ],
 )

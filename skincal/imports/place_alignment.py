@@ -1,0 +1,151 @@
+"""The offset of a file that holds positions alone, estimated by where the images lie. Pure numerics.
+
+Positions do not follow the force, so the correlation of :mod:`skincal.imports.alignment` tells nothing of them. But
+while something touches, the centre of the image is a linear function of the contact point, as far as a small patch is
+flat. At the right lag this regression explains the positions. An indenter is in place before it touches and leaves
+after that, so lags within such a rest are equally good: the offset is the middle of them, and their width its
+uncertainty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from scipy.signal import fftconvolve
+
+from skincal.imports.alignment import (
+    ALIKE,
+    LEAST_CORRELATION,
+    LEAST_OVERLAP,
+    MOST_SAMPLES,
+    JoinedClock,
+    NoOffsetError,
+    activities,
+    check_unique,
+    relative,
+)
+from skincal.imports.clock import usual_step
+from skincal.imports.recording import FloatArray
+
+TOUCHED: Final = 0.25
+"""Something touches where the activity is more than this part of its largest (set by eye)."""
+
+
+def estimate_offset_by_place(
+    name: str,
+    taxels_s: FloatArray,
+    images: FloatArray,
+    centres_m: FloatArray,
+    file_s: FloatArray,
+    columns: Mapping[str, FloatArray],
+    within_s: float = np.inf,
+) -> JoinedClock:
+    """Return the estimated alignment of the clock of a file with positions.
+
+    Args:
+        name: name of the file.
+        taxels_s: times of the taxels, ascending [s], shape (M,).
+        images: their readings, shape (M, J).
+        centres_m: centres of the taxels in the patch [m], shape (J, 2).
+        file_s: times of the file, ascending [s], shape (n,).
+        columns: the file's positions, each (n,).
+        within_s: largest offset that is searched [s].
+
+    Raises:
+        NoOffsetError: at no lag the images lie where the positions are, or several lags are equally good.
+    """
+    given = np.isfinite(list(columns.values())).all(axis=0)
+    moving = {
+        key: column[given] for key, column in columns.items() if given.any() and np.ptp(column[given]) > 0
+    }
+    if given.sum() < 3 or not moving:
+        raise NoOffsetError("no lag at which the positions go with the images (nothing in them changes)")
+    file_s = file_s[given]
+    zeros = float(taxels_s[0]), float(file_s[0])
+    apart = zeros[0] - zeros[1]
+    ours: FloatArray = taxels_s - zeros[0]
+    theirs: FloatArray = file_s - zeros[1]
+    step = max(min(usual_step(ours), usual_step(theirs)), (ours[-1] + theirs[-1]) / MOST_SAMPLES, 1e-6)
+    time, basis = _basis(ours, images, centres_m, step)
+    their_time: FloatArray = np.arange(0.0, float(theirs[-1]) + step / 2, step)
+    places: FloatArray = np.stack([np.interp(their_time, theirs, column) for column in moving.values()])
+    explained = _explained(basis, places)
+    lags: FloatArray = np.arange(1.0 - len(their_time), len(explained) - len(their_time) + 0.5) * step
+    explained[np.abs(lags + apart) > within_s] = np.nan
+    found: FloatArray = np.sqrt(np.maximum(explained, 0.0))
+    if np.nanmax(found, initial=0.0) < LEAST_CORRELATION:
+        reached = f"a correlation of {np.nanmax(found, initial=0.0):.2f} at most"
+        raise NoOffsetError(f"no lag at which {', '.join(moving)} go with where the images lie ({reached})")
+    at = int(np.nanargmax(found))
+    check_unique(lags + apart, found, at)
+    first, last = _alike(explained, at)
+    offset = float(lags[first] + lags[last]) / 2
+    sigma = float(np.hypot(lags[last] - lags[first], step)) / np.sqrt(12)
+    near = np.abs(lags - offset) < 10 * max(step, time[-1] / 100)
+    there: FloatArray = np.asarray(np.interp(time - offset, their_time, places[0]), dtype=np.float64)
+    touched = np.flatnonzero((basis[0] > 0) & (time >= offset) & (time <= offset + their_time[-1]))
+    some = touched[:: max(1, len(touched) // 2000)]
+    fitted: FloatArray = basis[:, some].T @ (basis[:, touched] @ there[touched])
+    return JoinedClock(
+        name, offset + apart, sigma, estimated=True, by=" and ".join(moving), correlation=float(found[at]),
+        lags_s=lags[near] + apart, correlations=np.nan_to_num(found[near]), time_s=time[some] + zeros[0],
+        traces=np.stack([relative(fitted), relative(there[some])]),
+    )  # fmt: skip
+
+
+def _basis(
+    ours: FloatArray, images: FloatArray, centres_m: FloatArray, step: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return an even grid of times (m,), and on it an orthonormal basis (3, m) of 1 and the images' centres.
+
+    Rows are zero where nothing touches.
+    """
+    read = np.isfinite(images).any(axis=0)
+    images, centres = images[:, read], centres_m[read]
+    apart = np.abs(np.nan_to_num(images - np.nanmedian(images, axis=0)))
+    activity = activities(images)[1]
+    touched = activity > TOUCHED * float(np.max(activity, initial=0.0))
+    centre: FloatArray = apart @ (centres - centres.mean(axis=0)) / np.maximum(activity, 1e-300)[:, None]
+    time: FloatArray = np.arange(0.0, float(ours[-1]) + step / 2, step)
+    inside = np.interp(time, ours, touched.astype(np.float64)) > 0.5
+    across: FloatArray = np.interp(time, ours, centre[:, 0])
+    along: FloatArray = np.interp(time, ours, centre[:, 1])
+    columns: FloatArray = np.column_stack([np.ones(len(time)), across, along])[inside]
+    basis = np.zeros((3, len(time)))
+    if inside.any():
+        columns[:, 1:] -= columns[:, 1:].mean(axis=0)
+        size = np.linalg.norm(columns, axis=0)
+        basis[:, inside] = np.linalg.qr(columns / np.where(size > 0, size, 1.0))[0].T
+        basis[0] = np.abs(basis[0])
+    return time, basis
+
+
+def _explained(basis: FloatArray, places: FloatArray) -> FloatArray:
+    """Return the part of the positions' variance that the basis explains, by lag; NaN for a short overlap."""
+
+    def along(row: FloatArray, column: FloatArray) -> FloatArray:
+        return np.asarray(fftconvolve(row, column[::-1]))
+
+    touched: FloatArray = (basis[0] > 0).astype(np.float64)
+    count = np.rint(along(touched, np.ones(places.shape[1])))
+    total, left = np.zeros(len(count)), np.zeros(len(count))
+    for row in range(len(places)):
+        column: FloatArray = places[row]
+        column = (column - column.mean()) / column.std()
+        mean = along(touched, column) / np.maximum(count, 1.0)
+        spread = along(touched, column**2) - count * mean**2
+        total += spread
+        left += along(basis[1], column) ** 2 + along(basis[2], column) ** 2
+    good = (count >= LEAST_OVERLAP * touched.sum()) & (total > 1e-3 * count * len(places))
+    # The basis is orthonormal over the whole recording, and nearly so over a part of it.
+    return np.minimum(np.divide(left, total, out=np.full(len(total), np.nan), where=good), 1.0)
+
+
+def _alike(explained: FloatArray, at: int) -> tuple[int, int]:
+    """Return the first and the last of the lags about a peak that are as good as it."""
+    good = (1.0 - np.nan_to_num(explained)) <= ALIKE * (1.0 - explained[at]) + 1e-12
+    bad: Any = np.flatnonzero(~good)
+    first = int(bad[bad < at].max(initial=-1)) + 1
+    return first, int(bad[bad > at].min(initial=len(good))) - 1
