@@ -22,7 +22,7 @@ from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Beforehand, Fitter
-from skincal.inference.forward import State
+from skincal.inference.forward import LAW, State
 from skincal.inference.noise import Noise
 from skincal.inference.search import top_of
 from skincal.inference.session import GapSession
@@ -213,7 +213,7 @@ def audit_planned(
         float(np.log(e)),
         np.log(np.asarray(scale, dtype=np.float64)),
         rest,
-        np.zeros(3),
+        np.zeros(len(LAW)),
         np.zeros((session.presses, 3)),
     )
     counts = np.zeros((len(session), taxels))
@@ -272,8 +272,7 @@ def report_of(
     h = fitter.built(seen, (), w, 0).blocks.h.sum(axis=0)
     n = h.shape[0] - len(names)
     raw = (w.columns.dense[..., n:] ** 2).sum(axis=(0, 1))
-    law = 1 / np.array([C.law_power, C.law_blur, C.law_radius]) ** 2
-    base = h[:n, :n] + np.diag(np.concatenate([fitter.before.base, law]))
+    base = h[:n, :n] + np.diag(fitter.prior(state, ())[0])
     left = h[n:, n:] - h[n:, :n] @ np.linalg.solve(base, h[:n, n:])
     square = np.maximum(np.diag(left), 0.0)
     needed = float(norm.isf(options.false_alarm / (2 * len(EFFECTS))) + norm.isf(1 - options.power))

@@ -21,7 +21,7 @@ from skincal.fitting.observe import Readout, clipped_share, noise_from_rest
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.contact_law import numbers_of
 from skincal.inference.fit import Beforehand, Fitter
-from skincal.inference.forward import Forward, State
+from skincal.inference.forward import LAW, Forward, State
 from skincal.inference.noise import Noise, clipped_at_rest, noise_of
 from skincal.inference.session import Binning, GapSession
 from skincal.model import ContactLaw, Surface, TaxelLayout
@@ -221,7 +221,7 @@ def start_state(
             float(np.log(4.5e8)),
             np.asarray(np.log(_scale(session, rest))),
             rest,
-            np.zeros(3),
+            np.zeros(len(LAW)),
             moves,
         )
     own = calibration.parameters()

@@ -16,6 +16,7 @@ class Constants:
     law_power: float = 0.22  # M  how far the exponent of the stress lies from 1 that fits elastic layers
     law_blur: float = 0.2  # M  the same of a spreading beyond that, in steps of 0.25 mm, squared
     law_radius: float = 0.06  # M  the same of the indenter's radius, relative
+    law_bare: float = 0.7  # P  part of the pressure itself in what taxels feel: none or all, with equal odds
     law_scale: float = 0.012  # M  the same of the scale
     rest: float = 0.3  # P  how far the common level at rest is from what idle frames say, in noises
     huber: float = 8.0  # T  residuals beyond so many noises count in proportion

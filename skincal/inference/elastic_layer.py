@@ -270,8 +270,12 @@ class PressureField:
     force_n: float
     felt_pa: Floats
 
-    def felt_at(self, arc_m: Floats, along_m: Floats) -> Floats:
-        """``felt_pa`` at places of any shape, relative to the contact point [m]; linear between cells."""
+    def felt_at(self, arc_m: Floats, along_m: Floats, bare: float = 0.0) -> Floats:
+        """``felt_pa`` at places of any shape, relative to the contact point [m]; linear between cells.
+
+        ``bare`` is the part of the pressure itself in it.
+        """
         spacing = self.axis_m[1] - self.axis_m[0]
         rows = [(at - self.axis_m[0]) / spacing for at in (arc_m, along_m)]
-        return map_coordinates(self.felt_pa, rows, order=1, mode="constant")
+        felt = (1 - bare) * self.felt_pa + bare * self.pressure_pa
+        return map_coordinates(felt, rows, order=1, mode="constant")

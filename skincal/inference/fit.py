@@ -14,7 +14,7 @@ from skincal.effects import effect
 from skincal.inference.blocks import Blocks, Whitened, blocks
 from skincal.inference.columns import Free, free_columns, with_values
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.forward import BASE, LAW, Forward, Seen, State, moved_pose
+from skincal.inference.forward import BASE, CONTACT, LAW, Forward, Seen, State, moved_pose
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray, IntArray
 
@@ -23,9 +23,9 @@ _LESS = 0.1
 """Part of a step that is tried where the whole one makes it worse."""
 _FORM, _STRENGTH = 0.5, 0.4
 """A step of an effect's number is no longer than this part of what is expected of it beforehand."""
-_LAW = np.array([[-3.0, 0.5], [-3.0, 3.0], [-3.0, 3.0]])
+_LAW = np.array([[-3.0, 0.5], [-3.0, 3.0], [-3.0, 3.0], [0.0, 1 / C.law_bare]])
 """The law's numbers are no farther from the foundation than so many standard deviations of what is known of them.
-A layer is never stiffer under a larger contact: a power above 1 is a material that stiffens."""
+A layer is never stiffer under a larger contact: a power above 1 is a material that stiffens. Bare is a part of one."""
 _MOST = np.array([1.5e-3, 1.5e-3, 0.12, 0.35, 0.35, 5.0])
 """A step of the base is no longer than this: metres, metres, radians, logarithms; of rest in noises."""
 
@@ -112,7 +112,7 @@ class Fitter:
         """Take the model, what was observed (N, J), and what is known beforehand."""
         self.forward, self.counts, self.before = forward, counts, before
         self.foundation = False
-        """Whether the contact law is held at the foundation's, as at the beginning of a search."""
+        """Whether the contact is held at the foundation's, as at the beginning of a search."""
         s = forward.session
         self.press, self.phase, self.frames = s.press, s.phase, s.frames
         force = np.where(s.press >= 0, forward.mean @ np.nan_to_num(forward.samples.contacts.force_n), 0.0)
@@ -243,7 +243,8 @@ class Fitter:
 
     def prior(self, state: State, free: tuple[Free, ...]) -> tuple[FloatArray, FloatArray]:
         """(n,) precisions beforehand, and their slope at a state."""
-        law = law_widths() * (1e-3 if self.foundation else 1.0)
+        law = law_widths()
+        law[: len(CONTACT)] *= 1e-3 if self.foundation else 1.0
         prior = np.concatenate([self.before.base, 1 / law**2, [1 / f.sigma**2 for f in free]])
         off = np.concatenate([self.off(state), state.law, [f.get(state.effects) - f.middle for f in free]])
         return prior, prior * off
@@ -265,18 +266,24 @@ class Fitter:
         b, s = at.blocks, at.state
         h, g = b.h.sum(axis=0) + np.diag(at.prior), b.b.sum(axis=0) - at.pull
         size = 1 / np.sqrt(np.diag(h))
-        d = np.linalg.solve(h * np.outer(size, size), g * size) * size
+        h, g = h * np.outer(size, size), g * size
         # No farther than the prior is wide, or the bounds let it; the others then go where that leaves them.
-        wide, first = law_widths(), NB - len(LAW)
         reach = [f.sigma * (_FORM if f.parameter.role == "form" else _STRENGTH) for f in at.free]
-        ends = np.array([*law_bounds(), *(f.bounds() for f in at.free)])
-        now, reach = np.array([*s.law, *(f.get(s.effects) for f in at.free)]), np.array([*wide, *reach])
-        own = np.clip(np.clip(d[first:], -reach, reach), ends[:, 0] - now, ends[:, 1] - now)
-        if np.any(own != d[first:]):
-            base = slice(0, first)
-            rest, left = h[base, base] * np.outer(size[base], size[base]), g[base] - h[base, first:] @ own
-            d = np.append(np.linalg.solve(rest, left * size[base]) * size[base], own)
-        return self.moved(at, d)
+        reach = np.array([*law_widths(), *reach])
+        ends = np.array([*law_bounds(), *(f.bounds() for f in at.free)]).T
+        ends = np.clip(ends - np.array([*s.law, *(f.get(s.effects) for f in at.free)]), -reach, reach)
+        low, high = (
+            np.append(np.full(len(BASE), side), x) for side, x in zip((-np.inf, np.inf), ends, strict=True)
+        )
+        d, held = np.zeros(len(g)), np.zeros(len(g), dtype=bool)
+        while True:
+            some = ~held
+            d[some] = np.linalg.solve(h[np.ix_(some, some)], g[some] - h[np.ix_(some, held)] @ d[held])
+            beyond = some & ((d * size < low) | (d * size > high))
+            if not beyond.any():
+                return self.moved(at, d * size)
+            held |= beyond
+            d = np.clip(d, low / size, high / size)
 
     def moved(self, at: Fitted, d: FloatArray, columns: IntArray | None = None) -> State:
         """A state by so much of its columns, no farther than a step may lead, presses with it.
@@ -368,12 +375,12 @@ class Fitter:
 
 
 def law_widths() -> FloatArray:
-    """(3,) how far the contact law is from a foundation's beforehand, in the numbers of a state."""
-    return np.array([C.law_power, C.law_blur, C.law_radius])
+    """(4,) how far the contact law is from a foundation's beforehand, in the numbers of a state."""
+    return np.array([C.law_power, C.law_blur, C.law_radius, C.law_bare])
 
 
 def law_bounds() -> FloatArray:
-    """(3, 2) the least and the most that they are."""
+    """(4, 2) the least and the most that they are."""
     return law_widths()[:, None] * _LAW
 
 

@@ -1,6 +1,6 @@
 """What a session reads under a state of the sensor: y = c(g(theta, law, effects, press) + rest), and its slopes.
 
-A state is the pose, E, S, the level at rest, three numbers of the contact law, the parameters of effects, and for every
+A state is the pose, E, S, the level at rest, four numbers of the contact law, the parameters of effects, and for every
 press a shift of its contact and of its force. Loads come from tables (:mod:`skincal.inference.press_table`);
 everything after
 the contact is the chain of effects itself, so each slope by a parameter is a difference of that chain.
@@ -39,17 +39,22 @@ Effects = Mapping[str, Mapping[str, FloatArray]]
 """Parameters by effect; what is left out is neutral."""
 
 BASE = ("y", "turn", "alpha", "elasticity", "scale", "rest")
-LAW = ("power", "blur", "radius")
+CONTACT = ("power", "blur", "radius")
+LAW = (*CONTACT, "bare")
 _STEP = {"y": 5e-5, "turn": 5e-5, "alpha": 0.06}
 _SOFT = 0.02
 _POWER, _RADIUS = 0.1, 0.03
 """Steps of a slope, and the distances of laws that tables are made for: between them the law is a line."""
-LAW_WAYS = np.array([[1.0, 0.0, 0.0], [-0.3, 1.0, 0.0], [-0.65, 0.0, 1.0]])
-"""What a state's numbers do to power, blur and radius. In layers from thin to thick these go together: a state has the
-power, and what blur and radius have beyond what goes with it (slopes of the twins' fits)."""
+LAW_WAYS = np.array(
+    [[1.0, 0.0, 0.0, 0.0], [-0.3, 1.0, 0.0, 0.0], [-0.65, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
+"""What a state's numbers do to power, blur, radius and bare. In layers from thin to thick the first three go
+together: a state has the power, and what blur and radius have beyond what goes with it (slopes of the twins' fits)."""
 BLUR_M2 = STEP_M**2 / 2
 """Variance of a spreading of one: a state's number multiplies a quarter of the Laplacian over squared steps."""
-_ABOUT = 0.5 * np.array([[0.0, 0, 0], [-_POWER, 0, 0], [_POWER, 0, 0], [0, 0, -_RADIUS], [0, 0, _RADIUS]])
+_ABOUT = 0.5 * np.array(
+    [[0.0, 0, 0, 0], [-_POWER, 0, 0, 0], [_POWER, 0, 0, 0], [0, 0, -_RADIUS, 0], [0, 0, _RADIUS, 0]]
+)
 _ALIKE = 0.15
 """A table holds for logarithms of E as near as this."""
 _FAR_M = 1.2e-4
@@ -65,7 +70,8 @@ class State:
         log_e: logarithm of E [Pa/m].
         log_s: logarithm of S [1/N]; (J,) where taxels have their own.
         rest: level that all taxels share [counts].
-        law: (3,) power of the stress less 1, and blur and relative radius beyond what goes with it (``LAW_WAYS``).
+        law: (4,) power of the stress less 1, blur and relative radius beyond what goes with it (``LAW_WAYS``), and
+            bare, the part of the pressure itself in what taxels feel: 0 where it is projected (paper, equation 3).
         move: (P, 3) shift of each press across and along [m], and logarithm of its force.
         effects: beyond the base model.
     """
@@ -178,11 +184,11 @@ class Forward:
         )
 
     def contact_law(self, numbers: FloatArray) -> ContactLaw:
-        """The contact law of a state's three numbers; E is that under the session's first ball."""
+        """The contact law of a state's numbers, but for bare; E is that under the session's first ball."""
         return self._contact_law(LAW_WAYS @ numbers)
 
     def _contact_law(self, law: FloatArray) -> ContactLaw:
-        power, blur, radius = (float(x) for x in law)
+        power, blur, radius = (float(x) for x in law[: len(CONTACT)])
         first = self.samples.indenters[0]
         own = first.radius_m if isinstance(first, Sphere) else 0.0
         return ContactLaw(1 + power, blur * BLUR_M2, 1 + radius, reference_radius_m=own)
@@ -318,9 +324,10 @@ class Forward:
                 weights = a.effect.weights(a.values, skin.skin.patch)
         rows = np.arange(self.presses) if rows is None else rows
         moved = self._measured.of(rows).moved(self.surface, places)
+        law = _node(state) if law is None else law
         return press_table(
             skin.skin.patch, self.surface, felt.indenters, moved, float(np.exp(state.log_e)), _stress(skin),
-            weights, contact=self._contact_law(_node(state) if law is None else law), lattice=lattice,
+            weights, contact=self._contact_law(law), bare=float(law[3]), lattice=lattice,
         )  # fmt: skip
 
     def _force(self, felt: Samples, state: State) -> FloatArray:
@@ -335,7 +342,7 @@ class Forward:
         return loads + self._law(state, felt) @ off if off.any() else loads
 
     def _law(self, state: State, felt: Samples) -> FloatArray:
-        """(K, J, 3) what power, blur and radius of the law do to loads."""
+        """(K, J, 4) what power, blur, radius and bare of the law do to loads."""
         e, moves = float(np.exp(state.log_e)), state.move[:, :2]
         node = _node(state)
         near = self._laws is not None and abs(self._laws[0].log_e - state.log_e) < _ALIKE
@@ -349,7 +356,7 @@ class Forward:
         if not near:
             plain = self.skin(state, {})
             at, made = replace(state, effects={}), list[PressTable]()
-            for more in _ABOUT:
+            for more in [*_ABOUT, np.array([0.0, 0.0, 0.0, 1.0 - 2.0 * node[3]])]:
                 lattice = not more.any()
                 made.append(self._make(plain, self.samples, at, moves, lattice=lattice, law=node + more))
             self._laws = state, made
@@ -357,8 +364,9 @@ class Forward:
         x = self._force(felt, state) / e
         own, *ends = self._laws[1]
         curved = PressTable((own.terms[3] + own.terms[4])[None] * STEP_M**2 / 2, own.most_m3)
-        less, more, small, wide = (table.at(self.row, x) for table in ends)
-        parts = [(more - less) / _POWER, curved.at(self.row, x), (wide - small) / _RADIUS]
+        less, more, small, wide, other = (table.at(self.row, x) for table in ends)
+        bare = (other - own.at(self.row, x)) * (1.0 - 2.0 * node[3])
+        parts = [(more - less) / _POWER, curved.at(self.row, x), (wide - small) / _RADIUS, bare]
         return e * np.stack(parts, axis=-1)
 
     def reader(self, state: State, at: IntArray) -> Callable[[FloatArray], FloatArray]:
@@ -424,7 +432,7 @@ class Forward:
         return self.see(state).values
 
     def base_columns(self, seen: Seen) -> FloatArray:
-        """(K, J, 6 + 3) slopes by ``BASE`` (place in metres, angle, logarithms, counts) and ``LAW``."""
+        """(K, J, 6 + 4) slopes by ``BASE`` (place in metres, angle, logarithms, counts) and ``LAW``."""
         s = seen.state
         skin = self.skin(s)
         e, x = float(np.exp(s.log_e)), self._force(seen.felt, s)
@@ -456,7 +464,7 @@ class Forward:
         out[..., 4] = (more - seen.values) / _SOFT
         out[..., 5] = 1.0
         law = self._law(s, seen.felt) @ LAW_WAYS
-        for k in range(3):
+        for k in range(len(LAW)):
             out[..., 6 + k] = self.with_loads(seen, 0.02 * law[..., k]) / 0.02
         return out
 
@@ -493,9 +501,10 @@ class Forward:
 
 
 def _node(state: State) -> FloatArray:
-    """(3,) power, blur and radius near by that tables are made for; spreading is a line everywhere."""
+    """(4,) numbers of the law near by that tables are made for; spreading is a line everywhere."""
     law = LAW_WAYS @ state.law
-    return np.array([_POWER * round(law[0] / _POWER), 0.0, _RADIUS * round(law[2] / _RADIUS)])
+    power, radius = _POWER * round(law[0] / _POWER), _RADIUS * round(law[2] / _RADIUS)
+    return np.array([power, 0.0, radius, float(round(law[3]))])
 
 
 def _stress(skin: EffectSkin) -> StressLaw | None:

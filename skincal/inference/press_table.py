@@ -119,6 +119,7 @@ def press_table(
     weights: FloatArray | None = None,
     *,
     contact: ContactLaw | None = None,
+    bare: float = 0.0,
     lattice: bool = True,
 ) -> PressTable:
     """Works out a table.
@@ -131,6 +132,7 @@ def press_table(
         elasticity_pa_per_m: E, for the largest F / E.
         law: how stress grows with penetration by an effect; None: in proportion.
         contact: the contact law, of which spreading is left to the caller.
+        bare: part of the pressure itself in what a taxel feels, under balls; without it pressure is projected twice.
         weights: (N, J) how much of each point's load a taxel feels; None: what lies on it.
         lattice: whether slopes by the place are wanted.
     """
@@ -148,7 +150,9 @@ def press_table(
     count = len(most)
     all_of = presses.of(np.tile(np.arange(count), len(places)))
     moved = all_of.moved(surface, np.repeat(places, count, axis=0)) if lattice else presses
-    found = _loads(patch, indenters, moved, np.tile(most, len(places)), law, weights, contact or ContactLaw())
+    found = _loads(
+        patch, indenters, moved, np.tile(most, len(places)), law, weights, contact or ContactLaw(), bare
+    )
     found = found.reshape(len(places), count, *found.shape[1:])
     if not lattice:
         return PressTable(found, most)
@@ -192,6 +196,7 @@ def _loads(
     law: StressLaw | None,
     weights: FloatArray | None,
     contact: ContactLaw,
+    bare: float,
 ) -> FloatArray:
     share = (np.arange(NODES) / (NODES - 1)) ** 2
     out = np.zeros((len(most), NODES, patch.layout.taxels if weights is None else weights.shape[1]))
@@ -208,7 +213,7 @@ def _loads(
                 out[rows] = stiff * _balls(
                     patch.points_m, patch.normals, patch.areas_m2, patch.taxel, own,
                     presses.points_m[rows] + radius * normals, normals, radius, most[rows] / stiff, share,
-                    out.shape[2], power, reference,
+                    out.shape[2], power, reference, bare,
                 )  # fmt: skip
 
             # Threads of their own: those that are kept would be missing in a fork, which would wait for them for ever.
@@ -281,7 +286,7 @@ def _by_size(values, count, below):
 
 @njit(cache=True, nogil=True)
 def _balls(
-    points, normals, areas, taxel, weights, centres, ups, radius, most, share, taxels, power, reference
+    points, normals, areas, taxel, weights, centres, ups, radius, most, share, taxels, power, reference, bare
 ):
     count, nodes = len(centres), len(share)
     spread = weights.shape[0] > 0
@@ -314,7 +319,8 @@ def _balls(
             if w <= 0:
                 continue
             root = np.sqrt(half)
-            gap[m], area[m], face[m], which[m] = -along - root, w, root / radius, i
+            gap[m], area[m], which[m] = -along - root, w, i
+            face[m] = (1 - bare) * root / radius + bare * areas[i] / w
             if power != 1.0:
                 # How much the gap rises over half of a point's cell, outwards from the axis of the press.
                 aside = np.sqrt(max(away - along * along, 1e-18))

@@ -31,7 +31,7 @@ from skincal.inference.check import left, limits
 from skincal.inference.columns import Candidate, Free, begun, candidates, free_of, starts_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import NB, Fitted, Fitter, law_widths
-from skincal.inference.forward import Effects, Seen, State
+from skincal.inference.forward import LAW, Effects, Seen, State
 from skincal.inference.gains import full_step, gains
 from skincal.inference.null import Null, drawn_residuals, law_residuals
 from skincal.inference.score import Score, folds_of, predicted
@@ -445,7 +445,7 @@ class Search:
         if (np.abs(fit.state.law) > C.like_none * law_widths()).any():
             begin += [fit.state.log_e - much for much in C.softer]
         for log_e in begin:
-            at = replace(fit.state, pose=start.pose, log_e=log_e, law=np.zeros(3), move=start.move)
+            at = replace(fit.state, pose=start.pose, log_e=log_e, law=np.zeros(len(LAW)), move=start.move)
             again = self._settled(at, fit.free)
             fit = again if again.loss() < fit.loss() else fit
         return fit

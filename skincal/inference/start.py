@@ -14,7 +14,7 @@ from skincal.model.arrays import FloatArray, IntArray
 
 _TURNS = (-0.2, 0.0, 0.2)
 """Angles that the search begins at, about the start's own [rad]."""
-_LAYER = np.array([C.law_power, 0.0, 0.0])
+_LAYER = np.array([C.law_power, 0.0, 0.0, 0.0])
 """From a foundation half of the way to a half-space."""
 _LATTICE = np.linspace(-0.8, 0.8, 9)
 _NEAR, _FEW = np.linspace(-0.5, 0.5, 5), 4

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from skincal.inference.elastic_layer import ContactError, Layer, Press, SmallContactError
-from skincal.inference.forward import Forward, State
+from skincal.inference.forward import LAW, Forward, State
 from skincal.inference.press_table import NODES, Presses, PressTable, press_table
 from skincal.model import ContactLaw, Patch, Sphere, StressLaw
 from skincal.model.arrays import FloatArray
@@ -25,8 +25,8 @@ _POISSON, _SPACING_M, _HALF_WIDTH_M, _FORCES, _TRIES, _ALIKE = 0.4, 0.25e-3, 6e-
 
 def twin_values(forward: Forward, state: State) -> dict[str, FloatArray]:
     """Levels (K, J) above rest of the session under each other law, by its name; what cannot be solved is left out."""
-    f, e = forward, float(np.exp(state.log_e))
-    plain = replace(state, effects={}, law=np.zeros(3))
+    f, e, bare = forward, float(np.exp(state.log_e)), float(state.law[-1])
+    plain = replace(state, effects={}, law=np.zeros(len(LAW)))
     skin = f.skin(plain)
     presses = f._measured.moved(f.surface, state.move[:, :2])
     things = f.samples.indenters
@@ -34,20 +34,21 @@ def twin_values(forward: Forward, state: State) -> dict[str, FloatArray]:
     if f.surface.is_uniform and all(isinstance(i, Sphere) for i in things):
         law = f.contact_law(state.law)
         for thick in THICKNESSES_M:
-            table = _layer_table(f, skin.skin.patch, presses, e, law, thick)
+            table = _layer_table(f, skin.skin.patch, presses, e, law, bare, thick)
             if table is not None:
                 tables[f"layer {1e3 * thick:g} mm"] = table
     if not tables:
         for n in POWERS:
+            law = StressLaw(n, 5e-4)
             tables[f"power {n:g}"] = press_table(
-                skin.skin.patch, f.surface, things, presses, e, StressLaw(n, 5e-4), lattice=False
+                skin.skin.patch, f.surface, things, presses, e, StressLaw(n, 5e-4), bare=bare, lattice=False
             )
     force = f._force(f.samples, plain)
     return {name: skin.after(e * t.at(f.row, force / e), f.samples, {}) for name, t in tables.items()}
 
 
 def _layer_table(
-    forward: Forward, patch: Patch, presses: Presses, e: float, law: ContactLaw, thick: float
+    forward: Forward, patch: Patch, presses: Presses, e: float, law: ContactLaw, bare: float, thick: float
 ) -> PressTable | None:
     surface = forward.surface
     felt = np.flatnonzero(patch.taxel >= 0)
@@ -78,7 +79,7 @@ def _layer_table(
         at_arc, at_along = surface.unrolled(surface.project(presses.points_m[rows]))
         loads = np.zeros((len(rows), len(forces) + 1, owner.shape[1]))
         for k, field in enumerate(fields):
-            spot = field.felt_at(arc[None] - at_arc[:, None], along[None] - at_along[:, None])
+            spot = field.felt_at(arc[None] - at_arc[:, None], along[None] - at_along[:, None], bare)
             loads[:, k + 1] = spot @ owner
         curve = PchipInterpolator(np.sqrt(np.append(0.0, forces)), loads, axis=1)
         for i, p in enumerate(rows.tolist()):

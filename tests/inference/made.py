@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 from diagnosis.diagnose_data import moving
 from report.diagnosis_cases import calibration
 
@@ -14,6 +16,7 @@ from skincal.dataset import HOLD, Dataset, Presses
 from skincal.diagnosis.diagnosis import Diagnosis
 from skincal.diagnosis.workflow import diagnose
 from skincal.effects import Samples
+from skincal.model import Contacts, Indenter, Skin, Sphere
 from skincal.prediction import predict_dataset
 
 Given = Mapping[str, Mapping[str, object]]
@@ -28,6 +31,7 @@ def made(
     step: float = 1.0,
     grows: float = 0.0,
     change: object = None,
+    bare: bool = False,
 ) -> Dataset:
     """A session of frames as a skin with these effects answers.
 
@@ -39,9 +43,11 @@ def made(
         step: of the converter [counts].
         grows: part of the signal that is added to the noise.
         change: called with counts (M, J) and times (M,), for what no effect does.
+        bare: whether taxels feel the pressure itself.
     """
     given = moving(presses)
-    said = predict_dataset(calibration(effects), given).dataset  # type: ignore[arg-type]
+    with felt_bare() if bare else nullcontext():
+        said = predict_dataset(calibration(effects), given).dataset  # type: ignore[arg-type]
     assert said.frames is not None
     rng = np.random.default_rng(seed)
     counts = np.nan_to_num(said.frames.counts)
@@ -57,6 +63,31 @@ def made(
     )  # fmt: skip
     meta = replace(given.meta, sensor=replace(given.meta.sensor, value_max=255 + rest))
     return replace(given, meta=meta, presses=table, frames=frames)
+
+
+def bare_loads(skin: Skin, indenter: Indenter, contacts: Contacts) -> np.ndarray:
+    """Loads (K, J) [N] of taxels that feel the pressure itself: those of points, without either projection."""
+    assert isinstance(indenter, Sphere)
+    felt, patch = skin.pressures(indenter, contacts), skin.patch
+    out, ends = np.zeros((len(contacts), patch.layout.taxels)), felt.starts
+    for k, (up, place) in enumerate(zip(contacts.normals, contacts.points_m, strict=True)):
+        own = felt.points[ends[k] : ends[k + 1]]
+        to = patch.points_m[own] - place
+        aside = np.linalg.norm(to - (to @ up)[:, None] * up, axis=1)
+        load = felt.load_n[ends[k] : ends[k + 1]] / np.sqrt(1 - (aside / indenter.radius_m) ** 2)
+        on = patch.taxel[own] >= 0
+        np.add.at(out[k], patch.taxel[own[on]], (load / (patch.normals[own] @ up))[on])
+    return out
+
+
+@contextmanager
+def felt_bare() -> Iterator[None]:
+    """Let taxels of all skins feel the pressure itself."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(
+            Skin, "_loads", lambda skin, indenter, contacts, *_: bare_loads(skin, indenter, contacts)
+        )
+        yield
 
 
 @cache
@@ -89,6 +120,17 @@ KINDS: Mapping[str, Mapping[str, object]] = {
     "taxel_gain": {
         "effects": {"taxel_gain": {"gain": np.exp(0.15 * np.random.default_rng(0).standard_normal(16))}},
         "rest": 30.0,
+    },
+    "nothing, pressure itself": {"rest": 40.0, "bare": True},
+    "taxel_gain, pressure itself": {
+        "effects": {"taxel_gain": {"gain": np.exp(0.1 * np.random.default_rng(1).standard_normal(16))}},
+        "rest": 40.0,
+        "bare": True,
+    },
+    "saturation, pressure itself": {
+        "effects": {"saturation": {"inverse_ceiling_per_count": 1 / 70}},
+        "rest": 40.0,
+        "bare": True,
     },
     "wiring": {"change": swapped},
 }

@@ -15,7 +15,7 @@ from skincal.diagnosis.observed import Observed, observe
 from skincal.effects import effect
 from skincal.inference.columns import free_of
 from skincal.inference.fit import Fitter
-from skincal.inference.forward import Forward
+from skincal.inference.forward import LAW, Forward
 from skincal.inference.score import folds_of, predicted
 from skincal.inference.start import placed_at
 
@@ -58,6 +58,19 @@ def test_a_turn_is_what_differences_say():
     assert np.sqrt(np.mean((column - apart) ** 2)) < 0.05 * np.sqrt(np.mean(apart**2))
 
 
+def test_the_others_go_where_a_number_at_its_bound_leaves_them():
+    fitter = seen("nothing").fitter
+    state = replace(fitter.before.start, law=np.zeros(len(LAW)))
+    less = fitter.forward.see(replace(state, law=np.array([-0.05, 0.0, 0.0, -0.45])))
+    told = Fitter(fitter.forward, fitter.expected(less)[0], fitter.before)
+    at = told.linear(state, ())
+    h, g = at.blocks.h.sum(axis=0) + np.diag(at.prior), at.blocks.b.sum(axis=0) - at.pull
+    assert np.linalg.solve(h, g)[-1] < -0.02
+    new = told.step(at)
+    assert new.law[-1] == 0
+    assert new.law[:3] == pytest.approx(np.linalg.solve(h[:-1, :-1], g[:-1])[6:9], rel=1e-3)
+
+
 def test_what_memory_keeps_of_a_press_does_not_tell_the_pose():
     fitter, sd = seen("creep").fitter, []
     creep = effect("creep").checked({"amplitude": 0.4, "time_constant_s": 3.0}, fitter.counts.shape[1])
@@ -73,7 +86,7 @@ def test_a_press_is_found_by_the_chain_as_it_is(kind: str):
     fitter = seen("nothing").fitter
     state = fitter.before.start
     if kind == "law":
-        state = replace(state, law=np.array([-0.6, 0.0, 0.0]), log_e=state.log_e + 1.0)
+        state = replace(state, law=np.array([-0.6, 0.0, 0.0, 0.0]), log_e=state.log_e + 1.0)
     elif kind == "taxel_gain":
         gain = np.exp(0.7 * np.random.default_rng(3).standard_normal(fitter.counts.shape[1]))
         state = replace(state, effects={"taxel_gain": {"gain": gain}})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from effects.effect_sessions import FINGER, LAYOUT
+from inference.made import bare_loads
 from killing import forked
 
 from skincal.inference.press_table import Presses, press_table
@@ -45,6 +46,17 @@ def test_a_table_is_the_model(law: StressLaw | None, thing: object):
     want = skin.loads(thing, Contacts(given.points_m, given.normals, force))  # type: ignore[arg-type]
     got = E * table.at(np.arange(12), force / E)
     assert np.abs(got - want).max() < 0.01 * want.max()
+
+
+def test_a_table_has_the_pressure_itself():
+    given, force = presses(), np.random.default_rng(1).uniform(0.5, 4.5, 12)
+    own, bare = (press_table(PATCH, FINGER, (Sphere(0.006),), given, E, bare=part) for part in (0.0, 1.0))
+    skin, at = Skin(PATCH, SkinParameters(E, 1.0)), Contacts(given.points_m, given.normals, force)
+    want = bare_loads(skin, Sphere(0.006), at)
+    got, less = (E * table.at(np.arange(12), force / E) for table in (bare, own))
+    assert np.abs(got - want).max() < 0.01 * want.max() < 0.5 * np.abs(less - want).max()
+    half = press_table(PATCH, FINGER, (Sphere(0.006),), given, E, bare=0.5)
+    assert half.terms[0] == pytest.approx((own.terms[0] + bare.terms[0]) / 2)
 
 
 def test_a_small_move_is_in_the_table():

@@ -64,10 +64,10 @@ def fitter() -> Fitter:
 
 
 def test_numbers_of_a_state_and_a_law_are_the_same():
-    numbers = np.array([0.12, -0.3, 0.04])
+    numbers = np.array([0.12, -0.3, 0.04, 0.0])
     assert numbers_of(fitter().forward.contact_law(numbers)) == pytest.approx(numbers)
-    assert numbers_of(ContactLaw()).tolist() == [0, 0, 0]
-    assert fitter().forward.contact_law(np.zeros(3)).reference_radius_m == calibration().indenter.radius_m
+    assert numbers_of(ContactLaw()).tolist() == [0, 0, 0, 0]
+    assert fitter().forward.contact_law(np.zeros(4)).reference_radius_m == calibration().indenter.radius_m
 
 
 @pytest.mark.parametrize(
@@ -84,9 +84,9 @@ def test_numbers_of_a_state_and_a_law_are_the_same():
 )
 def test_a_skin_has_the_law_that_is_fitted(law: tuple[float, float, float]):
     forward, state = fitter().forward, fitter().before.start
-    fitted = forward.see(replace(state, law=np.array(law, dtype=float))).values - forward.see(state).values
+    fitted = forward.see(replace(state, law=np.array([*law, 0.0]))).values - forward.see(state).values
     skin = forward.skin(state)
-    other = replace(skin, skin=replace(skin.skin, contact=forward.contact_law(np.array(law))))
+    other = replace(skin, skin=replace(skin.skin, contact=forward.contact_law(np.array([*law, 0.0]))))
     change = other.values(forward.samples) - skin.values(forward.samples)
     # Tables take means over cells, the skin sums points.
     assert np.sqrt(np.mean((change - fitted) ** 2)) < 0.04 + 0.05 * np.sqrt(np.mean(fitted**2))
