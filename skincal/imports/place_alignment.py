@@ -129,7 +129,7 @@ def _explained(basis: FloatArray, places: FloatArray) -> FloatArray:
         return np.asarray(fftconvolve(row, column[::-1]))
 
     touched: FloatArray = (basis[0] > 0).astype(np.float64)
-    count = np.rint(along(touched, np.ones(places.shape[1])))
+    count = np.rint(along(touched, np.ones_like(places[0])))
     total, left = np.zeros(len(count)), np.zeros(len(count))
     for row in range(len(places)):
         column: FloatArray = places[row]

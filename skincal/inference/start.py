@@ -37,12 +37,7 @@ def base_fit(fitter: Fitter, *, known: bool) -> Fitted:
         rough = Fitter(part, part.session.counts, before)
         rough.foundation = True
         state = replace(begin, pose=replace(begin.pose, alpha_rad=begin.pose.alpha_rad + turn))
-        for _ in range(4):
-            reweighted(rough, state)
-            found = rough.solve(state, steps=3)
-            if found.state is state:
-                break
-            state = placed(rough, found.state)
+        found = _gone_on(rough, state, 4)
         misfit = _misfit(rough, found)
         if best is None or misfit < best[0]:
             best = misfit, found
@@ -54,17 +49,24 @@ def base_fit(fitter: Fitter, *, known: bool) -> Fitted:
     precision = fitter.before.move.copy()
     precision[:2] = 1 / float(np.clip(own, 1e-4, least)) ** 2
     fitter.before = replace(fitter.before, move=precision)
-    for _ in range(2):
-        reweighted(fitter, state)
-        found = fitter.solve(state, steps=3)
+    state = placed(fitter, _gone_on(fitter, state, 2).state)
+    found = fitter.solve(state, steps=C.last_steps)
+    # A layer of some millimetres is far from a foundation, and what is missing may hold the fit on the way.
+    layer = fitter.solve(replace(state, law=state.law - _LAYER), steps=C.last_steps)
+    return min(found, layer, key=Fitted.loss)
+
+
+def _gone_on(fitter: Fitter, state: State, rounds: int) -> Fitted:
+    """A fit that goes on from better places of presses, with new weights, until it stands still."""
+    reweighted(fitter, state)
+    found = fitter.solve(state, steps=3)
+    for _ in range(rounds - 1):
         if found.state is state:
             break
         state = placed(fitter, found.state)
-    if found.state is not state:
-        found = fitter.solve(state, steps=C.last_steps)
-    # A layer of some millimetres is far from a foundation, and what is missing may hold the fit on the way.
-    layer = fitter.solve(replace(state, law=state.law - _LAYER), steps=C.last_steps)
-    return min(found, layer, key=lambda one: one.loss())
+        reweighted(fitter, state)
+        found = fitter.solve(state, steps=3)
+    return found
 
 
 def _misfit(fitter: Fitter, found: Fitted) -> float:
