@@ -19,8 +19,6 @@ from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray, IntArray
 
 NB = len(BASE) + len(LAW)
-_LESS = 0.1
-"""Part of a step that is tried where the whole one makes it worse."""
 _FORM, _STRENGTH = 0.5, 0.4
 """A step of an effect's number is no longer than this part of what is expected of it beforehand."""
 _LAW = np.array([[-3.0, 0.5], [-3.0, 3.0], [-3.0, 3.0], [0.0, 1 / C.law_bare]])
@@ -325,12 +323,13 @@ class Fitter:
         )
 
     def solve(self, state: State, free: tuple[Free, ...] = (), steps: int = 4) -> Fitted:
-        """Fits, from a state, with equations at their word; a step that makes it worse is shortened."""
+        """Fits, from a state, with equations at their word; a step that makes it worse is halved."""
         at = self.linear(state, free, word=True)
         for _ in range(steps):
             new, seen, total = self._careful(at, self.step(at))
-            if total > at.loss() + 0.1:
-                new, seen, total = self._careful(at, between(at.state, new, _LESS))
+            for part in (0.3, 0.1):
+                if total > at.loss() + 0.1:
+                    new, seen, total = self._careful(at, between(at.state, new, part))
             if total > at.loss() + 0.1:
                 break
             gained = at.loss() - total
@@ -345,7 +344,7 @@ class Fitter:
         own = at.blocks.press >= 0
         before[at.blocks.press[own]] = at.blocks.loss[own]
         best, move, way = np.full(len(before), np.inf), state.move.copy(), state.move - at.state.move
-        for last in (False, True):
+        for part in (1.0, 0.3, 0.1):
             seen, found = self._left(state)
             loss = np.full(len(before), -np.inf)
             own = found.press >= 0
@@ -353,9 +352,9 @@ class Fitter:
             better = loss < best
             best, move[better] = np.minimum(best, loss), state.move[better]
             far = best > before + 1.0
-            if last or not far.any():
+            if part == 0.1 or not far.any():
                 break
-            state = replace(state, move=np.where(far[:, None], at.state.move + _LESS * way, move))
+            state = replace(state, move=np.where(far[:, None], at.state.move + 0.3 * part * way, move))
         total = np.where(np.isfinite(best), best, 0.0).sum() + found.loss[~own].sum()
         if (move != state.move).any():
             state = replace(state, move=move)
