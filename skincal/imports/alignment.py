@@ -48,7 +48,7 @@ class JoinedClock:
         rate: relative rate by which the clock of the taxels runs faster; 0 if unknown.
         middle_s: time at which the rate has no influence [s].
         estimated: whether the offset was found by correlation.
-        by: the column, or columns, that was correlated with the taxels.
+        by: the column that was correlated, or the first of those with the taxels.
         lags_s: lags around the best [s], shape (n,); empty without an estimate.
         correlations: at these lags, shape (n,).
         time_s: times of the two traces below, on the clock of the taxels [s], shape (m,).
@@ -109,10 +109,7 @@ def estimate_offset(
     zeros = float(taxels_s[0]), float(file_s[0])
     apart = zeros[0] - zeros[1]
     taxels_s, file_s = taxels_s - zeros[0], file_s - zeros[1]
-    step = max(
-        min(usual_step(taxels_s), usual_step(file_s)),
-        (taxels_s[-1] - taxels_s[0]) / MOST_SAMPLES, (file_s[-1] - file_s[0]) / MOST_SAMPLES, 1e-6,
-    )  # fmt: skip
+    step = common_step(taxels_s, file_s)
     best: tuple[float, FloatArray, FloatArray, FloatArray, FloatArray, str] | None = None
     for activity in activities(images):
         for column, values in columns.items():
@@ -146,6 +143,12 @@ def estimate_offset(
         traces=np.stack([relative(np.interp(common, taxels_s, activity)),
                          relative(np.interp(common, file_s + shift, values))]),
     )  # fmt: skip
+
+
+def common_step(*times_s: FloatArray) -> float:
+    """Return the step of an even grid for times [s] of some files, each ascending."""
+    longest = max(float(times[-1] - times[0]) for times in times_s)
+    return max(min(usual_step(times) for times in times_s), longest / MOST_SAMPLES, 1e-6)
 
 
 def relative(values: Any) -> FloatArray:

@@ -184,7 +184,7 @@ def _estimated(
     name: str, mapping: Mapping, ours: FloatArray, images: FloatArray, times: FloatArray,
     numbers: Map[str, FloatArray], within_s: float,
 ) -> JoinedClock:  # fmt: skip
-    """Return the offset by the correlation with the taxels; of positions alone by where the images lie."""
+    """Return the offset by the correlation with the taxels; where nothing follows them, by where the images lie."""
     try:
         return estimate_offset(name, ours, images, times, numbers, within_s)
     except NoOffsetError:

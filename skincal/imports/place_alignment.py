@@ -19,14 +19,12 @@ from skincal.imports.alignment import (
     ALIKE,
     LEAST_CORRELATION,
     LEAST_OVERLAP,
-    MOST_SAMPLES,
     JoinedClock,
     NoOffsetError,
-    activities,
     check_unique,
+    common_step,
     relative,
 )
-from skincal.imports.clock import usual_step
 from skincal.imports.recording import FloatArray
 
 TOUCHED: Final = 0.25
@@ -67,7 +65,7 @@ def estimate_offset_by_place(
     apart = zeros[0] - zeros[1]
     ours: FloatArray = taxels_s - zeros[0]
     theirs: FloatArray = file_s - zeros[1]
-    step = max(min(usual_step(ours), usual_step(theirs)), (ours[-1] + theirs[-1]) / MOST_SAMPLES, 1e-6)
+    step = common_step(ours, theirs)
     time, basis = _basis(ours, images, centres_m, step)
     their_time: FloatArray = np.arange(0.0, float(theirs[-1]) + step / 2, step)
     places: FloatArray = np.stack([np.interp(their_time, theirs, column) for column in moving.values()])
@@ -89,7 +87,7 @@ def estimate_offset_by_place(
     some = touched[:: max(1, len(touched) // 2000)]
     fitted: FloatArray = basis[:, some].T @ (basis[:, touched] @ there[touched])
     return JoinedClock(
-        name, offset + apart, sigma, estimated=True, by=" and ".join(moving), correlation=float(found[at]),
+        name, offset + apart, sigma, estimated=True, by=next(iter(moving)), correlation=float(found[at]),
         lags_s=lags[near] + apart, correlations=np.nan_to_num(found[near]), time_s=time[some] + zeros[0],
         traces=np.stack([relative(fitted), relative(there[some])]),
     )  # fmt: skip
@@ -105,7 +103,7 @@ def _basis(
     read = np.isfinite(images).any(axis=0)
     images, centres = images[:, read], centres_m[read]
     apart = np.abs(np.nan_to_num(images - np.nanmedian(images, axis=0)))
-    activity = activities(images)[1]
+    activity: FloatArray = np.asarray(apart.sum(axis=1), dtype=np.float64)
     touched = activity > TOUCHED * float(np.max(activity, initial=0.0))
     centre: FloatArray = apart @ (centres - centres.mean(axis=0)) / np.maximum(activity, 1e-300)[:, None]
     time: FloatArray = np.arange(0.0, float(ours[-1]) + step / 2, step)

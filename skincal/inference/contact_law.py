@@ -17,7 +17,7 @@ import numpy as np
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter, law_bounds
 from skincal.inference.forward import BASE, BLUR_M2, CONTACT, LAW, LAW_WAYS, Forward
-from skincal.inference.score import Score, folds_of, held_out, predicted
+from skincal.inference.score import Score, folds_of, held_out
 from skincal.model import ContactLaw
 from skincal.model.arrays import FloatArray, IntArray, as_floats
 
@@ -76,8 +76,7 @@ def beaten_foundation(fitter: Fitter, fit: Fitted, rng: np.random.Generator) -> 
     if not _is_sure(law_gain(fit, folds)):
         return None
     foundation = _foundation_fit(fitter, fit)
-    scores = [predicted(x.blocks, x.prior, x.pull, x.numbers, folds) for x in (fit, foundation)]
-    return foundation if _is_sure(Score(scores[0] - scores[1])) else None
+    return foundation if _is_sure(Score(fit.predicted(folds) - foundation.predicted(folds))) else None
 
 
 def _is_sure(gain: Score) -> bool:

@@ -15,6 +15,7 @@ from skincal.inference.blocks import Blocks, Whitened, blocks
 from skincal.inference.columns import Free, free_columns, with_values
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.forward import BASE, CONTACT, LAW, Forward, Seen, State, moved_pose
+from skincal.inference.score import held_out
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray, IntArray
 
@@ -95,6 +96,20 @@ class Fitted:
     def loss(self) -> float:
         """Minus twice the logarithm of the posterior, but for a constant."""
         return float(self.blocks.loss.sum() + (self.pull**2 / np.maximum(self.prior, 1e-300)).sum())
+
+    def predicted(self, folds: IntArray) -> FloatArray:
+        """(B,) logarithm of the likelihood of each block by the fit of the other folds.
+
+        A fit may end where its slopes still promise a gain, as the model bends: steps there were tried, and gained
+        nothing. So it counts as the best of the line through it, or one that has stopped short would seem to predict
+        better.
+        """
+        n, own = len(self.prior), slice(self.numbers)
+        h, b, step = self.blocks.h[:, :n, :n], self.blocks.b[:, :n], np.zeros(n)
+        whole = h.sum(axis=0) + np.diag(self.prior)
+        step[own] = np.linalg.solve(whole[own, own], (b.sum(axis=0) - self.pull)[own])
+        gained = held_out(h, (b - h @ step)[:, :, None], self.prior, self.pull + self.prior * step, folds)
+        return gained[:, 0] - 0.5 * self.blocks.loss
 
     def chi(self) -> FloatArray:
         """(B,) squares that are left where equations err as is best."""

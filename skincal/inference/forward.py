@@ -353,10 +353,11 @@ class Forward:
                 and np.nan_to_num(np.abs(before.move[:, :2] - moves)).mean() < _FAR_M
                 and bool((_node(before) == node).all())
             )
+        other_way = 1.0 - 2.0 * node[3]
         if not near:
             plain = self.skin(state, {})
             at, made = replace(state, effects={}), list[PressTable]()
-            for more in [*_ABOUT, np.array([0.0, 0.0, 0.0, 1.0 - 2.0 * node[3]])]:
+            for more in [*_ABOUT, np.array([0.0, 0.0, 0.0, other_way])]:
                 lattice = not more.any()
                 made.append(self._make(plain, self.samples, at, moves, lattice=lattice, law=node + more))
             self._laws = state, made
@@ -365,7 +366,7 @@ class Forward:
         own, *ends = self._laws[1]
         curved = PressTable((own.terms[3] + own.terms[4])[None] * STEP_M**2 / 2, own.most_m3)
         less, more, small, wide, other = (table.at(self.row, x) for table in ends)
-        bare = (other - own.at(self.row, x)) * (1.0 - 2.0 * node[3])
+        bare = (other - own.at(self.row, x)) * other_way
         parts = [(more - less) / _POWER, curved.at(self.row, x), (wide - small) / _RADIUS, bare]
         return e * np.stack(parts, axis=-1)
 

@@ -146,17 +146,13 @@ def press_table(
             / patch.areas_m2.sum()
         )
         return PressTable(np.stack([even, *[np.zeros_like(even)] * (5 if lattice else 0)]), most)
-    places = STEP_M * np.array(_LATTICE if lattice else _LATTICE[:1])
-    count = len(most)
-    all_of = presses.of(np.tile(np.arange(count), len(places)))
-    moved = all_of.moved(surface, np.repeat(places, count, axis=0)) if lattice else presses
-    found = _loads(
-        patch, indenters, moved, np.tile(most, len(places)), law, weights, contact or ContactLaw(), bare
-    )
-    found = found.reshape(len(places), count, *found.shape[1:])
+    contact, count, places = contact or ContactLaw(), len(most), len(_LATTICE)
     if not lattice:
-        return PressTable(found, most)
-    c, e, w, n, s, ne = found
+        return PressTable(_loads(patch, indenters, presses, most, law, weights, contact, bare)[None], most)
+    moved = presses.of(np.tile(np.arange(count), places))
+    moved = moved.moved(surface, STEP_M * np.repeat(_LATTICE, count, axis=0))
+    found = _loads(patch, indenters, moved, np.tile(most, places), law, weights, contact, bare)
+    c, e, w, n, s, ne = found.reshape(places, count, *found.shape[1:])
     h = STEP_M
     terms = [
         c,
@@ -293,10 +289,10 @@ def _balls(
     out = np.zeros((count, nodes, taxels))
     n = len(points)
     # Powers of parts of the greatest depth, for points well inside: most of the time would go into powers.
-    knots = 0 if power == 1.0 else 512
+    knots = 512
     inside = np.empty(knots + 2)
     for k in range(len(inside)):
-        inside[k] = (k / max(knots, 1)) ** power
+        inside[k] = (k / knots) ** power
     gap, area, face, which = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64)
     half_rise = np.zeros(n)
     for c in range(count):
@@ -335,16 +331,11 @@ def _balls(
         while True:
             carried = 0.0
             for i in range(m):
-                e = first + reach - gap[i]
-                if e > 0:
-                    if power == 1.0:
-                        carried += area[i] * e
-                    else:
-                        at_knot = e / reach * knots
-                        k = min(int(at_knot), knots - 1)
-                        carried += area[i] * (inside[k] + (at_knot - k) * (inside[k + 1] - inside[k]))
-            if power != 1.0:
-                carried *= reference * (reach / reference) ** power
+                u = (first + reach - gap[i]) / reach * knots
+                if u > 0:
+                    k = int(u)
+                    carried += area[i] * (inside[k] + (u - k) * (inside[k + 1] - inside[k]))
+            carried *= reference * (reach / reference) ** power
             if carried >= most[c] or reach > 0.02:
                 break
             # From a depth that carries nearly enough no farther than is needed: a ball's load is a power of the depth.

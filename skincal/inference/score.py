@@ -49,30 +49,6 @@ def held_out(
     return out
 
 
-def predicted(
-    blocks: Blocks, prior: FloatArray, pull: FloatArray, numbers: int, folds: IntArray
-) -> FloatArray:
-    """(B,) logarithm of the likelihood of each block by the fit of the others, of a fit that has come to its end.
-
-    A fit may end where its slopes still promise a gain, as the model bends: steps there were tried, and gained nothing.
-    So it counts as the best of the line through it, or a fit that has stopped short would seem to predict better.
-
-    Args:
-        blocks: of the fit.
-        prior: (n,) precisions.
-        pull: (n,) slope of the prior.
-        numbers: columns that were fitted; errors of equations follow.
-        folds: (B,).
-    """
-    n = len(prior)
-    h, b, own = blocks.h[:, :n, :n], blocks.b[:, :n], np.arange(numbers)
-    whole = h.sum(axis=0) + np.diag(prior)
-    step = np.zeros(n)
-    step[own] = np.linalg.solve(whole[:numbers, :numbers], (b.sum(axis=0) - pull)[own])
-    there = held_out(h, (b - h @ step)[:, :, None], prior, pull + prior * step, folds)
-    return there[:, 0] - 0.5 * blocks.loss
-
-
 @dataclass(frozen=True, eq=False)
 class Score:
     """Differences of a pair of models over blocks.

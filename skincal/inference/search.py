@@ -34,7 +34,7 @@ from skincal.inference.fit import NB, Fitted, Fitter, law_widths
 from skincal.inference.forward import LAW, Effects, Seen, State
 from skincal.inference.gains import full_step, gains
 from skincal.inference.null import Null, drawn_residuals, law_residuals
-from skincal.inference.score import Score, folds_of, predicted
+from skincal.inference.score import Score, folds_of
 from skincal.inference.slopes import Slopes
 from skincal.inference.start import placed
 from skincal.model.arrays import FloatArray, IntArray
@@ -411,7 +411,7 @@ class Search:
 
     def score(self, fit: Fitted) -> FloatArray:
         """(B,) logarithm of the likelihood of each block by the fit of the others."""
-        return predicted(fit.blocks, fit.prior, fit.pull, fit.numbers, self._folds)
+        return fit.predicted(self._folds)
 
     def with_one(self, fit: Fitted, tried: Tried) -> Fitted:
         """The joint fit with one more."""

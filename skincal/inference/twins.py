@@ -39,7 +39,6 @@ def twin_values(forward: Forward, state: State) -> dict[str, FloatArray]:
                 tables[f"layer {1e3 * thick:g} mm"] = table
     if not tables:
         for n in POWERS:
-            law = StressLaw(n, 5e-4)
             tables[f"power {n:g}"] = press_table(
                 skin.skin.patch, f.surface, things, presses, e, StressLaw(n, 5e-4), bare=bare, lattice=False
             )

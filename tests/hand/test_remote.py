@@ -290,7 +290,6 @@ def test_an_older_version_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_another_hand_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-
     with served(Hands()) as server:
         monkeypatch.setattr(remote, "hand_named", lambda hand: replace(tiny_description(), digest="ff" * 32))
         with pytest.raises(HandError, match=r"both need the same hand\.toml"):

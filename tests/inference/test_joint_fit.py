@@ -16,7 +16,7 @@ from skincal.effects import effect
 from skincal.inference.columns import free_of
 from skincal.inference.fit import Fitter
 from skincal.inference.forward import LAW, Forward
-from skincal.inference.score import folds_of, predicted
+from skincal.inference.score import folds_of
 from skincal.inference.start import placed_at
 
 
@@ -177,6 +177,6 @@ def test_a_fit_that_stops_short_is_not_credited_with_what_its_slopes_promise():
     end = fitter.solve(fitter.before.start, steps=12)
     short = fitter.linear(replace(end.state, log_s=end.state.log_s + 0.03), ())
     folds = folds_of(end.blocks, np.random.default_rng(0))
-    scores = [predicted(x.blocks, x.prior, x.pull, x.numbers, folds).sum() for x in (end, short)]
+    scores = [x.predicted(folds).sum() for x in (end, short)]
     assert short.loss() - end.loss() > 10
     assert scores[0] - scores[1] == pytest.approx((short.loss() - end.loss()) / 2, rel=0.2)
