@@ -1,6 +1,6 @@
-"""Bounds on what comes from files: bytes, nesting, numbers, names and array sizes.
+"""Bounds on what comes from files and command lines: bytes, nesting, numbers, names and array sizes.
 
-Every reader takes its bytes and its parsed values from here, so that no file can exhaust the memory, the stack or the
+Every reader takes its bytes and its parsed values from here, so that no input can exhaust the memory, the stack or the
 range of a float, whatever it holds. What a value means is checked by the reader.
 """
 
@@ -44,11 +44,17 @@ MOST_VALUES: Final = 500_000
 MOST_KEYS: Final = 20_000
 """Keys of one table; a plan may name a pose for each of its presses."""
 
+MOST_BITS: Final = 63
+"""Of a whole number on a command line, without its sign; files hold such numbers in 64."""
+
 MOST_TABLES: Final = 1000
 """Tables with names within one table, like the files or topics of a mapping; each is checked against the others."""
 
 MOST_TAXELS: Final = 1 << 14
 """Of one sensor: 128 x 128, ten times the largest skins that are sold as one array."""
+
+LARGEST: Final = 1e15
+"""Larger than any measurement in SI units; below it whole numbers are exact, and squares do not overflow."""
 
 MOST_ROWS: Final = 10_000_000
 """Of a table: a session of 28 hours at 100 Hz; a check and a fit of as many frames take less than 2 GB."""
@@ -60,6 +66,7 @@ _LONG_KEY: Final = re.compile(r"""(?:\.[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]
 """A dotted key so long that tomllib takes a time for it that grows with the square of its length."""
 
 Value = TypeVar("Value")
+Number = TypeVar("Number", int, float)
 
 
 class UnreadableError(ValueError):
@@ -226,6 +233,33 @@ def checked(value: Value, bits: int = 64) -> Value:
         if count + len(stack) > MOST_VALUES:
             raise _beyond((), f"at most {MOST_VALUES} values", "more")
     return value
+
+
+def number_in(text: str, kind: type[Number]) -> Number:
+    """The number that a text of a command line holds.
+
+    Raises:
+        ValueError: it holds none, or one beyond the bounds; the message says what was expected.
+    """
+    try:
+        value = kind(text)
+    except ValueError:
+        raise ValueError("a whole number" if kind is int else "a number") from None
+    check_number(value)
+    return value
+
+
+def check_number(value: float) -> None:
+    """Checks that a number is finite, and within the bounds of those in files.
+
+    Raises:
+        ValueError: it is not; the message says what was expected.
+    """
+    if isinstance(value, int):
+        if value.bit_length() > MOST_BITS:
+            raise ValueError(f"a whole number of at most {MOST_BITS} bits")
+    elif not abs(value) < LARGEST:
+        raise ValueError(f"a number from -{LARGEST:g} to {LARGEST:g}")
 
 
 def _check_text(text: str, place: tuple[str, ...]) -> None:

@@ -39,7 +39,9 @@ def diagnose(
     out: options.Out,
     thorough: Annotated[bool, option("Five times as many null sessions.", "--thorough")] = False,
     seed: options.Seed = 0,
-    workers: Annotated[int | None, option("Ignored: one process is enough.", min=1, hidden=True)] = None,
+    workers: Annotated[
+        int | None, option("Ignored: one process is enough.", min=1, max=1024, hidden=True)
+    ] = None,
     cache: Annotated[bool, option("Ignored: no stage takes long enough to cache.", hidden=True)] = True,
     collect: Annotated[bool, option(COLLECT, "--collect")] = False,
     driver: options.Driver = "sim",

@@ -29,7 +29,7 @@ def export_dr(
         PresetName, option("Published ranges for what the calibration does not know.")
     ] = "iros24",
     joint: Annotated[bool, option(_JOINT, "--joint")] = False,
-    draws: Annotated[int, option("With --joint: write at most this many draws.", min=1)] = 500,
+    draws: Annotated[int, option("With --joint: write at most this many draws.", min=1, max=10_000)] = 500,
     assume_scale: Annotated[Pair | None, option(_ASSUME, metavar="LOW HIGH")] = None,
     as_json: options.Json = False,
     force: options.Force = False,

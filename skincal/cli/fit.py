@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from math import isfinite
 from pathlib import Path
@@ -37,7 +37,7 @@ def _range(what: str) -> Any:
     return option(f"Low and high of {what}, instead of those of [mount].")
 
 
-def _step(least: float, what: str, of: Callable[[GridSteps], float], most: float | None = None) -> Any:
+def _step(least: float, what: str, of: Callable[[GridSteps], float], most: float = 1000.0) -> Any:
     fast, general, nlopt = (f"{of(STEPS[method]):g}" for method in ("fast", "general", "nlopt"))
     shown = f"{fast}; {general} with general; {nlopt} with nlopt"
     return option(what, min=least, max=most, show_default=shown)
@@ -89,10 +89,10 @@ def fit(
         int | None, _step(2, "Grid values of E, log-spaced.", lambda s: s.elasticities, 10_000)
     ] = None,
     active_counts: Annotated[float | None, option(ACTIVE, min=0.0)] = None,
-    min_active: Annotated[int | None, option(MIN_ACTIVE, min=1)] = None,
+    min_active: Annotated[int | None, option(MIN_ACTIVE, min=1, max=16_384)] = None,
     bound: Annotated[str, option(BOUND)] = "noise",
     level: Annotated[float, option("Posterior probability inside each interval.", min=0.5, max=0.999)] = 0.98,
-    draws: Annotated[int, option("Number of posterior draws to write.", min=10)] = 2000,
+    draws: Annotated[int, option("Number of posterior draws to write.", min=10, max=1_000_000)] = 2000,
     per_taxel: Annotated[bool, option("Also fit a scale for every taxel.", "--per-taxel")] = False,
     effects: Annotated[Path | None, option(EFFECTS)] = None,
     workers: Annotated[
@@ -217,11 +217,12 @@ def _steps(
 def _bound(text: str) -> float | None:
     if text in ("noise", "paper"):
         return None if text == "noise" else PAPER_BOUND_COUNTS2
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 < value < float("inf"):
+    from skincal.bounded import number_in
+
+    value = -1.0
+    with suppress(ValueError):
+        value = number_in(text, float)
+    if value <= 0:
         raise input_error("--bound", "`noise`, `paper` or a positive number [counts²]", text)
     return value
 

@@ -15,8 +15,21 @@ from skincal.tasks import DURATION_S, Task
 
 
 def option(text: str, *names: str, **settings: Any) -> Any:
-    """Return an option with its help text; without names it is called as its parameter."""
-    return typer.Option(*names, help=text, **settings)
+    """Return an option with its help text; without names it is called as its parameter. Its numbers are bounded."""
+    return typer.Option(*names, help=text, **{"callback": _bounded, **settings})
+
+
+def _bounded(value: Any) -> Any:
+    """Refuse numbers of an option that are not finite, or beyond the bounds of those in files."""
+    for one in value if isinstance(value, tuple | list) else (value,):
+        if isinstance(one, int | float):
+            from skincal.bounded import check_number
+
+            try:
+                check_number(one)
+            except ValueError as error:
+                raise typer.BadParameter(f"expected {error}; got {one:g}") from None
+    return value
 
 
 def argument(metavar: str | None, text: str, **settings: Any) -> Any:
@@ -40,7 +53,9 @@ Out = Annotated[Path, option("Folder to write; it appears complete or not at all
 Json = Annotated[bool, option("Print one JSON object, and nothing else, on standard output.", "--json")]
 Force = Annotated[bool, option("Replace an earlier output of skincal.", "--force")]
 Report = Annotated[bool, option("Write the report: HTML page and pictures.")]
-Seed = Annotated[int, option("Seed of all randomness; the same seed gives the same result.", min=0)]
+Seed = Annotated[
+    int, option("Seed of all randomness; the same seed gives the same result.", min=0, max=2**63 - 1)
+]
 Driver = Annotated[
     str,
     option("Driver of the hand: a name of `skincal hand list`, or module:Class.", callback=find_modules_here),
@@ -67,15 +82,17 @@ def numbers_by_name(name: str, given: Iterable[str] | None, metavar: str = "NAME
     Raises:
         InputError: one is no number, or is given twice.
     """
+    from skincal.bounded import number_in
+
     found: dict[str, float] = {}
     for text in given or ():
         key, _, value = text.partition("=")
         if key.strip() in found:
             raise input_error(name, "each name once", f"{key.strip()} twice")
         try:
-            found[key.strip()] = float(value)
-        except ValueError:
-            raise input_error(name, f"{metavar} with a number", repr(text)) from None
+            found[key.strip()] = number_in(value, float)
+        except ValueError as error:
+            raise input_error(name, f"{metavar} with {error}", repr(text)) from None
     return found
 
 

@@ -35,7 +35,7 @@ def rescale(
     cal: options.Calibration,
     rolled: Annotated[Path, argument("ROLLED", "Output of `skincal deploy` on it now.")],
     out: Annotated[Path | None, option("Folder for the calibration with the factor in its scale.")] = None,
-    hands: Annotated[int, option("Simulated hands, drawn from the calibration.", min=3)] = 19,
+    hands: Annotated[int, option("Simulated hands, drawn from the calibration.", min=3, max=10_000)] = 19,
     seed: options.Seed = 0,
     as_json: options.Json = False,
     force: options.Force = False,

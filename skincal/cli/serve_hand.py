@@ -33,7 +33,7 @@ def serve_hand(
     watchdog_s: Annotated[float, option(_WATCHDOG, min=0.05, max=60.0)] = 2.0,
     timeout_s: Annotated[float, option("Longest time of a call to the driver.", min=0.05, max=60.0)] = 1.0,
     force_check: Annotated[bool, option("Limit the contact force on this side, too.")] = True,
-    sessions: Annotated[int | None, option("End after this many clients.", min=1)] = None,
+    sessions: Annotated[int | None, option("End after this many clients.", min=1, max=2**31)] = None,
     beyond_limits: options.BeyondLimits = False,
     as_json: options.Json = False,
 ) -> None:

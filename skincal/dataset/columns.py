@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.bounded import LARGEST
 from skincal.covariates import ANY, COLUMNS, NOT_NEGATIVE, POSITIVE, TEXT, WHOLE
 from skincal.dataset.findings import did_you_mean
 from skincal.dataset.table_file import RawTable
@@ -33,9 +34,6 @@ CORRECT_OR_EMPTY = "Correct it, or leave the cell empty: not measured."
 
 MOST_HINTS = 100
 """Most unknown columns for which a known name is suggested."""
-
-LARGEST = 1e15
-"""Larger than any measurement in SI units; below it whole numbers are exact, and squares do not overflow."""
 
 
 def is_number(values: FloatArray) -> BoolArray:

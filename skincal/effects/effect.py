@@ -40,6 +40,10 @@ class Stage(IntEnum):
     """Changes values [counts], taxel by taxel, before they are rounded and clipped."""
 
 
+MOST_STRENGTH = 1e3
+"""Largest strength of an effect: all parameters are at their bounds long before."""
+
+
 class Effect(ABC):
     """An effect of the skin beyond the base model.
 
@@ -157,7 +161,7 @@ class Effect(ABC):
             top_counts: a large value of the sensor above rest, in its unit.
 
         Raises:
-            InputError: the strength is negative or not finite.
+            InputError: the strength is negative, or above that of any effect.
         """
         self.check_strength(strength)
         return {
@@ -170,9 +174,9 @@ class Effect(ABC):
         }
 
     def check_strength(self, strength: float) -> None:
-        """Raise InputError if a strength is negative or not finite."""
-        if not (np.isfinite(strength) and strength >= 0):
-            raise input_error(f"strength of effect {self.name}", "a number >= 0", f"{strength:g}")
+        """Raise InputError if a strength is negative, or above that of any effect."""
+        if not 0 <= strength <= MOST_STRENGTH:
+            raise input_error(f"strength of effect {self.name}", f"0 to {MOST_STRENGTH:g}", f"{strength:g}")
 
     @staticmethod
     def _differs(parameter: EffectParameter, values: Values) -> bool:

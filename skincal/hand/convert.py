@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin
 
+from skincal.bounded import number_in
+
 TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
 
 
@@ -78,10 +80,7 @@ def _plain(value: str, kind: Any) -> Any:
             raise ValueError("true or false")
         return value.lower() in TRUE
     if kind in (int, float):
-        try:
-            return kind(value)
-        except ValueError:
-            raise ValueError("a whole number" if kind is int else "a number") from None
+        return number_in(value, kind)
     if kind is Path:
         return Path(value).expanduser()
     raise ValueError(f"a {type_text(kind)}, which cannot be given as text")

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from skincal.errors import input_error
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
 from skincal.hand.messages import REPLIES, Message, MessageError, decode, encode, number, refusal_of, state_of
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 CALL_S, CONNECT_S, STOP_S = 5.0, 30.0, 0.4
 """Longest duration of a call, of connecting and of stopping while the server reports that it is busy [s]."""
 
+MOST_SILENCE_S = 60.0
+"""Largest time without an answer that may be asked for; the watchdog's largest [s]."""
+
 
 class RemoteDriver(HandDriver):
     """The hand at an address.
@@ -37,7 +41,7 @@ class RemoteDriver(HandDriver):
         silence_s: time without an answer after which the hand is lost [s].
 
     Raises:
-        InputError: the address needs keys, or a file is invalid.
+        InputError: the address needs keys, a file is invalid, or ``silence_s`` is out of bounds.
         WorkError: pyzmq is not installed.
     """
 
@@ -55,6 +59,9 @@ class RemoteDriver(HandDriver):
         self._address = checked_address(address, keys=keys is not None, what="address")
         self._description = hand_named(hand)
         self._keys = None if keys is None else client_keys(keys)
+        if not 0 < silence_s <= MOST_SILENCE_S:
+            expected = f"a time above 0 s, {MOST_SILENCE_S:g} s at most"
+            raise input_error('driver "remote", option silence_s', expected, silence_s)
         self._silence_s = silence_s
         self._context: zmq.Context[zmq.Socket[bytes]] | None = None
         self._socket: zmq.Socket[bytes] | None = None

@@ -84,8 +84,8 @@ class SimDriver(HandDriver):
         if not 0 <= start_s < LATEST_S:
             expected = f"a time from 0 to {LATEST_S:g} s"
             raise input_error('driver "sim", option start_s', expected, start_s)
-        if indenter_radius_m is not None and not 0 < indenter_radius_m < np.inf:
-            expected, got = "a radius above 0 m", str(indenter_radius_m)
+        if indenter_radius_m is not None and not 0 < indenter_radius_m <= 1.0:
+            expected, got = "a radius above 0 m, 1 m at most", str(indenter_radius_m)
             raise input_error('driver "sim", option indenter_radius_m', expected, got)
         self._seed, self._start_s = seed, start_s
         self._indenter_radius_m, self._memory_path = indenter_radius_m, memory_path

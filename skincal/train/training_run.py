@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -86,15 +86,19 @@ def begin(
         force: whether an earlier run there is replaced.
 
     Raises:
-        InputError: something is there, or the environment cannot be made of this; then there is no folder.
+        InputError: something is there, the environment cannot be made of this, or a number is out of bounds; then there
+            is no folder.
     """
     refuse_existing(out, *inputs, force=force, marker=MARKER)
     work = in_full(work, ranges)
     if start is not None:
         _check_start(start, work)
         work = replace(work, start=(Path(start.file) if run is None else real(run)).stem)
+    content = {"format": FORMAT, **work.as_table()}
+    findings = Findings(out)
+    _work_of(content, findings)
+    findings.raise_errors()
     with whole_folder(out, force=force, marker=MARKER, later=LATER) as temporary:
-        content = {"format": FORMAT, **work.as_table()}
         (temporary / MARKER).write_text(tomli_w.dumps(content), encoding="utf-8")
         write_ranges(ranges, temporary / RANGES)
         if start is not None:
@@ -127,17 +131,23 @@ def read_run(folder: Path) -> tuple[Work, Ranges]:
     for one in (folder, folder / CHECKPOINT):
         recover(one)
     findings = Findings(folder)
-    table = dict(load_toml(place, findings, what="training run", within=folder) or {})
+    table = load_toml(place, findings, what="training run", within=folder) or {}
     findings.raise_errors()
+    work = _work_of(table, findings)
+    findings.raise_errors()
+    return work, read_ranges(folder / RANGES)
+
+
+def _work_of(content: Mapping[str, Any], findings: Findings) -> Work:
+    """Return the run that a table describes; what is wrong with it becomes findings."""
+    table = dict(content)
     given: object = table.pop("settings", {})
     if not isinstance(given, dict):
         findings.error(f"{MARKER}, [settings]", "a table [settings]", given)
     settings = cast("dict[str, Any]", given) if isinstance(given, dict) else {}
     kind = PpoSettings if "rollout_steps" in settings else Settings
     work = read_table(Work, table, findings, MARKER, FORMAT)
-    work = replace(work, settings=read_table(kind, settings, findings, MARKER, within=("settings",)))
-    findings.raise_errors()
-    return work, read_ranges(folder / RANGES)
+    return replace(work, settings=read_table(kind, settings, findings, MARKER, within=("settings",)))
 
 
 def train(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 import json
 import os
 import resource
@@ -10,13 +11,16 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
 import typer
+from commands import captured
 
 from skincal.cli.main import app, main
+from skincal.cli.options import Pair
 from skincal.cli.terminal import plain, print_json, say
 from skincal.progress import progress
 from skincal.version import __version__
@@ -158,6 +162,64 @@ def test_numbers_beyond_all_bounds(command: str, capsys: pytest.CaptureFixture[s
         main(command.split())
     assert ended.value.code == 2
     assert "Invalid value" in capsys.readouterr().err
+
+
+def numeric_options() -> Iterator[Any]:
+    """Yield every option of every verb that takes numbers: the verb, the option, and how many numbers."""
+    for path, command in VERBS.items():
+        if hasattr(command, "commands"):
+            continue
+        hints = get_type_hints(inspect.unwrap(command.callback))
+        for parameter in command.params:
+            kind = hints.get(parameter.name)
+            kinds = get_args(kind) if isinstance(kind, UnionType) else (kind,)
+            if {int, float, Pair}.intersection(kinds):
+                option = parameter.opts[0]
+                yield pytest.param([*path, option], 2 if Pair in kinds else 1, id=" ".join([*path, option]))
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e308", "1e40", "9" * 30, "9" * 5000])
+@pytest.mark.parametrize(("words", "count"), [*numeric_options()])
+def test_every_numeric_option_is_bounded(
+    words: list[str], count: int, number: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([*words, *[number] * count])
+    assert ended.value.code == 2
+    assert f"Invalid value for '{words[-1]}'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "1e308", "9" * 400, "x"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["collect", "--out", "o", "--effect", "hysteresis={}"],
+        ["collect", "--out", "o", "--driver-option", "effects=hysteresis={}"],
+        ["collect", "--out", "o", "--driver-option", "start_s={}"],
+        ["collect", "--out", "o", "--driver-option", "seed={}"],
+        ["deploy", "marble", "marble-desired-1", "--out", "o", "--effect", "hysteresis={}"],
+        ["deploy", "marble", "marble-desired-1", "--out", "o", "--driver-option", "orientation_deg={}"],
+        ["eval", "marble", "marble-desired-1", "--set", "object.marble.mass_kg={}"],
+        ["eval", "marble", "marble-desired-1", "--environment", "duration_s={}"],
+        ["hand", "test", "sim", "--driver-option", "indenter_radius_m={}"],
+        ["hand", "test", "remote", "--driver-option", "silence_s={}"],
+        ["fit", "DATA", "--out", "o", "--bound", "{}"],
+    ],
+    ids=lambda words: words[-1],
+)
+def test_numbers_within_texts_are_bounded(
+    words: list[str],
+    number: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    data = Path("data/paper-like").resolve()
+    monkeypatch.chdir(tmp_path)
+    status, out, err = captured(capsys, *(word.format(number).replace("DATA", str(data)) for word in words))
+    assert (status, out) == (2, "")
+    assert "expected" in err
+    assert not [*tmp_path.iterdir()]
 
 
 @pytest.mark.parametrize("more", ["", "--json"])

@@ -35,6 +35,13 @@ class KilledError(Exception):
     pass
 
 
+@pytest.mark.parametrize("change", [{"steps": 10**30}, {"seed": -1}, {"rounds_per_checkpoint": 0}])
+def test_a_run_that_could_not_be_read_is_not_begun(tmp_path: Path, change: dict[str, int]) -> None:
+    with pytest.raises(InputError, match=next(iter(change))):
+        begin(replace(small_runs.work(), **change), preset("iros24"), tmp_path / "run")
+    assert not [*tmp_path.iterdir()]
+
+
 def last_network(folder: Path) -> list[np.ndarray]:
     """All numbers of the policy file, from the graph itself."""
     import onnx
