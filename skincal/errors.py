@@ -48,8 +48,16 @@ def _cut(text: str, most: int = 500) -> str:
     return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
+def readable(text: str) -> str:
+    """Return a text with names of files as UTF-8 has them, whatever the system's encoding of names is."""
+    with suppress(UnicodeEncodeError):  # half of a surrogate pair, of no name
+        text = text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+    return text
+
+
 def _shown(text: str) -> str:
     """A text without what would steer a terminal; no name or value of a file can."""
+    text = readable(text)
     return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 

@@ -21,6 +21,7 @@ from skincal.dataset.schema import load_toml, read_table
 from skincal.dataset.table_file import RawTable, write_table
 from skincal.dataset.table_file import read_table as read_raw_table
 from skincal.effects import EFFECTS
+from skincal.errors import readable
 from skincal.files import real, whole_folder
 
 
@@ -88,7 +89,7 @@ def write_calibration(
     check_tables(tables, findings)
     findings.raise_errors()
     with whole_folder(path, force=force, marker=FILE) as folder:
-        (folder / FILE).write_bytes(tomli_w.dumps(plain).encode())
+        (folder / FILE).write_bytes(readable(tomli_w.dumps(plain)).encode())
         for name, columns in tables.items():
             write_table(folder / TABLE_FILES[name], columns)
         if calibration.positions is not None:

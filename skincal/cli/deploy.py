@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Annotated, Any
 
 from skincal.cli import options
@@ -35,6 +36,10 @@ WIDTH_MM = 12.0
 """Width of the published marble and bolt."""
 
 ESTIMATOR = "marble-estimator-1"
+
+_PICTURE_BYTES, _OTHER_COLUMNS, _GRASP_S, _MOST_HZ = 4 << 20, 10, 30.0, 200
+"""Room that is kept for a run: picture and numbers [bytes], columns besides four of each joint and the taxels, time to
+grasp and to let go [s], states a second: twice those of the simulated hands; a faster one may need more room."""
 
 _PINCH = "Folder with hand.toml and pinch.toml."
 _TRAJECTORY = "Trajectory of the marble: `circle`, `still`, or a CSV file with u_m, v_m."
@@ -74,7 +79,7 @@ def deploy(
     from skincal.deploy import write_record
     from skincal.deploy.estimate import estimate_error_m, estimated_places
     from skincal.envs.pinch import read_pinch
-    from skincal.files import refuse_existing, whole_folder
+    from skincal.files import refuse_existing, reserved_room, whole_folder
     from skincal.hand import GuardOptions
     from skincal.hand.registry import create_driver
     from skincal.train import policy_path, read_policy
@@ -99,7 +104,7 @@ def deploy(
         "speed_rad_per_s": speed, "orientation_deg": float(settings.get("orientation_deg", 0.0)),
     }  # fmt: skip
 
-    def keep(found: Deployed, felt: np.ndarray | None, *, finished: bool) -> dict[str, Any]:
+    def keep(found: Deployed, felt: np.ndarray | None, *, finished: bool, out: Path = out) -> dict[str, Any]:
         """Write the session, the numbers and, of a run that came to its end, the picture."""
         from skincal.report.deploy import deploy_figure
         from skincal.report.style import save
@@ -123,16 +128,23 @@ def deploy(
     def saved() -> str:
         if not ended:
             return "Nothing of the run is saved."
-        keep(ended[0](), None, finished=False)
-        return f"The run so far is saved in {out / SESSION}."
+        place = out
+        give_free()
+        try:
+            keep(ended[0](), None, finished=False)
+        except OSError:  # the disk is full, or gone
+            place = Path(mkdtemp(prefix="skincal-")) / out.name
+            keep(ended[0](), None, finished=False, out=place)
+        return f"The run so far is saved in {place / SESSION}."
 
-    with moving(saved):
+    with reserved_room(out, _size(hand.description, len(targets))) as give_free, moving(saved):
         with RunProgress(sensor) as watch:
             found = run(
                 chosen, made, hand, targets, object_width_m=width, speed_rad_per_s=speed, guard=guard, watch=watch,
                 cut_short=ended.append,
             )  # fmt: skip
         ended.append(lambda: found)
+        give_free()
         felt = None if places is None else estimated_places(found.record, places, hand, width)
         content = keep(found, felt, finished=True)
     held = "held to the end" if content["held"] else f"lost after {content['lost_s']:.1f} s"
@@ -144,6 +156,14 @@ def deploy(
         f"{task.value}: {found.steps} steps, {held}{error}{period}, jitter {1e3 * found.jitter_s:.2f} ms",
         f"session: {content['session']}",
     )
+
+
+def _size(hand: HandDescription, targets: int) -> int:
+    """Return the room that a run of so many targets may take, with its picture [bytes]."""
+    from skincal.envs.trajectories import POLICY_HZ
+
+    columns = 4 * len(hand.joints) + hand.meta.sensor.taxels + _OTHER_COLUMNS
+    return _PICTURE_BYTES + int((targets / POLICY_HZ + _GRASP_S) * _MOST_HZ) * columns * 8
 
 
 def _speed(policy: Policy, task: Task, most: float) -> float:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from skincal.errors import input_error
+from skincal.errors import input_error, readable
 from skincal.tasks import DURATION_S, Task
 
 
@@ -98,4 +98,4 @@ def numbers_by_name(name: str, given: Iterable[str] | None, metavar: str = "NAME
 
 def command_line() -> str:
     """Return the command that is running, for the provenance of its output."""
-    return shlex.join(["skincal", *sys.argv[1:]])
+    return readable(shlex.join(["skincal", *sys.argv[1:]]))

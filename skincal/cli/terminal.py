@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import typer
 
-from skincal.errors import Problem
+from skincal.errors import Problem, readable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -27,7 +27,7 @@ def answer(as_json: bool, content: Mapping[str, Any], *shown: object) -> None:
         return
     for part in shown:
         if isinstance(part, str):
-            print(part, flush=True)  # typer would write UTF-8 to a terminal that lacks it
+            print(readable(part), flush=True)  # typer would write UTF-8 to a terminal that lacks it
         else:
             from rich.console import Console
 
@@ -91,10 +91,10 @@ def plain(value: Any) -> Any:
     """Return a value as JSON has it: arrays as lists, paths as text, NaN and inf as null."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, str) or value is None or isinstance(value, bool):
+    if isinstance(value, str | Path):
+        return readable(str(value))
+    if value is None or isinstance(value, bool):
         return value
-    if isinstance(value, Path):
-        return str(value)
     if hasattr(value, "tolist"):  # numpy arrays and scalars, without importing numpy
         return plain(value.tolist())
     if isinstance(value, float):
@@ -110,7 +110,7 @@ def say(message: str) -> None:
     It may hold names and texts of files, so control characters, which terminals obey, are shown as codes.
     """
     with suppress(OSError):
-        typer.echo(_CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", message), err=True)
+        typer.echo(_CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", readable(message)), err=True)
 
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")

@@ -18,7 +18,7 @@ from skincal.dataset.findings import Findings, did_you_mean
 from skincal.dataset.keys import Key, Length
 from skincal.dataset.schema import Table, read_table
 from skincal.dataset.schema_errors import Violation, report
-from skincal.errors import input_error
+from skincal.errors import input_error, readable
 from skincal.files import reason, whole_file
 from skincal.units import rad
 
@@ -170,7 +170,7 @@ def plan_as_toml(plan: Plan) -> str:
     if plan.poses:
         content["poses"] = {name: list(angles) for name, angles in plan.poses.items()}
     content["press"] = [_given(press) for press in plan.presses]
-    return tomli_w.dumps(content)
+    return readable(tomli_w.dumps(content))
 
 
 def _as_csv(plan: Plan) -> str:

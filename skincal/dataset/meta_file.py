@@ -11,6 +11,7 @@ from skincal.dataset.findings import Findings
 from skincal.dataset.schema import Table, load_toml, plain_table, read_table
 from skincal.dataset.spec import FORMAT, DatasetMeta
 from skincal.dataset.table_file import SUFFIXES
+from skincal.errors import readable
 from skincal.files import open_input
 
 FILE = "dataset.toml"
@@ -40,7 +41,7 @@ def write_meta(meta: DatasetMeta, path: Path) -> None:
     plain = {name: plain_table(v) if isinstance(v, Table) else v for name, v in plain_table(meta).items()}
     order = ("created", "source", "assumed")
     top: dict[str, Any] = {"format": FORMAT} | {name: plain[name] for name in order if name in plain}
-    path.write_bytes(tomli_w.dumps(top | plain).encode())
+    path.write_bytes(readable(tomli_w.dumps(top | plain)).encode())
 
 
 def dataset_hash(path: str | Path) -> str:

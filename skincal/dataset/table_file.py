@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -126,7 +127,7 @@ def _open_parquet(path: Path, sheet: Sheet) -> tuple[list[str], int, OnUse, dict
     """
     import pyarrow.parquet as pq
 
-    with pq.ParquetFile(path) as file:
+    with _opened(path) as source, pq.ParquetFile(source) as file:
         rows, schema = file.metadata.num_rows, file.schema_arrow
         groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
         for j in range(file.metadata.num_columns):
@@ -147,16 +148,17 @@ def _parquet_column(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    if _state(path) != state:
-        got = "another file: it has been replaced"
-        raise InputError([Problem(str(path), "the file that was checked", got, "Run again.")])
     try:
+        if _state(path) != state:
+            raise UnreadableError("the file that was checked", "another one: it has been replaced; run again")
         # Texts arrive dictionary-encoded: a word that repeats a million times is stored once.
-        with pq.ParquetFile(path, read_dictionary=texts) as file:
+        with _opened(path) as source, pq.ParquetFile(source, read_dictionary=texts) as file:
             column = file.read(columns=[name], use_threads=False).column(name)
         if len(column) != rows:
             raise pa.ArrowInvalid(f"{len(column)} of {rows} rows in column {name}")
         return _to_numpy(column, sheet, name)
+    except UnreadableError as error:
+        raise InputError([Problem(str(path), error.expected, error.got)]) from None
     except (pa.ArrowException, KeyError, OSError, UnicodeDecodeError) as error:
         raise InputError(
             [Problem(str(path), "a whole Parquet file", text_of(error).rstrip("."), CUT_SHORT)]
@@ -174,6 +176,13 @@ def _is_single(kind: pa.DataType) -> bool:
         or str(kind) in _TEXTS
         or (isinstance(kind, pa.DictionaryType) and _is_single(kind.value_type))
     )
+
+
+def _opened(path: Path) -> pa.NativeFile:
+    """Return a file opened by Arrow, which takes names as UTF-8, whatever the system's encoding of names is."""
+    import pyarrow as pa
+
+    return pa.OSFile(os.fsencode(path), "rb")
 
 
 def _state(path: Path) -> tuple[int, ...]:
@@ -196,7 +205,8 @@ def write_table(path: Path, columns: Mapping[str, Column] | pd.DataFrame) -> Non
         [_arrow(column) for _, column in columns.items()], names=[*map(str, columns)]
     )
     if path.suffix == ".parquet":
-        pq.write_table(table, path)
+        with path.open("wb") as file:
+            pq.write_table(table, file)
         return
     with path.open("wb") as file:
         file.write((",".join(map(_quoted, table.column_names)) + "\n").encode())
@@ -241,6 +251,7 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
     text = {name: pa.string() for name in TEXT_COLUMNS}
     cells = pcsv.ConvertOptions(column_types=text, timestamp_parsers=["never"])
 
+    state = _state(path)
     if path.stat().st_size > MOST_CSV_BYTES:
         raise UnreadableError(
             f"a CSV file of at most {MOST_CSV_BYTES >> 20} MiB", "a larger one; write it as Parquet"
@@ -252,10 +263,15 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
         fix = "Is it another kind of file, or of another encoding?"
         findings.error(f"{path.name}, {line}", "text in UTF-8", "other bytes", fix)
         return None
-    table, ragged = read_rows(path, pcsv.ReadOptions(block_size=1 << 22), cells)
+    with _opened(path) as source:
+        table, ragged = read_rows(source, pcsv.ReadOptions(block_size=1 << 22), cells)
+    if _state(path) != state:
+        raise UnreadableError("a file that stays as it is", "one that changed while it was read; run again")
     if ragged:
         # Only a single-threaded read gives the line numbers.
-        _, ragged = read_rows(path, pcsv.ReadOptions(use_threads=False, block_size=1 << 22), cells)
+        with _opened(path) as source:
+            options = pcsv.ReadOptions(use_threads=False, block_size=1 << 22)
+            ragged = read_rows(source, options, cells)[1] or ragged
         fix = "Was the file cut short, or does a text hold a comma that is not quoted?"
         report_ragged(path.name, ragged, [row.number for row in ragged], findings, fix)
     return table

@@ -2,11 +2,11 @@
 
 from skincal.files.inputs import check_input, open_input, real, reason
 from skincal.files.locks import alone
-from skincal.files.outputs import whole_file, whole_folder
+from skincal.files.outputs import reserved_room, whole_file, whole_folder
 from skincal.files.recovery import recover
 from skincal.files.refusals import refuse_existing
 
 __all__ = [
-    "alone", "check_input", "open_input", "real", "reason", "recover", "refuse_existing", "whole_file",
+    "alone", "check_input", "open_input", "real", "reason", "recover", "refuse_existing", "reserved_room", "whole_file",
     "whole_folder",
 ]  # fmt: skip

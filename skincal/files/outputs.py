@@ -7,9 +7,10 @@ list of the files written into it; ``--force`` removes a folder only if it holds
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
@@ -73,6 +74,32 @@ def whole_file(path: str | Path, *, force: bool = False, mark: str = "") -> Gene
     with _temporary(path) as folder:
         yield folder / path.name
         _put(folder / path.name, path, force, None, mark)
+
+
+@contextmanager
+def reserved_room(path: str | Path, size: int) -> Generator[Callable[[], None]]:
+    """Keep room on the disk for an output that can only be written once its work is done; yield what gives it free.
+
+    Args:
+        path: the output.
+        size: of the output [bytes].
+
+    Raises:
+        OSError: there is not so much room, or no file can be written there.
+    """
+    with _temporary(Path(path)) as folder:
+        file = folder / "room"
+        with file.open("wb") as stream:
+            try:
+                os.posix_fallocate(stream.fileno(), 0, size)
+            except OSError as error:
+                if error.errno not in (
+                    errno.EINVAL,
+                    errno.ENOSYS,
+                    errno.EOPNOTSUPP,
+                ):  # the file system cannot do it
+                    raise
+        yield partial(file.unlink, missing_ok=True)
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import tomli_w
 import yaml
 
 from skincal.bounded import UnreadableError, checked, parse_json, parse_toml, parsed, read_text
-from skincal.errors import input_error
+from skincal.errors import input_error, readable
 from skincal.files import reason, whole_file
 from skincal.ranges.plain import FORMAT, from_plain, to_plain
 from skincal.ranges.ranges import Ranges
@@ -147,4 +147,4 @@ def write_ranges(ranges: Ranges, path: str | Path, *, force: bool = False) -> No
     """
     text = _DUMP[file_format(path)](to_plain(ranges))
     with whole_file(path, force=force, mark=FORMAT) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(readable(text), encoding="utf-8")

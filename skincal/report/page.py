@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
+from skincal.errors import readable
 from skincal.files import real
 from skincal.report.style import png_bytes, relabel
 from skincal.units import in_unit
@@ -83,7 +84,7 @@ def rendered(template: str, unit: str | None = None, **values: Any) -> str:
         unit: unit of the taxel values, which replaces counts in values that are texts; None: counts.
         values: variables of the template.
     """
-    return _environment(unit).get_template(template).render(**values)
+    return readable(_environment(unit).get_template(template).render(**values))
 
 
 def macro(template: str, name: str, *values: Any) -> str:

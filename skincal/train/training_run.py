@@ -14,7 +14,7 @@ import tomli_w
 
 from skincal.dataset.findings import Findings
 from skincal.dataset.schema import load_toml, read_table
-from skincal.errors import WorkError, input_error
+from skincal.errors import WorkError, input_error, readable
 from skincal.files import alone, real, recover, refuse_existing, whole_folder
 from skincal.ranges import Ranges, read_ranges, write_ranges
 from skincal.tasks import BackendName
@@ -99,7 +99,7 @@ def begin(
     _work_of(content, findings)
     findings.raise_errors()
     with whole_folder(out, force=force, marker=MARKER, later=LATER) as temporary:
-        (temporary / MARKER).write_text(tomli_w.dumps(content), encoding="utf-8")
+        (temporary / MARKER).write_text(readable(tomli_w.dumps(content)), encoding="utf-8")
         write_ranges(ranges, temporary / RANGES)
         if start is not None:
             write_policy(start.network, start.description, temporary / START)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +17,7 @@ from benchmarks.remote_cost import Clock, Link
 from skincal.cli.main import main
 from skincal.cli.rescale import read_deployed
 from skincal.dataset import HOLD, read_dataset
-from skincal.deploy import deploy, letters, marble_targets
+from skincal.deploy import deploy, letters, marble_targets, record
 from skincal.deploy.observation import PolicyObservation
 from skincal.envs.pinch import read_pinch
 from skincal.envs.reference_hand import ReferenceHand
@@ -194,6 +197,47 @@ def test_a_run_that_ends_early_is_kept(
     assert [p.name for p in tmp_path.iterdir()] == ["rolled"]
     with pytest.raises(InputError, match="ended early"):
         read_deployed(out)
+
+
+def full(*_: object, **more: object) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_disk_without_room_is_told_before_the_hand_moves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connected: list[ReferenceHand] = []
+    monkeypatch.setattr(ReferenceHand, "connect", connected.append)
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(SystemExit) as end:
+        main(still_for_a_second(tmp_path / "rolled"))
+    assert end.value.code == 1 and not connected
+    err = capsys.readouterr().err
+    assert f"{tmp_path / 'rolled'}: No space left on device. Free some space" in err and "ended" not in err
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_run_that_finds_the_disk_full_is_kept_elsewhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, elsewhere, write = tmp_path / "full" / "rolled", tmp_path / "elsewhere", record.write_dataset
+    for folder in (out.parent, elsewhere):
+        folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(elsewhere))
+    monkeypatch.setattr(
+        record,
+        "write_dataset",
+        lambda data, path: (full if out.parent in path.parents else write)(data, path),
+    )
+    with pytest.raises(SystemExit) as end:
+        main(still_for_a_second(out))
+    err = capsys.readouterr().err
+    (kept,) = elsewhere.glob("*/rolled")
+    assert end.value.code == 1 and "No space left on device" in err
+    assert f"The hand was stopped. The run so far is saved in {kept / 'session'}." in err
+    assert json.loads((kept / "deploy.json").read_text())["steps"] == 10
+    assert read_dataset(kept / "session").frames is not None
+    assert not [*out.parent.iterdir()]
 
 
 def test_an_interrupt_while_the_picture_is_drawn_loses_nothing(
