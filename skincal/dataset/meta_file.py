@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,7 @@ from skincal.bounded import parse_toml, read_text
 from skincal.dataset.findings import Findings
 from skincal.dataset.schema import Table, load_toml, plain_table, read_table
 from skincal.dataset.spec import FORMAT, DatasetMeta
-from skincal.dataset.table_file import SUFFIXES
+from skincal.dataset.table_file import SUFFIXES, file_state
 from skincal.errors import readable
 from skincal.files import open_input
 
@@ -55,10 +57,18 @@ def dataset_hash(path: str | Path) -> str:
 
     Raises:
         OSError: a file cannot be read.
+        UnreadableError: ``dataset.toml`` is no TOML file.
     """
     folder = Path(path)
+    values = parse_toml(read_text(folder / FILE, within=folder))
+    named = [values.get("surface", {}).get("file"), values.get("indenter", {}).get("file")]
+    return hash_of(folder, [*named, values.get("sensor", {}).get("positions")])
+
+
+def hash_of(folder: Path, named: Iterable[str | None]) -> str:
+    """Return :func:`dataset_hash` of a folder whose ``dataset.toml`` names some files."""
     digest = hashlib.sha256()
-    for name in sorted(_names(folder)):
+    for name in sorted(_names(folder, named)):
         file = folder / name
         digest.update(f"{name}\0{file.stat().st_size}\0".encode())
         with open_input(file, folder) as stream:
@@ -67,9 +77,15 @@ def dataset_hash(path: str | Path) -> str:
     return digest.hexdigest()
 
 
-def _names(folder: Path) -> set[str]:
-    values = parse_toml(read_text(folder / FILE, within=folder))
-    named = [values.get("surface", {}).get("file"), values.get("indenter", {}).get("file")]
-    named.append(values.get("sensor", {}).get("positions"))
+def file_states(folder: Path, named: Iterable[str | None]) -> dict[str, tuple[int, ...]]:
+    """Return what tells each file of a dataset from one that replaces it; files that are gone are left out."""
+    found: dict[str, tuple[int, ...]] = {}
+    for name in _names(folder, named):
+        with suppress(OSError):
+            found[name] = file_state(folder / name)
+    return found
+
+
+def _names(folder: Path, named: Iterable[str | None]) -> set[str]:
     tables = [f"{stem}{suffix}" for stem in ("presses", "frames") for suffix in SUFFIXES]
     return {FILE} | {name for name in (*named, *tables) if name and (folder / name).is_file()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
 from skincal.dataset.frame_table import frames_from
 from skincal.dataset.impossible import without_impossible
-from skincal.dataset.meta_file import FILE, dataset_hash, read_meta
+from skincal.dataset.meta_file import FILE, file_states, hash_of, read_meta
 from skincal.dataset.plausibility import check_plausible, check_scale
 from skincal.dataset.press_table import presses_from
 from skincal.dataset.remarks import add_remarks
@@ -76,9 +77,12 @@ def _read(folder: Path, findings: Findings) -> Dataset | None:
             str(folder), "a dataset's folder", "a file" if folder.exists() else "no such folder", NO_FOLDER
         )
         return None
+    before = file_states(folder, ())
     meta = read_meta(folder, findings)
     if meta is None:
         return None
+    named = [meta.surface.file, meta.indenter.file, meta.sensor.positions]
+    before = file_states(folder, named) | before
     meshes = read_meshes(folder, FILE, meta.surface, meta.indenter, findings)
     positions = read_positions(folder, FILE, meta.sensor, findings)
     described = not findings.errors
@@ -99,7 +103,15 @@ def _read(folder: Path, findings: Findings) -> Dataset | None:
         return None
     dataset = with_converter_range(without_impossible(dataset, press_table.sheet), press_table.sheet)
     add_remarks(dataset, press_table.sheet, findings)
-    return replace(dataset, sha256=dataset_hash(folder), warnings=tuple(findings.warnings))
+    sha256 = ""
+    with suppress(OSError):
+        sha256 = hash_of(folder, named)
+    if file_states(folder, named) != before or not sha256:
+        findings.error(
+            str(folder), "a dataset that stays as it is", "one that changed while it was read", "Run again."
+        )
+        return None
+    return replace(dataset, sha256=sha256, warnings=tuple(findings.warnings))
 
 
 def _table(folder: Path, stem: str, findings: Findings) -> RawTable | None:

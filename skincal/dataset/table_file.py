@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,7 +17,7 @@ from skincal.bounded import UnreadableError, check_table_size
 from skincal.dataset.findings import SHOWN, Findings, Sheet, listed
 from skincal.dataset.tables import OnUse
 from skincal.errors import InputError, Problem, text_of
-from skincal.files import check_input, reason
+from skincal.files import check_input, open_input, reason
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -127,7 +126,8 @@ def _open_parquet(path: Path, sheet: Sheet) -> tuple[list[str], int, OnUse, dict
     """
     import pyarrow.parquet as pq
 
-    with _opened(path) as source, pq.ParquetFile(source) as file:
+    # Opened here: Arrow takes names as UTF-8, whatever the system's encoding, and would wait for a pipe.
+    with open_input(path) as source, pq.ParquetFile(source) as file:
         rows, schema = file.metadata.num_rows, file.schema_arrow
         groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
         for j in range(file.metadata.num_columns):
@@ -137,7 +137,7 @@ def _open_parquet(path: Path, sheet: Sheet) -> tuple[list[str], int, OnUse, dict
                 raise UnreadableError(expected, f"one of {size >> 20} MiB")
     types = list(zip(schema.names, schema.types, strict=True))
     texts = [name for name, kind in types if str(kind) in _TEXTS]
-    columns = OnUse(schema.names, partial(_parquet_column, path, _state(path), rows, texts, sheet))
+    columns = OnUse(schema.names, partial(_parquet_column, path, file_state(path), rows, texts, sheet))
     return schema.names, rows, columns, {name: str(kind) for name, kind in types if not _is_single(kind)}
 
 
@@ -149,10 +149,10 @@ def _parquet_column(
     import pyarrow.parquet as pq
 
     try:
-        if _state(path) != state:
+        if file_state(path) != state:
             raise UnreadableError("the file that was checked", "another one: it has been replaced; run again")
         # Texts arrive dictionary-encoded: a word that repeats a million times is stored once.
-        with _opened(path) as source, pq.ParquetFile(source, read_dictionary=texts) as file:
+        with open_input(path) as source, pq.ParquetFile(source, read_dictionary=texts) as file:
             column = file.read(columns=[name], use_threads=False).column(name)
         if len(column) != rows:
             raise pa.ArrowInvalid(f"{len(column)} of {rows} rows in column {name}")
@@ -178,14 +178,7 @@ def _is_single(kind: pa.DataType) -> bool:
     )
 
 
-def _opened(path: Path) -> pa.NativeFile:
-    """Return a file opened by Arrow, which takes names as UTF-8, whatever the system's encoding of names is."""
-    import pyarrow as pa
-
-    return pa.OSFile(os.fsencode(path), "rb")
-
-
-def _state(path: Path) -> tuple[int, ...]:
+def file_state(path: Path) -> tuple[int, ...]:
     """Return what distinguishes a file from another that replaces it."""
     stat = path.stat()
     return stat.st_ino, stat.st_size, stat.st_mtime_ns
@@ -251,7 +244,7 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
     text = {name: pa.string() for name in TEXT_COLUMNS}
     cells = pcsv.ConvertOptions(column_types=text, timestamp_parsers=["never"])
 
-    state = _state(path)
+    state = file_state(path)
     if path.stat().st_size > MOST_CSV_BYTES:
         raise UnreadableError(
             f"a CSV file of at most {MOST_CSV_BYTES >> 20} MiB", "a larger one; write it as Parquet"
@@ -263,13 +256,13 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
         fix = "Is it another kind of file, or of another encoding?"
         findings.error(f"{path.name}, {line}", "text in UTF-8", "other bytes", fix)
         return None
-    with _opened(path) as source:
+    with open_input(path) as source:
         table, ragged = read_rows(source, pcsv.ReadOptions(block_size=1 << 22), cells)
-    if _state(path) != state:
+    if file_state(path) != state:
         raise UnreadableError("a file that stays as it is", "one that changed while it was read; run again")
     if ragged:
         # Only a single-threaded read gives the line numbers.
-        with _opened(path) as source:
+        with open_input(path) as source:
             options = pcsv.ReadOptions(use_threads=False, block_size=1 << 22)
             ragged = read_rows(source, options, cells)[1] or ragged
         fix = "Was the file cut short, or does a text hold a comma that is not quoted?"
@@ -304,7 +297,7 @@ def report_ragged(
 def _other_bytes(path: Path) -> str:
     """Return the line of the first bytes that are not UTF-8, or ''; the CSV reader would print a traceback."""
     decoder, line = codecs.getincrementaldecoder("utf-8")(), 1
-    with path.open("rb") as file:
+    with open_input(path) as file:
         while True:
             block = file.read(1 << 20)
             try:
