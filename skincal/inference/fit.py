@@ -314,7 +314,7 @@ class Fitter:
         pose = moved_pose(self.forward.surface, s.pose, "y", own[0])
         pose = moved_pose(self.forward.surface, pose, "turn", own[1])
         pose = moved_pose(self.forward.surface, pose, "alpha", own[2])
-        law = np.clip(s.law + own[6:NB], *law_bounds().T)
+        law = s.law if self.foundation else np.clip(s.law + own[6:NB], *law_bounds().T)
         effects = (
             with_values(
                 s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + own[NB : at.numbers]

@@ -75,6 +75,16 @@ class PressTable:
         along = np.stack([t[2], t[5], 2 * t[4], none, none, none])
         return np.stack([_look_up(own, row, load_m3, self.most_m3, move) for own in (across, along)])
 
+    def curved(self) -> PressTable:
+        """What a spreading of one adds at its places: the second slopes' sum by half a step of the lattice squared."""
+        return PressTable((self.terms[3] + self.terms[4])[None] * STEP_M**2 / 2, self.most_m3)
+
+    def spread(self, much: float) -> PressTable:
+        """The same of taxels that feel spread out; its slopes are left as they are."""
+        terms = self.terms.copy()
+        terms[0] += much * self.curved().terms[0]
+        return replace(self, terms=terms)
+
 
 @dataclass(frozen=True, eq=False)
 class Presses:

@@ -175,7 +175,7 @@ def test_a_step_that_is_too_long_for_some_presses_is_shortened_for_them_alone():
 def test_a_fit_that_stops_short_is_not_credited_with_what_its_slopes_promise():
     fitter = seen("nothing").fitter
     end = fitter.solve(fitter.before.start, steps=12)
-    short = fitter.linear(replace(end.state, log_s=end.state.log_s + 0.03), ())
+    short = fitter.linear(replace(end.state, log_s=end.state.log_s + 0.05), ())
     folds = folds_of(end.blocks, np.random.default_rng(0))
     scores = [x.predicted(folds).sum() for x in (end, short)]
     assert short.loss() - end.loss() > 10
