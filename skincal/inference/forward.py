@@ -390,34 +390,14 @@ class Forward:
 
     def base_columns(self, seen: Seen) -> FloatArray:
         """(K, J, 6 + 4) slopes by ``BASE`` (place in metres, angle, logarithms, counts) and ``LAW``."""
-        s = seen.state
-        skin = self.skin(s)
-        off = self._felt(skin)[1]
-        middle = self._middle(off)
-        places = middle + s.move[:, :2]
-        slid = np.where((self.row >= 0)[:, None], off - middle[self.row], 0.0)
-        slides = bool(np.abs(slid).max(initial=0.0) > _FAR_M)
-        force = self._force(seen.felt, s)
-
-        def pressed(
-            pose: SensorPose | None = None, places: FloatArray = places, law: FloatArray | None = None
-        ) -> PressTable:
-            other = skin if pose is None else self.skin(replace(s, pose=pose))
-            return self._make(other, seen.felt, s, places, lattice=slides, law=law)
-
-        def loads(table: PressTable, log_e: float = s.log_e) -> FloatArray:
-            e = float(np.exp(log_e))
-            return e * table.at(self.row, force / e, slid if slides else None)
-
-        own, law = pressed(), LAW_WAYS @ s.law
+        s, near = seen.state, _Near(self, seen)
         out = np.zeros((*seen.values.shape, len(BASE) + len(LAW)))
         alike = self.surface.is_uniform
-        far = self._from_centre(s, places)
-        ends = list[FloatArray]()
+        far, ends = self._from_centre(s, near.places), list[FloatArray]()
         for angle in (_STEP["alpha"], -_STEP["alpha"]):
             # Where the surface is alike everywhere presses go along with a patch that is turned.
             along = angle * np.stack([-far[:, 1], far[:, 0]], axis=1) if alike else 0.0
-            ends.append(loads(pressed(moved_pose(self.surface, s.pose, "alpha", angle), places + along)))
+            ends.append(near.loads(pose=moved_pose(self.surface, s.pose, "alpha", angle), along=along))
         out[..., 2] = self.with_loads(seen, (ends[0] - ends[1]) / 2) / _STEP["alpha"]
         if alike:
             # Everywhere alike: a patch that moves one way is presses that move the other way, and exactly so, or the
@@ -427,26 +407,17 @@ class Forward:
             out[..., 0], out[..., 1] = -moves[..., 1], -moves[..., 0]
             out[..., 2] += way[..., 1] * moves[..., 0] - way[..., 0] * moves[..., 1]
         for k, name in enumerate(() if alike else ("y", "turn")):
-            change = loads(pressed(moved_pose(self.surface, s.pose, name, _STEP[name]))) - loads(own)
+            change = near.loads(pose=moved_pose(self.surface, s.pose, name, _STEP[name])) - near.own()
             out[..., k] = self.with_loads(seen, change) / _STEP[name]
         # Nor does what a press leaves in the rest after it tell its place: there it has no shift of its own.
         out[self.row < 0, :, :3] = 0.0
-        harder = loads(own, s.log_e + _SOFT) - loads(own, s.log_e - _SOFT)
-        out[..., 3] = self.with_loads(seen, harder / 2) / _SOFT
+        out[..., 3] = self.with_loads(seen, (near.own(_SOFT) - near.own(-_SOFT)) / 2) / _SOFT
         more = self._after(self.skin(replace(s, log_s=s.log_s + _SOFT)), seen.loads, seen.felt)
-        out[..., 4] = (more - seen.values) / _SOFT
+        out[..., 4] = (more - seen.values) / np.expm1(_SOFT)
         out[..., 5] = 1.0
-        by = np.zeros((*seen.values.shape, len(LAW)))
-        for k, step in ((0, _POWER), (2, _RADIUS)):
-            more, less = (loads(pressed(law=law + side * step * np.eye(len(LAW))[k])) for side in (1, -1))
-            by[..., k] = (more - less) / (2 * step)
-        # Read at the table's places, as its second order is all that there is of it.
-        by[..., 1] = float(np.exp(s.log_e)) * seen.table.curved().at(self.row, force / np.exp(s.log_e))
-        rest = round(1 - law[3])
-        by[..., 3] = (loads(pressed(law=np.array([*law[:3], rest]))) - loads(own)) / (rest - law[3])
-        by = by @ LAW_WAYS
+        law = near.by_law() @ LAW_WAYS
         for k in range(len(LAW)):
-            out[..., 6 + k] = self.with_loads(seen, 0.02 * by[..., k]) / 0.02
+            out[..., 6 + k] = self.with_loads(seen, 0.02 * law[..., k]) / 0.02
         return out
 
     def _from_centre(self, state: State, places: FloatArray) -> FloatArray:
@@ -459,15 +430,65 @@ class Forward:
     def press_columns(self, seen: Seen) -> FloatArray:
         """(K, J, 3) slopes by the shift of a press across and along [1/m] and by the logarithm of its force."""
         e = float(np.exp(seen.state.log_e))
-        force = self._force(seen.felt, seen.state)
-        moves = seen.table.slopes(self.row, force / e, seen.at if seen.at.any() else None) * e
-        h = 0.01
-        more = e * (seen.table.at(self.row, force * (1 + h) / e) - seen.table.at(self.row, force / e)) / h
+        load = self._force(seen.felt, seen.state) / e
+        moves = seen.table.slopes(self.row, load, seen.at if seen.at.any() else None) * e
+        more, less = (seen.table.at(self.row, load * (1 + side * _SOFT)) for side in (1, -1))
         parts = [
             self.with_loads(seen, step * x) / step
-            for x, step in ((moves[0], 2e-5), (moves[1], 2e-5), (more, h))
+            for x, step in ((moves[0], 2e-5), (moves[1], 2e-5), (e * (more - less) / (2 * _SOFT), _SOFT))
         ]
         return np.stack(parts, axis=-1)
+
+
+class _Near:
+    """Loads of states about one, all by tables for the places that its presses have: slopes are their differences."""
+
+    def __init__(self, forward: Forward, seen: Seen) -> None:
+        self._f, self._seen, self._skin = forward, seen, forward.skin(seen.state)
+        off = forward._felt(self._skin)[1]
+        middle, row = forward._middle(off), np.maximum(forward.row, 0)
+        self.places = middle + seen.state.move[:, :2]
+        slid = np.where((forward.row >= 0)[:, None], off - middle[row], 0.0)
+        self._slid = slid if np.abs(slid).max(initial=0.0) > _FAR_M else None
+        self._force = forward._force(seen.felt, seen.state)
+        self._own = self._table()
+
+    def own(self, harder: float = 0.0) -> FloatArray:
+        """(K, J) with a logarithm of E that is so much larger."""
+        return self._of(self._own, harder)
+
+    def loads(
+        self,
+        *,
+        pose: SensorPose | None = None,
+        along: FloatArray | float = 0.0,
+        law: FloatArray | None = None,
+    ) -> FloatArray:
+        """(K, J) at another pose, with presses moved along (P, 2) [m], under another law."""
+        return self._of(self._table(pose, along, law))
+
+    def by_law(self) -> FloatArray:
+        """(K, J, 4) slopes by power, blur, radius and bare."""
+        law, parts = LAW_WAYS @ self._seen.state.law, list[FloatArray]()
+        for step in (np.array([_POWER, 0, 0, 0]), np.array([0, 0, _RADIUS, 0])):
+            parts.append((self.loads(law=law + step) - self.loads(law=law - step)) / (2 * step.sum()))
+        # Spreading at the places of the state's table: its second order is all that there is of it.
+        blur = self._of(self._seen.table.curved(), slid=False)
+        other = np.array([*law[:3], float(round(1 - law[3]))])
+        bare = (self.loads(law=other) - self.own()) / (other - law).sum()
+        return np.stack([parts[0], blur, parts[1], bare], axis=-1)
+
+    def _table(
+        self, pose: SensorPose | None = None, along: FloatArray | float = 0.0, law: FloatArray | None = None
+    ) -> PressTable:
+        s = self._seen.state
+        skin = self._skin if pose is None else self._f.skin(replace(s, pose=pose))
+        lattice = self._slid is not None
+        return self._f._make(skin, self._seen.felt, s, self.places + along, lattice=lattice, law=law)
+
+    def _of(self, table: PressTable, harder: float = 0.0, *, slid: bool = True) -> FloatArray:
+        e = float(np.exp(self._seen.state.log_e + harder))
+        return e * table.at(self._f.row, self._force / e, self._slid if slid else None)
 
 
 def _stress(skin: EffectSkin) -> StressLaw | None:

@@ -58,6 +58,25 @@ def test_a_turn_is_what_differences_say():
     assert np.sqrt(np.mean((column - apart) ** 2)) < 0.05 * np.sqrt(np.mean(apart**2))
 
 
+def test_slopes_by_elasticity_and_contact_law_are_what_differences_say():
+    # Anywhere between laws: a harder skin and a larger ball do nearly alike, so each must be right by itself.
+    fitter = seen("nothing").fitter
+    forward = fitter.forward
+    state = replace(fitter.before.start, law=np.array([-0.03, 0.0, 0.02, 0.4]))
+    columns = forward.base_columns(forward.see(state))
+    numbers = [("log_e", 3, 0.015), *((k, 6 + k, h) for k, h in enumerate((0.05, 0.1, 0.015, 0.1)))]
+    for name, column, h in numbers:
+        ends = [
+            replace(state, log_e=state.log_e + step)
+            if name == "log_e"
+            else replace(state, law=state.law + step * np.eye(len(LAW))[column - 6])
+            for step in (h, -h)
+        ]
+        apart = (forward.see(ends[0]).values - forward.see(ends[1]).values) / (2 * h)
+        off = np.sqrt(np.mean((columns[..., column] - apart) ** 2) / np.mean(apart**2))
+        assert off < 0.005, (name, off)
+
+
 def test_the_others_go_where_a_number_at_its_bound_leaves_them():
     fitter = seen("nothing").fitter
     state = replace(fitter.before.start, law=np.zeros(len(LAW)))
