@@ -14,7 +14,7 @@ from skincal.effects import effect
 from skincal.inference.blocks import Blocks, Whitened, blocks
 from skincal.inference.columns import Free, free_columns, with_values
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.forward import BASE, CONTACT, LAW, Forward, Seen, State, moved_pose
+from skincal.inference.forward import BASE, LAW, Forward, Seen, State, moved_pose
 from skincal.inference.score import held_out
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray, IntArray
@@ -188,7 +188,9 @@ class Fitter:
     def columns(self, seen: Seen, free: tuple[Free, ...]) -> Slopes:
         """Slopes (K, J, n) of base, law and effects."""
         f = self.forward
-        return Slopes.joined([Slopes.of(f.base_columns(seen)), *free_columns(f, seen, free)])
+        return Slopes.joined(
+            [Slopes.of(f.base_columns(seen, contact=not self.foundation)), *free_columns(f, seen, free)]
+        )
 
     def equations(self, seen: Seen, *, word: bool = False) -> tuple[FloatArray, FloatArray]:
         """What the equations of effects in the model may err by, at one standard deviation.
@@ -256,9 +258,7 @@ class Fitter:
 
     def prior(self, state: State, free: tuple[Free, ...]) -> tuple[FloatArray, FloatArray]:
         """(n,) precisions beforehand, and their slope at a state."""
-        law = law_widths()
-        law[: len(CONTACT)] *= 1e-3 if self.foundation else 1.0
-        prior = np.concatenate([self.before.base, 1 / law**2, [1 / f.sigma**2 for f in free]])
+        prior = np.concatenate([self.before.base, 1 / law_widths() ** 2, [1 / f.sigma**2 for f in free]])
         off = np.concatenate([self.off(state), state.law, [f.get(state.effects) - f.middle for f in free]])
         return prior, prior * off
 
@@ -314,7 +314,7 @@ class Fitter:
         pose = moved_pose(self.forward.surface, s.pose, "y", own[0])
         pose = moved_pose(self.forward.surface, pose, "turn", own[1])
         pose = moved_pose(self.forward.surface, pose, "alpha", own[2])
-        law = s.law if self.foundation else np.clip(s.law + own[6:NB], *law_bounds().T)
+        law = np.clip(s.law + own[6:NB], *law_bounds().T)
         effects = (
             with_values(
                 s.effects, at.free, np.array([f.get(s.effects) for f in at.free]) + own[NB : at.numbers]

@@ -388,8 +388,11 @@ class Forward:
         state = replace(seen.state, effects=effects)
         return self.see(state).values
 
-    def base_columns(self, seen: Seen) -> FloatArray:
-        """(K, J, 6 + 4) slopes by ``BASE`` (place in metres, angle, logarithms, counts) and ``LAW``."""
+    def base_columns(self, seen: Seen, *, contact: bool = True) -> FloatArray:
+        """(K, J, 6 + 4) slopes by ``BASE`` (place in metres, angle, logarithms, counts) and ``LAW``.
+
+        Without ``contact`` those by ``CONTACT`` are left at zero.
+        """
         s, near = seen.state, _Near(self, seen)
         out = np.zeros((*seen.values.shape, len(BASE) + len(LAW)))
         alike = self.surface.is_uniform
@@ -415,9 +418,11 @@ class Forward:
         more = self._after(self.skin(replace(s, log_s=s.log_s + _SOFT)), seen.loads, seen.felt)
         out[..., 4] = (more - seen.values) / np.expm1(_SOFT)
         out[..., 5] = 1.0
-        law = near.by_law() @ LAW_WAYS
-        for k in range(len(LAW)):
-            out[..., 6 + k] = self.with_loads(seen, 0.02 * law[..., k]) / 0.02
+        if contact:
+            by = near.by_contact() @ LAW_WAYS[: len(CONTACT), : len(CONTACT)]
+            for k in range(len(CONTACT)):
+                out[..., len(BASE) + k] = self.with_loads(seen, 0.02 * by[..., k]) / 0.02
+        out[..., -1] = self.with_loads(seen, 0.02 * near.by_bare()) / 0.02
         return out
 
     def _from_centre(self, state: State, places: FloatArray) -> FloatArray:
@@ -467,16 +472,20 @@ class _Near:
         """(K, J) at another pose, with presses moved along (P, 2) [m], under another law."""
         return self._of(self._table(pose, along, law))
 
-    def by_law(self) -> FloatArray:
-        """(K, J, 4) slopes by power, blur, radius and bare."""
+    def by_contact(self) -> FloatArray:
+        """(K, J, 3) slopes by power, blur and radius."""
         law, parts = LAW_WAYS @ self._seen.state.law, list[FloatArray]()
         for step in (np.array([_POWER, 0, 0, 0]), np.array([0, 0, _RADIUS, 0])):
             parts.append((self.loads(law=law + step) - self.loads(law=law - step)) / (2 * step.sum()))
         # Spreading at the places of the state's table: its second order is all that there is of it.
         blur = self._of(self._seen.table.curved(), slid=False)
+        return np.stack([parts[0], blur, parts[1]], axis=-1)
+
+    def by_bare(self) -> FloatArray:
+        """(K, J) slope by the part of the pressure itself: a line."""
+        law = LAW_WAYS @ self._seen.state.law
         other = np.array([*law[:3], float(round(1 - law[3]))])
-        bare = (self.loads(law=other) - self.own()) / (other - law).sum()
-        return np.stack([parts[0], blur, parts[1], bare], axis=-1)
+        return (self.loads(law=other) - self.own()) / (other - law).sum()
 
     def _table(
         self, pose: SensorPose | None = None, along: FloatArray | float = 0.0, law: FloatArray | None = None
