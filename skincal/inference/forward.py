@@ -293,11 +293,11 @@ class Forward:
                 if len(far) < len(places) / 2:
                     places, terms = places.copy(), table.terms.copy()
                     places[far] = middle[far]
-                    terms[:, far] = self._make(skin, felt, before, places[far], rows=far).terms
+                    terms[:, far] = self._make(skin, felt, before, places[far], rows=far).spread(law[1]).terms
                     self._tables[key] = (before, places, PressTable(terms, table.most_m3))
                     return self._tables[key][2], places
         moved = middle.copy()
-        table = self._make(skin, felt, state, moved)
+        table = self._make(skin, felt, state, moved).spread(law[1])
         if len(self._tables) > 40:
             self._tables.clear()
         self._tables[key] = (state, moved, table)
@@ -321,11 +321,10 @@ class Forward:
         rows = np.arange(self.presses) if rows is None else rows
         moved = self._measured.of(rows).moved(self.surface, places)
         law = LAW_WAYS @ state.law if law is None else law
-        table = press_table(
+        return press_table(
             skin.skin.patch, self.surface, felt.indenters, moved, float(np.exp(state.log_e)), _stress(skin),
             weights, contact=self._contact_law(law), bare=float(law[3]), lattice=lattice,
         )  # fmt: skip
-        return table.spread(law[1]) if lattice else table
 
     def _force(self, felt: Samples, state: State) -> FloatArray:
         row = np.maximum(self.row, 0)
@@ -410,11 +409,11 @@ class Forward:
             out[..., 0], out[..., 1] = -moves[..., 1], -moves[..., 0]
             out[..., 2] += way[..., 1] * moves[..., 0] - way[..., 0] * moves[..., 1]
         for k, name in enumerate(() if alike else ("y", "turn")):
-            change = near.loads(pose=moved_pose(self.surface, s.pose, name, _STEP[name])) - near.own()
+            change = near.loads(pose=moved_pose(self.surface, s.pose, name, _STEP[name])) - near.loads()
             out[..., k] = self.with_loads(seen, change) / _STEP[name]
         # Nor does what a press leaves in the rest after it tell its place: there it has no shift of its own.
         out[self.row < 0, :, :3] = 0.0
-        out[..., 3] = self.with_loads(seen, (near.own(_SOFT) - near.own(-_SOFT)) / 2) / _SOFT
+        out[..., 3] = self.with_loads(seen, _SOFT * near.by_elasticity()) / _SOFT
         more = self._after(self.skin(replace(s, log_s=s.log_s + _SOFT)), seen.loads, seen.felt)
         out[..., 4] = (more - seen.values) / np.expm1(_SOFT)
         out[..., 5] = 1.0
@@ -456,11 +455,10 @@ class _Near:
         slid = np.where((forward.row >= 0)[:, None], off - middle[row], 0.0)
         self._slid = slid if np.abs(slid).max(initial=0.0) > _FAR_M else None
         self._force = forward._force(seen.felt, seen.state)
+        self._law = LAW_WAYS @ seen.state.law
         self._own = self._table()
-
-    def own(self, harder: float = 0.0) -> FloatArray:
-        """(K, J) with a logarithm of E that is so much larger."""
-        return self._of(self._own, harder)
+        # Spreading at the places of the state's table: its second order is all that there is of it.
+        self._blur = seen.table.curved()
 
     def loads(
         self,
@@ -469,23 +467,38 @@ class _Near:
         along: FloatArray | float = 0.0,
         law: FloatArray | None = None,
     ) -> FloatArray:
-        """(K, J) at another pose, with presses moved along (P, 2) [m], under another law."""
-        return self._of(self._table(pose, along, law))
+        """(K, J) at another pose, with presses moved along (P, 2) [m], under another law; without spreading."""
+        here = pose is None and law is None
+        return self._of(self._own if here else self._table(pose, along, law))
+
+    def by_elasticity(self) -> FloatArray:
+        """(K, J) slope by the logarithm of E."""
+        return self._by_e() + self._law[1] * self._spread_by_e()
 
     def by_contact(self) -> FloatArray:
-        """(K, J, 3) slopes by power, blur and radius."""
-        law, parts = LAW_WAYS @ self._seen.state.law, list[FloatArray]()
+        """(K, J, 3) slopes by power, blur and radius.
+
+        What is spread goes with a number as with E: in the proportion in which all else does.
+        """
+        by_e, spread, parts = self._by_e(), self._law[1] * self._spread_by_e(), list[FloatArray]()
         for step in (np.array([_POWER, 0, 0, 0]), np.array([0, 0, _RADIUS, 0])):
-            parts.append((self.loads(law=law + step) - self.loads(law=law - step)) / (2 * step.sum()))
-        # Spreading at the places of the state's table: its second order is all that there is of it.
-        blur = self._of(self._seen.table.curved(), slid=False)
-        return np.stack([parts[0], blur, parts[1]], axis=-1)
+            more, less = (self.loads(law=self._law + side * step) for side in (1, -1))
+            by = (more - less) / (2 * step.sum())
+            alike = (by * by_e).sum(axis=1) / np.maximum((by_e**2).sum(axis=1), 1e-300)
+            parts.append(by + alike[:, None] * spread)
+        return np.stack([parts[0], self._of(self._blur, slid=False), parts[1]], axis=-1)
 
     def by_bare(self) -> FloatArray:
         """(K, J) slope by the part of the pressure itself: a line."""
-        law = LAW_WAYS @ self._seen.state.law
-        other = np.array([*law[:3], float(round(1 - law[3]))])
-        return (self.loads(law=other) - self.own()) / (other - law).sum()
+        other = np.array([*self._law[:3], float(round(1 - self._law[3]))])
+        return (self.loads(law=other) - self.loads()) / (other - self._law).sum()
+
+    def _by_e(self) -> FloatArray:
+        return (self._of(self._own, _SOFT) - self._of(self._own, -_SOFT)) / (2 * _SOFT)
+
+    def _spread_by_e(self) -> FloatArray:
+        ends = [self._of(self._blur, side * _SOFT, slid=False) for side in (1, -1)]
+        return (ends[0] - ends[1]) / (2 * _SOFT)
 
     def _table(
         self, pose: SensorPose | None = None, along: FloatArray | float = 0.0, law: FloatArray | None = None

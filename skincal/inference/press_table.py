@@ -328,11 +328,12 @@ def _balls(
             gap[m], area[m], which[m] = -along - root, w, i
             face[m] = (1 - bare) * root / radius + bare * areas[i] / w
             if power != 1.0:
-                # How much the gap rises over half of a point's cell, outwards from the axis of the press.
+                # How much the gap rises over half of a point's cell, outwards from the axis of the press; no more than
+                # is left of the ball.
                 aside = np.sqrt(max(away - along * along, 1e-18))
                 up = w / areas[i]
                 tilt = (normals[i, 0] * x + normals[i, 1] * y + normals[i, 2] * z - up * along) / (up * aside)
-                half_rise[m] = 0.5 * np.sqrt(w) * abs(aside / root + tilt)
+                half_rise[m] = min(0.5 * np.sqrt(w) * abs(aside / root + tilt), root)
             first = min(first, gap[m])
             m += 1
         if m == 0:
