@@ -14,7 +14,7 @@ from skincal.effects import effect
 from skincal.inference.blocks import Blocks, Whitened, blocks
 from skincal.inference.columns import Free, free_columns, with_values
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.forward import BASE, CONTACT, LAW, Forward, Seen, State, moved_pose
+from skincal.inference.forward import BASE, LAW, Forward, Seen, State, moved_pose
 from skincal.inference.score import held_out
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray, IntArray
@@ -188,7 +188,9 @@ class Fitter:
     def columns(self, seen: Seen, free: tuple[Free, ...]) -> Slopes:
         """Slopes (K, J, n) of base, law and effects."""
         f = self.forward
-        return Slopes.joined([Slopes.of(f.base_columns(seen)), *free_columns(f, seen, free)])
+        return Slopes.joined(
+            [Slopes.of(f.base_columns(seen, contact=not self.foundation)), *free_columns(f, seen, free)]
+        )
 
     def equations(self, seen: Seen, *, word: bool = False) -> tuple[FloatArray, FloatArray]:
         """What the equations of effects in the model may err by, at one standard deviation.
@@ -256,9 +258,7 @@ class Fitter:
 
     def prior(self, state: State, free: tuple[Free, ...]) -> tuple[FloatArray, FloatArray]:
         """(n,) precisions beforehand, and their slope at a state."""
-        law = law_widths()
-        law[: len(CONTACT)] *= 1e-3 if self.foundation else 1.0
-        prior = np.concatenate([self.before.base, 1 / law**2, [1 / f.sigma**2 for f in free]])
+        prior = np.concatenate([self.before.base, 1 / law_widths() ** 2, [1 / f.sigma**2 for f in free]])
         off = np.concatenate([self.off(state), state.law, [f.get(state.effects) - f.middle for f in free]])
         return prior, prior * off
 
@@ -274,8 +274,8 @@ class Fitter:
         """Distance of the patch from the axis that it is turned about [m]; 0 on a plane."""
         return self.forward.surface.arc_radius_at(state.pose) or 0.0
 
-    def step(self, at: Fitted) -> State:
-        """Where a Gauss-Newton step leads from a linearisation with equations at their word, presses with it."""
+    def step(self, at: Fitted) -> FloatArray:
+        """(n,) a Gauss-Newton step of base, law and free numbers from a linearisation with equations at their word."""
         b, s = at.blocks, at.state
         h, g = b.h.sum(axis=0) + np.diag(at.prior), b.b.sum(axis=0) - at.pull
         size = 1 / np.sqrt(np.diag(h))
@@ -294,23 +294,28 @@ class Fitter:
             d[some] = np.linalg.solve(h[np.ix_(some, some)], g[some] - h[np.ix_(some, held)] @ d[held])
             beyond = some & ((d * size < low) | (d * size > high))
             if not beyond.any():
-                return self.moved(at, d * size)
+                return self._short(d * size)
             held |= beyond
             d = np.clip(d, low / size, high / size)
 
-    def moved(self, at: Fitted, d: FloatArray, columns: IntArray | None = None) -> State:
+    def _short(self, d: FloatArray) -> FloatArray:
+        """A step (n,) no farther in the base than one may lead."""
+        limit = _MOST * np.array([1, 1, 1, 1, 1, self.forward.noise.frame])
+        return np.append(np.clip(d[: len(limit)], -limit, limit), d[len(limit) :])
+
+    def moved(
+        self, at: Fitted, d: FloatArray, columns: IntArray | None = None, *, alone: float = 1.0
+    ) -> State:
         """A state by so much of its columns, no farther than a step may lead, presses with it.
 
         Args:
             at: the linearisation.
             d: steps of base, law and free numbers; with columns, of these.
             columns: of the blocks that the steps belong to, those of the model first; None: the first ones.
+            alone: part of the step that presses would take if nothing else were moved.
         """
         b, s = at.blocks, at.state
-        own, rest = d[: len(at.prior)].copy(), (np.arange(len(d)) if columns is None else columns)
-        limit = _MOST.copy()
-        limit[5] *= self.forward.noise.frame
-        own[:6] = np.clip(own[:6], -limit, limit)
+        own, rest = self._short(d[: len(at.prior)]), (np.arange(len(d)) if columns is None else columns)
         pose = moved_pose(self.forward.surface, s.pose, "y", own[0])
         pose = moved_pose(self.forward.surface, pose, "turn", own[1])
         pose = moved_pose(self.forward.surface, pose, "alpha", own[2])
@@ -323,7 +328,7 @@ class Fitter:
             else s.effects
         )
         constant, by = b.moves
-        move = constant - by[:, :, rest] @ np.append(own, d[len(own) :])
+        move = alone * constant - by[:, :, rest] @ np.append(own, d[len(own) :])
         move = np.clip(move, [-8e-4, -8e-4, -0.05], [8e-4, 8e-4, 0.05]) + s.move
         move[:, :2] = np.clip(move[:, :2], -self.before.slack_m, self.before.slack_m)
         return replace(
@@ -341,11 +346,12 @@ class Fitter:
         """Fits, from a state, with equations at their word; a step that makes it worse is halved."""
         at = self.linear(state, free, word=True)
         for _ in range(steps):
-            new, seen, total = self._careful(at, self.step(at))
-            for part in (0.3, 0.1):
-                if total > at.loss() + 0.1:
-                    new, seen, total = self._careful(at, between(at.state, new, part))
-            if total > at.loss() + 0.1:
+            d = self.step(at)
+            for part in (1.0, 0.3, 0.1):
+                new, seen, total = self._careful(at, part * d)
+                if total < at.loss() + 0.1:
+                    break
+            else:
                 break
             gained = at.loss() - total
             at = self.linear(new, free, seen, word=True)
@@ -353,24 +359,25 @@ class Fitter:
                 break
         return self.linear(at.state, free, at.seen) if at.state.effects else at
 
-    def _careful(self, at: Fitted, state: State) -> tuple[State, Seen, float]:
-        """A state whose presses have gone the part of their way that is best for them, and its loss."""
-        before = np.full(len(state.move), np.inf)
-        own = at.blocks.press >= 0
-        before[at.blocks.press[own]] = at.blocks.loss[own]
-        best, move, way = np.full(len(before), np.inf), state.move.copy(), state.move - at.state.move
-        for part in (1.0, 0.3, 0.1):
-            seen, found = self._left(state)
-            loss = np.full(len(before), -np.inf)
-            own = found.press >= 0
-            loss[found.press[own]] = found.loss[own]
-            better = loss < best
-            best, move[better] = np.minimum(best, loss), state.move[better]
-            far = best > before + 1.0
-            if part == 0.1 or not far.any():
+    def _careful(self, at: Fitted, d: FloatArray) -> tuple[State, Seen, float]:
+        """The state that a step leads to, its presses as far on their own ways as is best for each, and its loss."""
+        b, own = at.blocks, at.blocks.press >= 0
+        told = np.full(len(at.state.move), np.inf)
+        told[b.press[own]] = (b.loss - 2 * b.b @ d + np.einsum("n,pnm,m->p", d, b.h, d))[own]
+        best, state = np.full(len(told), np.inf), self.moved(at, d)
+        move = state.move
+        for alone in (1.0, 0.3, 0.1, 0.0):
+            far = best > told + 1.0
+            if not far.any():
                 break
-            state = replace(state, move=np.where(far[:, None], at.state.move + 0.3 * part * way, move))
-        total = np.where(np.isfinite(best), best, 0.0).sum() + found.loss[~own].sum()
+            state = self.moved(at, d, alone=alone)
+            state = replace(state, move=np.where(far[:, None], state.move, move))
+            seen, found = self._left(state)
+            loss = np.full(len(best), -np.inf)
+            loss[found.press[found.press >= 0]] = found.loss[found.press >= 0]
+            better = loss < best
+            best, move = np.minimum(best, loss), np.where(better[:, None], state.move, move)
+        total = np.where(np.isfinite(best), best, 0.0).sum() + found.loss[found.press < 0].sum()
         if (move != state.move).any():
             state = replace(state, move=move)
             seen = self.forward.see(state)
@@ -401,23 +408,3 @@ def law_bounds() -> FloatArray:
 def _about_none(x: FloatArray) -> FloatArray:
     """Numbers from 0 to their greatest as -1 to 1."""
     return 2 * x / max(float(x.max(initial=0.0)), 1e-12) - 1
-
-
-def between(a: State, b: State, part: float) -> State:
-    """A state on the way from one to another."""
-    mix = lambda x, y: x + part * (y - x)  # noqa: E731
-    pose = replace(
-        a.pose,
-        y_m=mix(a.pose.y_m, b.pose.y_m),
-        x_m=mix(a.pose.x_m, b.pose.x_m),
-        beta_rad=mix(a.pose.beta_rad, b.pose.beta_rad),
-        alpha_rad=mix(a.pose.alpha_rad, b.pose.alpha_rad),
-    )
-    effects = {
-        n: {k: mix(np.asarray(v), np.asarray(b.effects[n][k])) for k, v in own.items()}
-        for n, own in a.effects.items()
-    }
-    return replace(
-        a, pose=pose, log_e=mix(a.log_e, b.log_e), log_s=mix(a.log_s, b.log_s), rest=mix(a.rest, b.rest),
-        law=mix(a.law, b.law), move=mix(a.move, b.move), effects=effects,
-    )  # fmt: skip

@@ -42,9 +42,9 @@ BASE = ("y", "turn", "alpha", "elasticity", "scale", "rest")
 CONTACT = ("power", "blur", "radius")
 LAW = (*CONTACT, "bare")
 _STEP = {"y": 5e-5, "turn": 5e-5, "alpha": 0.06}
-_SOFT = 0.02
-_POWER, _RADIUS = 0.1, 0.03
-"""Steps of a slope, and the distances of laws that tables are made for: between them the law is a line."""
+_SOFT, _POWER, _RADIUS = 0.015, 0.05, 0.015
+"""Steps to both sides. A skin that is harder by some part and a ball that is larger by the same do nearly alike: only
+with the same step do both slopes see the same points met, and tell no difference that is not there."""
 LAW_WAYS = np.array(
     [[1.0, 0.0, 0.0, 0.0], [-0.3, 1.0, 0.0, 0.0], [-0.65, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
@@ -52,9 +52,6 @@ LAW_WAYS = np.array(
 together: a state has the power, and what blur and radius have beyond what goes with it (slopes of the twins' fits)."""
 BLUR_M2 = STEP_M**2 / 2
 """Variance of a spreading of one: a state's number multiplies a quarter of the Laplacian over squared steps."""
-_ABOUT = 0.5 * np.array(
-    [[0.0, 0, 0, 0], [-_POWER, 0, 0, 0], [_POWER, 0, 0, 0], [0, 0, -_RADIUS, 0], [0, 0, _RADIUS, 0]]
-)
 _ALIKE = 0.15
 """A table holds for logarithms of E as near as this."""
 _FAR_M = 1.2e-4
@@ -161,7 +158,6 @@ class Forward:
         self._within = self._moves_within()
         self._patches: dict[SensorPose, Patch] = {}
         self._tables: dict[object, tuple[State, FloatArray, PressTable]] = {}
-        self._laws: tuple[State, list[PressTable]] | None = None
 
     @property
     def rests_clipped(self) -> bool:
@@ -285,7 +281,7 @@ class Forward:
         self, skin: EffectSkin, felt: Samples, state: State, middle: FloatArray
     ) -> tuple[PressTable, FloatArray]:
         spread = [a for a in skin.effects if isinstance(a.effect, SpreadEffect) and not a.neutral]
-        stress, law = _stress(skin), _node(state)
+        stress, law = _stress(skin), LAW_WAYS @ state.law
         radii = tuple(i.radius_m if isinstance(i, Sphere) else id(i) for i in felt.indenters)
         key = (stress, *law.tolist(), spread[0].key if spread else None, radii, state.pose)
         if key in self._tables:
@@ -297,11 +293,11 @@ class Forward:
                 if len(far) < len(places) / 2:
                     places, terms = places.copy(), table.terms.copy()
                     places[far] = middle[far]
-                    terms[:, far] = self._make(skin, felt, before, places[far], rows=far).terms
+                    terms[:, far] = self._make(skin, felt, before, places[far], rows=far).spread(law[1]).terms
                     self._tables[key] = (before, places, PressTable(terms, table.most_m3))
                     return self._tables[key][2], places
         moved = middle.copy()
-        table = self._make(skin, felt, state, moved)
+        table = self._make(skin, felt, state, moved).spread(law[1])
         if len(self._tables) > 40:
             self._tables.clear()
         self._tables[key] = (state, moved, table)
@@ -324,7 +320,7 @@ class Forward:
                 weights = a.effect.weights(a.values, skin.skin.patch)
         rows = np.arange(self.presses) if rows is None else rows
         moved = self._measured.of(rows).moved(self.surface, places)
-        law = _node(state) if law is None else law
+        law = LAW_WAYS @ state.law if law is None else law
         return press_table(
             skin.skin.patch, self.surface, felt.indenters, moved, float(np.exp(state.log_e)), _stress(skin),
             weights, contact=self._contact_law(law), bare=float(law[3]), lattice=lattice,
@@ -337,38 +333,7 @@ class Forward:
 
     def _loads(self, table: PressTable, felt: Samples, state: State, at: FloatArray) -> FloatArray:
         e = float(np.exp(state.log_e))
-        loads = e * table.at(self.row, self._force(felt, state) / e, at if at.any() else None)
-        off = LAW_WAYS @ state.law - _node(state)
-        return loads + self._law(state, felt) @ off if off.any() else loads
-
-    def _law(self, state: State, felt: Samples) -> FloatArray:
-        """(K, J, 4) what power, blur, radius and bare of the law do to loads."""
-        e, moves = float(np.exp(state.log_e)), state.move[:, :2]
-        node = _node(state)
-        near = self._laws is not None and abs(self._laws[0].log_e - state.log_e) < _ALIKE
-        if near and self._laws is not None:
-            before = self._laws[0]
-            near = (
-                self._near(before.pose, state.pose)
-                and np.nan_to_num(np.abs(before.move[:, :2] - moves)).mean() < _FAR_M
-                and bool((_node(before) == node).all())
-            )
-        other_way = 1.0 - 2.0 * node[3]
-        if not near:
-            plain = self.skin(state, {})
-            at, made = replace(state, effects={}), list[PressTable]()
-            for more in [*_ABOUT, np.array([0.0, 0.0, 0.0, other_way])]:
-                lattice = not more.any()
-                made.append(self._make(plain, self.samples, at, moves, lattice=lattice, law=node + more))
-            self._laws = state, made
-        assert self._laws is not None
-        x = self._force(felt, state) / e
-        own, *ends = self._laws[1]
-        curved = PressTable((own.terms[3] + own.terms[4])[None] * STEP_M**2 / 2, own.most_m3)
-        less, more, small, wide, other = (table.at(self.row, x) for table in ends)
-        bare = (other - own.at(self.row, x)) * other_way
-        parts = [(more - less) / _POWER, curved.at(self.row, x), (wide - small) / _RADIUS, bare]
-        return e * np.stack(parts, axis=-1)
+        return e * table.at(self.row, self._force(felt, state) / e, at if at.any() else None)
 
     def reader(self, state: State, at: IntArray) -> Callable[[FloatArray], FloatArray]:
         """What presses read elsewhere: of one sample each (B,), by the chain without memory.
@@ -402,16 +367,6 @@ class Forward:
         return read
 
     @staticmethod
-    def _near(a: SensorPose, b: SensorPose) -> bool:
-        far = max(
-            abs(a.y_m - b.y_m),
-            abs(a.x_m - b.x_m),
-            0.02 * abs(a.beta_rad - b.beta_rad),
-            5e-3 * abs(a.alpha_rad - b.alpha_rad),
-        )
-        return far < 2 * _FAR_M
-
-    @staticmethod
     def _after(skin: EffectSkin, loads: FloatArray, felt: Samples) -> FloatArray:
         return skin.after(loads, felt, {})
 
@@ -432,53 +387,42 @@ class Forward:
         state = replace(seen.state, effects=effects)
         return self.see(state).values
 
-    def base_columns(self, seen: Seen) -> FloatArray:
-        """(K, J, 6 + 4) slopes by ``BASE`` (place in metres, angle, logarithms, counts) and ``LAW``."""
-        s = seen.state
-        skin = self.skin(s)
-        e, x = float(np.exp(s.log_e)), self._force(seen.felt, s)
-        at = seen.at if seen.at.any() else None
-        _, places = self._table(skin, seen.felt, s, self._middle(self._felt(skin)[1]) + s.move[:, :2])
-        own = seen.table.at(self.row, x / e)
+    def base_columns(self, seen: Seen, *, contact: bool = True) -> FloatArray:
+        """(K, J, 6 + 4) slopes by ``BASE`` (place in metres, angle, logarithms, counts) and ``LAW``.
+
+        Without ``contact`` those by ``CONTACT`` are left at zero.
+        """
+        s, near = seen.state, _Near(self, seen)
         out = np.zeros((*seen.values.shape, len(BASE) + len(LAW)))
         alike = self.surface.is_uniform
-        turned = self._turned(seen, places, _STEP["alpha"]) - self._turned(seen, places, -_STEP["alpha"])
-        out[..., 2] = self.with_loads(seen, turned / 2) / _STEP["alpha"]
+        far, ends = self._from_centre(s, near.places), list[FloatArray]()
+        for angle in (_STEP["alpha"], -_STEP["alpha"]):
+            # Where the surface is alike everywhere presses go along with a patch that is turned.
+            along = angle * np.stack([-far[:, 1], far[:, 0]], axis=1) if alike else 0.0
+            ends.append(near.loads(pose=moved_pose(self.surface, s.pose, "alpha", angle), along=along))
+        out[..., 2] = self.with_loads(seen, (ends[0] - ends[1]) / 2) / _STEP["alpha"]
         if alike:
             # Everywhere alike: a patch that moves one way is presses that move the other way, and exactly so, or the
             # difference would seem to tell the one from the other. A turn is a shift of presses, and a turn about each.
             # Of what memory keeps of the press before, too: that press went another way in a turn, but is not asked.
-            moves = self.press_columns(seen)
-            far = self._from_centre(s, places)[np.maximum(self.row, 0)][:, None]
+            moves, way = self.press_columns(seen), far[np.maximum(self.row, 0)][:, None]
             out[..., 0], out[..., 1] = -moves[..., 1], -moves[..., 0]
-            out[..., 2] += far[..., 1] * moves[..., 0] - far[..., 0] * moves[..., 1]
+            out[..., 2] += way[..., 1] * moves[..., 0] - way[..., 0] * moves[..., 1]
         for k, name in enumerate(() if alike else ("y", "turn")):
-            other = self.skin(replace(s, pose=moved_pose(self.surface, s.pose, name, _STEP[name])))
-            table = self._make(other, seen.felt, s, places, lattice=False)
-            out[..., k] = self.with_loads(seen, e * (table.at(self.row, x / e) - own)) / _STEP[name]
+            change = near.loads(pose=moved_pose(self.surface, s.pose, name, _STEP[name])) - near.loads()
+            out[..., k] = self.with_loads(seen, change) / _STEP[name]
         # Nor does what a press leaves in the rest after it tell its place: there it has no shift of its own.
         out[self.row < 0, :, :3] = 0.0
-        harder = float(np.exp(s.log_e + _SOFT))
-        change = harder * seen.table.at(self.row, x / harder, at) - e * seen.table.at(self.row, x / e, at)
-        out[..., 3] = self.with_loads(seen, change) / _SOFT
+        out[..., 3] = self.with_loads(seen, _SOFT * near.by_elasticity()) / _SOFT
         more = self._after(self.skin(replace(s, log_s=s.log_s + _SOFT)), seen.loads, seen.felt)
-        out[..., 4] = (more - seen.values) / _SOFT
+        out[..., 4] = (more - seen.values) / np.expm1(_SOFT)
         out[..., 5] = 1.0
-        law = self._law(s, seen.felt) @ LAW_WAYS
-        for k in range(len(LAW)):
-            out[..., 6 + k] = self.with_loads(seen, 0.02 * law[..., k]) / 0.02
+        if contact:
+            by = near.by_contact() @ LAW_WAYS[: len(CONTACT), : len(CONTACT)]
+            for k in range(len(CONTACT)):
+                out[..., len(BASE) + k] = self.with_loads(seen, 0.02 * by[..., k]) / 0.02
+        out[..., -1] = self.with_loads(seen, 0.02 * near.by_bare()) / 0.02
         return out
-
-    def _turned(self, seen: Seen, places: FloatArray, angle: float) -> FloatArray:
-        """(K, J) loads with the patch turned; where the surface is alike everywhere presses go along with it."""
-        s = seen.state
-        other = self.skin(replace(s, pose=moved_pose(self.surface, s.pose, "alpha", angle)))
-        if self.surface.is_uniform:
-            far = self._from_centre(s, places)
-            places = places + angle * np.stack([-far[:, 1], far[:, 0]], axis=1)
-        e = float(np.exp(s.log_e))
-        table = self._make(other, seen.felt, s, places, lattice=False)
-        return e * table.at(self.row, self._force(seen.felt, s) / e)
 
     def _from_centre(self, state: State, places: FloatArray) -> FloatArray:
         """(P, 2) how far presses are from the patch's centre, across and along [m]."""
@@ -490,22 +434,83 @@ class Forward:
     def press_columns(self, seen: Seen) -> FloatArray:
         """(K, J, 3) slopes by the shift of a press across and along [1/m] and by the logarithm of its force."""
         e = float(np.exp(seen.state.log_e))
-        force = self._force(seen.felt, seen.state)
-        moves = seen.table.slopes(self.row, force / e, seen.at if seen.at.any() else None) * e
-        h = 0.01
-        more = e * (seen.table.at(self.row, force * (1 + h) / e) - seen.table.at(self.row, force / e)) / h
+        load = self._force(seen.felt, seen.state) / e
+        moves = seen.table.slopes(self.row, load, seen.at if seen.at.any() else None) * e
+        more, less = (seen.table.at(self.row, load * (1 + side * _SOFT)) for side in (1, -1))
         parts = [
             self.with_loads(seen, step * x) / step
-            for x, step in ((moves[0], 2e-5), (moves[1], 2e-5), (more, h))
+            for x, step in ((moves[0], 2e-5), (moves[1], 2e-5), (e * (more - less) / (2 * _SOFT), _SOFT))
         ]
         return np.stack(parts, axis=-1)
 
 
-def _node(state: State) -> FloatArray:
-    """(4,) numbers of the law near by that tables are made for; spreading is a line everywhere."""
-    law = LAW_WAYS @ state.law
-    power, radius = _POWER * round(law[0] / _POWER), _RADIUS * round(law[2] / _RADIUS)
-    return np.array([power, 0.0, radius, float(round(law[3]))])
+class _Near:
+    """Loads of states about one, all by tables for the places that its presses have: slopes are their differences."""
+
+    def __init__(self, forward: Forward, seen: Seen) -> None:
+        self._f, self._seen, self._skin = forward, seen, forward.skin(seen.state)
+        off = forward._felt(self._skin)[1]
+        middle, row = forward._middle(off), np.maximum(forward.row, 0)
+        self.places = middle + seen.state.move[:, :2]
+        slid = np.where((forward.row >= 0)[:, None], off - middle[row], 0.0)
+        self._slid = slid if np.abs(slid).max(initial=0.0) > _FAR_M else None
+        self._force = forward._force(seen.felt, seen.state)
+        self._law = LAW_WAYS @ seen.state.law
+        self._own = self._table()
+        # Spreading at the places of the state's table: its second order is all that there is of it.
+        self._blur = seen.table.curved()
+
+    def loads(
+        self,
+        *,
+        pose: SensorPose | None = None,
+        along: FloatArray | float = 0.0,
+        law: FloatArray | None = None,
+    ) -> FloatArray:
+        """(K, J) at another pose, with presses moved along (P, 2) [m], under another law; without spreading."""
+        here = pose is None and law is None
+        return self._of(self._own if here else self._table(pose, along, law))
+
+    def by_elasticity(self) -> FloatArray:
+        """(K, J) slope by the logarithm of E."""
+        return self._by_e() + self._law[1] * self._spread_by_e()
+
+    def by_contact(self) -> FloatArray:
+        """(K, J, 3) slopes by power, blur and radius.
+
+        What is spread goes with a number as with E: in the proportion in which all else does.
+        """
+        by_e, spread, parts = self._by_e(), self._law[1] * self._spread_by_e(), list[FloatArray]()
+        for step in (np.array([_POWER, 0, 0, 0]), np.array([0, 0, _RADIUS, 0])):
+            more, less = (self.loads(law=self._law + side * step) for side in (1, -1))
+            by = (more - less) / (2 * step.sum())
+            alike = (by * by_e).sum(axis=1) / np.maximum((by_e**2).sum(axis=1), 1e-300)
+            parts.append(by + alike[:, None] * spread)
+        return np.stack([parts[0], self._of(self._blur, slid=False), parts[1]], axis=-1)
+
+    def by_bare(self) -> FloatArray:
+        """(K, J) slope by the part of the pressure itself: a line."""
+        other = np.array([*self._law[:3], float(round(1 - self._law[3]))])
+        return (self.loads(law=other) - self.loads()) / (other - self._law).sum()
+
+    def _by_e(self) -> FloatArray:
+        return (self._of(self._own, _SOFT) - self._of(self._own, -_SOFT)) / (2 * _SOFT)
+
+    def _spread_by_e(self) -> FloatArray:
+        ends = [self._of(self._blur, side * _SOFT, slid=False) for side in (1, -1)]
+        return (ends[0] - ends[1]) / (2 * _SOFT)
+
+    def _table(
+        self, pose: SensorPose | None = None, along: FloatArray | float = 0.0, law: FloatArray | None = None
+    ) -> PressTable:
+        s = self._seen.state
+        skin = self._skin if pose is None else self._f.skin(replace(s, pose=pose))
+        lattice = self._slid is not None
+        return self._f._make(skin, self._seen.felt, s, self.places + along, lattice=lattice, law=law)
+
+    def _of(self, table: PressTable, harder: float = 0.0, *, slid: bool = True) -> FloatArray:
+        e = float(np.exp(self._seen.state.log_e + harder))
+        return e * table.at(self._f.row, self._force / e, self._slid if slid else None)
 
 
 def _stress(skin: EffectSkin) -> StressLaw | None:

@@ -75,6 +75,16 @@ class PressTable:
         along = np.stack([t[2], t[5], 2 * t[4], none, none, none])
         return np.stack([_look_up(own, row, load_m3, self.most_m3, move) for own in (across, along)])
 
+    def curved(self) -> PressTable:
+        """What a spreading of one adds at its places: the second slopes' sum by half a step of the lattice squared."""
+        return PressTable((self.terms[3] + self.terms[4])[None] * STEP_M**2 / 2, self.most_m3)
+
+    def spread(self, much: float) -> PressTable:
+        """The same of taxels that feel spread out; its slopes are left as they are."""
+        terms = self.terms.copy()
+        terms[0] += much * self.curved().terms[0]
+        return replace(self, terms=terms)
+
 
 @dataclass(frozen=True, eq=False)
 class Presses:
@@ -318,11 +328,12 @@ def _balls(
             gap[m], area[m], which[m] = -along - root, w, i
             face[m] = (1 - bare) * root / radius + bare * areas[i] / w
             if power != 1.0:
-                # How much the gap rises over half of a point's cell, outwards from the axis of the press.
+                # How much the gap rises over half of a point's cell, outwards from the axis of the press; no more than
+                # is left of the ball.
                 aside = np.sqrt(max(away - along * along, 1e-18))
                 up = w / areas[i]
                 tilt = (normals[i, 0] * x + normals[i, 1] * y + normals[i, 2] * z - up * along) / (up * aside)
-                half_rise[m] = 0.5 * np.sqrt(w) * abs(aside / root + tilt)
+                half_rise[m] = min(0.5 * np.sqrt(w) * abs(aside / root + tilt), root)
             first = min(first, gap[m])
             m += 1
         if m == 0:

@@ -123,7 +123,7 @@ KINDS: Mapping[str, Mapping[str, object]] = {
     },
     "nothing, pressure itself": {"rest": 40.0, "bare": True},
     "taxel_gain, pressure itself": {
-        "effects": {"taxel_gain": {"gain": np.exp(0.1 * np.random.default_rng(1).standard_normal(16))}},
+        "effects": {"taxel_gain": {"gain": np.exp(0.15 * np.random.default_rng(1).standard_normal(16))}},
         "rest": 40.0,
         "bare": True,
     },
