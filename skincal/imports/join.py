@@ -27,7 +27,8 @@ STEPS_OLD = 3.0
 """Number of its own steps for which a value of a joined file is valid, if the mapping sets no time."""
 
 APART_SIGMAS, APART_STEPS, LOOKED_S = 4.0, 2.0, 5.0
-"""Clocks that should agree differ beyond this many sigmas and steps; the search is limited to [s]:"""
+"""Clocks that should agree differ beyond this many sigmas and steps; where several lags are as good, the search is
+limited to [s]:"""
 
 
 ZONE_S = 900.0
@@ -162,10 +163,15 @@ def _aligned(
         )  # fmt: skip
         return None
     given = JoinedClock(entry.name, entry.form.offset_s)
-    try:
-        inside = (ours >= onto[0] - LOOKED_S) & (ours <= onto[-1] + LOOKED_S)
-        found = _estimated(entry.name, mapping, ours[inside], images[inside], onto, numbers, LOOKED_S)
-    except (NoOffsetError, ValueError):
+    found = None
+    for within_s in (np.inf, LOOKED_S):
+        inside = (ours >= onto[0] - within_s) & (ours <= onto[-1] + within_s)
+        try:
+            found = _estimated(entry.name, mapping, ours[inside], images[inside], onto, numbers, within_s)
+            break
+        except (NoOffsetError, ValueError):
+            continue
+    if found is None:
         return given
     apart = abs(found.offset_s) > max(
         APART_SIGMAS * found.sigma_s, APART_STEPS * (usual_step(ours) + usual_step(times))

@@ -167,10 +167,11 @@ def test_gauge_that_starts_after_midnight(tmp_path: Path):
     assert_joined(recorded(tmp_path, *words, content)[0])
 
 
-def test_clocks_that_are_said_to_agree_and_do_not(tmp_path: Path):
-    _, done = recorded(tmp_path, EPOCH_S + TAXELS_S, EPOCH_S + GAUGE_S + 1.0, mapping(PLANE, TWO_FILES))
+@pytest.mark.parametrize("apart_s", [1, 7])
+def test_clocks_that_are_said_to_agree_and_do_not(tmp_path: Path, apart_s: int):
+    _, done = recorded(tmp_path, EPOCH_S + TAXELS_S, EPOCH_S + GAUGE_S + apart_s, mapping(PLANE, TWO_FILES))
     (warning,) = [p for p in done.warnings if "offset_s" in p.place]
-    assert "offset_s = -1" in warning.fix
+    assert f"offset_s = -{apart_s}" in warning.fix
 
 
 def test_files_named_one_after_the_other(tmp_path: Path):
