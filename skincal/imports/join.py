@@ -173,15 +173,18 @@ def _aligned(
             continue
     if found is None:
         return given
-    apart = abs(found.offset_s) > max(
-        APART_SIGMAS * found.sigma_s, APART_STEPS * (usual_step(ours) + usual_step(times))
-    )
-    if apart:
+    ends = onto[[0, -1]]
+    first, last = (found.onto(ends) - ends).tolist()
+    allowed = max(APART_SIGMAS * found.sigma_s, APART_STEPS * (usual_step(ours) + usual_step(times)))
+    if max(abs(first), abs(last)) > allowed:
+        runs = f"{found.offset_s:+.3g} ± {found.sigma_s:.2g} s"
+        better = f'{entry.form.offset_s + found.offset_s:.6g}, or "estimate"'
+        if abs(last - first) > allowed:
+            runs, better = f"{first:+.3g} s at the beginning and {last:+.3g} s at the end", '"estimate"'
         findings.warn(
             f"{entry.place} offset_s", f"the clock of the taxels, with {entry.form.offset_s:g} s added",
-            f"{found.by} correlates best with the taxels {found.offset_s:+.3g} ± {found.sigma_s:.2g} s later",
-            "Is the skin that slow, or do the clocks differ? If the clocks differ: offset_s = "
-            f'{entry.form.offset_s + found.offset_s:.6g}, or "estimate".',
+            f"{found.by} correlates best with the taxels {runs} later",
+            f"Is the skin that slow, or do the clocks differ? If the clocks differ: offset_s = {better}.",
         )  # fmt: skip
     return replace(found, offset_s=entry.form.offset_s, sigma_s=np.nan, rate=0.0, estimated=False)
 
