@@ -33,6 +33,7 @@ OUTDATED = (
     "bad_presses",
     "glitches",
     "force_scatter",
+    "response_bends",
     "positions_worse",
     "positions_bent",
     "slack_too_tight",

@@ -192,5 +192,6 @@ def _press_fit(
         state.simulated[best],
         rmse,
         good,
+        peak.states.nuisance[:, 2],
     )
     return fit, float(squares.sum() / read.sum())

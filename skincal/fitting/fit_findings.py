@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import bdtrc
+from scipy.special import bdtrc, stdtr
 
 from skincal.fitting.problem import FEW_PRESSES
 from skincal.fitting.result import FEWEST_DRAWS, FitFinding, FitResult
@@ -21,6 +21,12 @@ MOST_NAMED = 6
 
 AT_BOUND = 0.01
 """Part of the presses that lies beyond a bound of two and a half sigmas, as a bound should be at least."""
+
+FORCES_OFF = 0.03
+"""Relative scatter of forces from which it is told."""
+
+BENDS, CHANCE = 0.5, 1e-3
+"""Part of that scatter that goes with the force where the response bends, and how seldom chance does the like."""
 
 MISFIT_TIMES = 3.0
 """Images that differ by so many times what is expected lack something; set by eye. Over the noise alone they differ by
@@ -134,12 +140,42 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
             "rig is further off than the bound allows, and the intervals of the pose are too narrow.",
             "Raise [position] slack_m to three times what the rig can be off, a constant error included.",
         )
-    if result.force_low > 0.03:
-        yield _warn(
-            "force_scatter",
-            f"Measured forces scatter by {100 * result.sigmas.force:.1f} % around those that the images imply.",
-            "Check the torque sensors' zero. `skincal diagnose` looks for a bias that depends on the pose.",
+    if result.force_low > FORCES_OFF:
+        power, part = _power_of_force(result)
+        scatter = (
+            f"Measured forces scatter by {100 * result.sigmas.force:.1f} % around those that the images imply"
         )
+        if part > BENDS:
+            yield _warn(
+                "response_bends",
+                f"{scatter}, and most of that goes with the force: images grow as its power of {power:.2f} beyond "
+                "what the skin's contact explains. A response that is no line, or a zero of the force that is off, "
+                "does this; E and S may lie outside of their intervals.",
+                "Check the zero of the force, and run `skincal diagnose`: it tells such causes apart.",
+            )
+        else:
+            yield _warn(
+                "force_scatter",
+                f"{scatter}.",
+                "Check the torque sensors' zero. `skincal diagnose` looks for a bias that depends on the pose.",
+            )
+
+
+def _power_of_force(result: FitResult) -> tuple[float, float]:
+    """Return the power of the measured force with which images grow, over that of the model, and how much it explains.
+
+    The second is the part of the variance of the forces' errors that a line in their logarithms explains, 0 where
+    chance explains as much in one session of a thousand.
+    """
+    force, off = np.log(result.problem.force_n), result.presses.force_off
+    if len(off) < FEW_PRESSES or np.ptp(force) == 0 or np.ptp(off) == 0:
+        return 1.0, 0.0
+    part = float(np.corrcoef(force, off)[0, 1] ** 2)
+    # Student's t of a correlation.
+    free = len(off) - 2
+    by_chance = 2 * float(stdtr(free, -np.sqrt(free * part / max(1 - part, 1e-12))))
+    slope = float(np.cov(force, off)[0, 1] / force.var(ddof=1))
+    return 1.0 + slope, part if by_chance < CHANCE else 0.0
 
 
 def scatter_of_lit(result: FitResult) -> tuple[float, float]:

@@ -62,6 +62,7 @@ class PressFit:
         simulated: (K, J) simulated values [counts].
         rmse_counts: (K,) root mean square difference over the taxels [counts].
         good: (K,) the image is matched as well as the noise lets expect.
+        force_off: (K,) logarithm of the force that fits the image best over the measured one.
     """
 
     slack_m: Floats
@@ -70,6 +71,7 @@ class PressFit:
     simulated: Floats
     rmse_counts: Floats
     good: Bools
+    force_off: Floats
 
 
 @dataclass(frozen=True)

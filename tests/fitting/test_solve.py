@@ -159,6 +159,18 @@ def test_presses_at_one_place_tell_no_pose(fitted: FitResult) -> None:
     assert "have no interval" in told[0].text and "Spread the presses" in told[0].advice
 
 
+@pytest.mark.parametrize(("power", "code"), [(0.9, "response_bends"), (1.0, "force_scatter")])
+def test_forces_whose_errors_go_with_the_force(fitted: FitResult, power: float, code: str) -> None:
+    force = fitted.problem.force_n
+    off = (power - 1) * np.log(force) + np.random.default_rng(1).normal(0, 0.02, len(force))
+    presses = replace(fitted.presses, force_off=off)
+    found = find(replace(fitted, force_low=0.05, presses=presses), dropped=0)
+    told = next(f for f in found.findings if f.code in ("response_bends", "force_scatter"))
+    assert told.code == code
+    if power < 1:
+        assert "power of 0.9" in told.text and "skincal diagnose" in told.advice
+
+
 @pytest.mark.slow
 def test_a_fit_of_one_place_gives_its_pose_no_interval(truth: Truth) -> None:
     presses, where = make_session(truth, presses=3000, seed=13)

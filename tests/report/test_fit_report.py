@@ -96,6 +96,7 @@ def make_fit(kind: str = "cylinder", presses: int = 14, seed: int = 3) -> Fitted
         simulated,
         rmse,
         np.ones(len(problem), dtype=bool),
+        np.zeros(len(problem)),
     )
     names = ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m", "scale_per_n")
     draws = np.stack([generator.normal(BEST[n], HALF[n] / 2.3, 500) for n in names], axis=1)
