@@ -13,8 +13,6 @@ from skincal.imports.mapping import Mapping
 from skincal.imports.recording import Cut, FloatArray, Recording, Rejected, Series, Span
 
 SHOWN = 8
-TRIES, SMALLER = 6, 0.7
-"""Largest number of cuts: a part of a hold is smoothed less than the whole, and may still slide by that measure."""
 
 
 def rested(
@@ -66,9 +64,9 @@ def rested(
 
 def _rest(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, int]:
     """Return the longest part of a hold in which the contact rests, also by the noise of that part alone."""
-    start, stop = 0, 0
-    for turn in range(TRIES):
-        start, stop = rests(position_m, still_m * SMALLER**turn, noise_m)
-        if not slide_m(position_m[start:stop], noise_m) > still_m:
-            break
+    start, stop = 0, len(position_m)
+    while slide_m(position_m[start:stop], noise_m) > still_m:
+        # A part is smoothed less than what it is a part of, and may slide by its own measure.
+        first, last = rests(position_m[start:stop], still_m, noise_m)
+        start, stop = start + first, start + last
     return start, stop
