@@ -87,6 +87,7 @@ def conclude(
         law_spread_m=found.law.best_m,
         effective_draws=found.draws.effective,
         force_low=float(np.exp(np.quantile(chosen[:, 6], 0.025))),
+        misfit_low=float(np.exp(np.quantile(chosen[:, 8], 0.025))),
         rest_counts=rest,
         rest_interval=(rest - half, rest + half),
         grid=losses,

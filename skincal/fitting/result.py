@@ -111,6 +111,7 @@ class FitResult:
         law_spread_m: sideways spread of the contact law that fits best [m]; the model itself has none.
         effective_draws: how many independent draws the weighted ones are worth.
         force_low: lower end of what the data say of the scatter of forces, one in forty is below.
+        misfit_low: the same of the misfit.
         rest_counts: level at rest that all taxels share, on the scale of the data [counts].
         rest_interval: low and high of it.
         grid: the evaluated grid.
@@ -132,6 +133,7 @@ class FitResult:
     law_spread_m: float
     effective_draws: float
     force_low: float
+    misfit_low: float
     rest_counts: float
     rest_interval: tuple[float, float]
     grid: GridResult

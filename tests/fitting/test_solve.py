@@ -159,6 +159,15 @@ def test_presses_at_one_place_tell_no_pose(fitted: FitResult) -> None:
     assert "have no interval" in told[0].text and "Spread the presses" in told[0].advice
 
 
+def test_misfit_that_the_noise_of_weak_signals_hides(fitted: FitResult) -> None:
+    noisy = replace(fitted.problem, observation=replace(fitted.problem.observation, noise_counts=50.0))
+    sigmas = replace(fitted.sigmas, noise_counts=50.0, misfit=0.14)
+    found = find(replace(fitted, problem=noisy, sigmas=sigmas, misfit_low=0.1), dropped=0)
+    told = next(f for f in found.findings if f.code == "misfit")
+    assert "14 % of the signal beyond the noise" in told.text
+    assert "misfit" not in _codes(find(replace(fitted, misfit_low=0.03), dropped=0))
+
+
 @pytest.mark.parametrize(("power", "code"), [(0.9, "response_bends"), (1.0, "force_scatter")])
 def test_forces_whose_errors_go_with_the_force(fitted: FitResult, power: float, code: str) -> None:
     force = fitted.problem.force_n

@@ -111,6 +111,7 @@ def make_fit(kind: str = "cylinder", presses: int = 14, seed: int = 3) -> Fitted
         law_spread_m=0.1e-3,
         effective_draws=400.0,
         force_low=0.0,
+        misfit_low=0.0,
         rest_counts=0.0,
         rest_interval=(0.0, 0.0),
         grid=_bowl(),
