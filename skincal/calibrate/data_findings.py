@@ -24,7 +24,8 @@ MOST_NAMED = 8
 
 _FROM_WRONG_IMAGES = (
     "dead_taxel", "misfit", "force_scatter", "response_bends", "positions_worse", "positions_bent", "slack_too_tight",
-    "glitches", "bad_presses", "lost_readings", "range_edge", "not_identified", "few_draws", "rest_in_doubt",
+    "glitches", "contact_law", "bad_presses", "lost_readings", "range_edge", "not_identified", "few_draws",
+    "rest_in_doubt",
 )  # fmt: skip
 """Findings that wrong images bring about: in the wrong order, or of corrupted words."""
 

@@ -34,6 +34,7 @@ OUTDATED = (
     "glitches",
     "force_scatter",
     "response_bends",
+    "contact_law",
     "positions_worse",
     "positions_bent",
     "slack_too_tight",

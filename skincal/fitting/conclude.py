@@ -85,6 +85,7 @@ def conclude(
         draws=np.concatenate(clouds),
         sigmas=Sigmas(*sigmas.tolist()),
         law_spread_m=found.law.best_m,
+        law_rise=found.law.rise,
         effective_draws=found.draws.effective,
         force_low=float(np.exp(np.quantile(chosen[:, 6], 0.025))),
         misfit_low=float(np.exp(np.quantile(chosen[:, 8], 0.025))),

@@ -38,6 +38,10 @@ MISFIT_PART = 0.05
 above; set by eye. In six blind sessions with nothing hidden it is 0.2 % at most, and where noise grows by 3 % of the
 signal it is that; 3 to 15 % where two effects are hidden, or one that the catalogue does not have."""
 
+SPREAD_NATS = 10.0
+"""Log evidence by which the widest spread of the contact law must beat none to be told: odds of 1 to 20000. It is 3 at
+most in sessions of the foundation, and the widest is not the best on elastic layers of 1 to 2.5 mm."""
+
 _NAMES = {
     "across_m": "position across (beta)",
     "y_m": "y",
@@ -214,6 +218,13 @@ def _misfit(result: FitResult) -> Iterator[FitFinding]:
             f"{noise:.3g}: the base model lacks something. Pose, E and S may take it up, and lie outside of their "
             "intervals.",
             "Run `skincal diagnose` before you use them: it looks for what is missing, and fits them anew beside it.",
+        )
+    if result.law_rise > SPREAD_NATS:
+        yield _warn(
+            "contact_law",
+            f"The skin spreads pressure sideways by {1e3 * result.law_spread_m:.1f} mm or more, the most that a fit "
+            "looks at. E and S are those of a skin that spreads no more; they may lie outside of their intervals.",
+            "Run `skincal diagnose`: it looks for a spread, a crosstalk, or another contact law.",
         )
     if bad:
         text = f"{bad} of {len(result.problem)} presses fit clearly worse than the rest."

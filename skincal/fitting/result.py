@@ -109,6 +109,7 @@ class FitResult:
         draws: (N, 5) draws from the valley, in the order of ``PARAMETERS``.
         sigmas: scatter of positions, forces and images, as the data tell it.
         law_spread_m: sideways spread of the contact law that fits best [m]; the model itself has none.
+        law_rise: log evidence of the widest spread that was looked at over that of none; 0 unless it is the best.
         effective_draws: how many independent draws the weighted ones are worth.
         force_low: lower end of what the data say of the scatter of forces, one in forty is below.
         misfit_low: the same of the misfit.
@@ -131,6 +132,7 @@ class FitResult:
     draws: Floats
     sigmas: Sigmas
     law_spread_m: float
+    law_rise: float
     effective_draws: float
     force_low: float
     misfit_low: float

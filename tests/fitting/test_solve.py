@@ -11,6 +11,7 @@ import pytest
 from skincal.fitting.errors import FitError
 from skincal.fitting.fit_findings import find
 from skincal.fitting.fit_options import GridSteps, SearchBox
+from skincal.fitting.law import LawSpread
 from skincal.fitting.problem import FitProblem, PressTable, pose_problem
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.solve import plan_fit, solve
@@ -166,6 +167,14 @@ def test_misfit_that_the_noise_of_weak_signals_hides(fitted: FitResult) -> None:
     told = next(f for f in found.findings if f.code == "misfit")
     assert "14 % of the signal beyond the noise" in told.text
     assert "misfit" not in _codes(find(replace(fitted, misfit_low=0.03), dropped=0))
+
+
+@pytest.mark.parametrize(("evidence", "told"), [([0, 5, 17], True), ([0, 1, 3], False), ([0, 17, 5], False)])
+def test_spread_beyond_what_is_looked_at(fitted: FitResult, evidence: list[float], told: bool) -> None:
+    density = np.exp(np.array(evidence, dtype=float))
+    law = LawSpread(np.array([0.0, 0.2e-3, 0.4e-3]), density / density.sum(), np.zeros((3, 5)))
+    found = find(replace(fitted, law_spread_m=law.best_m, law_rise=law.rise), dropped=0)
+    assert ("contact_law" in _codes(found)) == told
 
 
 @pytest.mark.parametrize(("power", "code"), [(0.9, "response_bends"), (1.0, "force_scatter")])

@@ -109,6 +109,7 @@ def make_fit(kind: str = "cylinder", presses: int = 14, seed: int = 3) -> Fitted
         draws=draws,
         sigmas=Sigmas(0.6e-3, 0.004, 0.2, 0.01, 0.01, 1e-4),
         law_spread_m=0.1e-3,
+        law_rise=0.0,
         effective_draws=400.0,
         force_low=0.0,
         misfit_low=0.0,
