@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
@@ -22,9 +23,14 @@ MOST_NAMED = 8
 """So many moved taxels are named."""
 
 _FROM_WRONG_IMAGES = (
-    "dead_taxel", "misfit", "force_scatter", "positions_worse", "positions_bent", "glitches",
+    "dead_taxel", "misfit", "force_scatter", "response_bends", "positions_worse", "positions_bent", "slack_too_tight",
+    "glitches", "contact_law", "bad_presses", "lost_readings", "range_edge", "not_identified", "few_draws",
+    "rest_in_doubt",
 )  # fmt: skip
-"""Findings that images in the wrong order bring about."""
+"""Findings that wrong images bring about: in the wrong order, or of corrupted words."""
+
+CORRUPTED: Final = frozenset({"bytes_swapped", "counter_wrapped"})
+"""Codes of a dataset's check that say that taxel values are not what the sensor measured."""
 
 
 def order_finding(order: TaxelOrder, layout: TaxelLayout) -> Finding:
@@ -67,15 +73,46 @@ def in_order(dataset: Dataset, order: TaxelOrder) -> Dataset:
     return replace(dataset, presses=presses, frames=None)
 
 
+def findings_of_check(dataset: Dataset) -> tuple[Finding, ...]:
+    """Return the warnings of a dataset's own check that have a code, as findings of what is made from it."""
+    return tuple(
+        Finding(
+            p.code,
+            "warning",
+            f"{p.place}: expected {p.expected}; got {p.got}.",
+            p.fix,
+            str(p.details.get("mapping", "")),
+            p.details.get("factor"),
+        )
+        for p in dataset.warnings
+        if p.code and p.severity == "warning"
+    )
+
+
+def is_corrupted(findings: Iterable[Finding]) -> bool:
+    """Return whether findings say that taxel values are not what the sensor measured."""
+    return any(one.code in CORRUPTED for one in findings)
+
+
+def with_findings_of_check(calibration: Calibration, dataset: Dataset) -> Calibration:
+    """Return the calibration with the findings of its dataset's check; without intervals if values are corrupted."""
+    found = findings_of_check(dataset)
+    if is_corrupted(found):
+        calibration = _untold(calibration)
+    return replace(calibration, findings=(*found, *calibration.findings))
+
+
+def _untold(calibration: Calibration) -> Calibration:
+    """Return the calibration of wrong images: without intervals, and without the findings that they bring about."""
+    nothing = (float("-inf"), float("inf"))
+    others = tuple(one for one in calibration.findings if one.code not in _FROM_WRONG_IMAGES)
+    return replace(calibration, intervals=dict.fromkeys(calibration.intervals, nothing), findings=others)
+
+
 def with_other_order(calibration: Calibration, order: TaxelOrder) -> Calibration:
     """Return the calibration with the finding, and without intervals: it comes from images in the wrong order."""
-    nothing = (float("-inf"), float("inf"))
-    others = (one for one in calibration.findings if one.code not in _FROM_WRONG_IMAGES)
-    return replace(
-        calibration,
-        intervals=dict.fromkeys(calibration.intervals, nothing),
-        findings=(order_finding(order, calibration.layout()), *others),
-    )
+    calibration = _untold(calibration)
+    return replace(calibration, findings=(order_finding(order, calibration.layout()), *calibration.findings))
 
 
 REST_MOVES: Final = "rest_moves"

@@ -10,7 +10,14 @@ import numpy as np
 
 from skincal.calibrate.assemble import calibration_of, provenance_of
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
-from skincal.calibrate.data_findings import in_order, with_moving_rest, with_other_order
+from skincal.calibrate.data_findings import (
+    findings_of_check,
+    in_order,
+    is_corrupted,
+    with_findings_of_check,
+    with_moving_rest,
+    with_other_order,
+)
 from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import Method, Way, choose_way
 from skincal.calibration import Calibration
@@ -100,6 +107,8 @@ def calibrate(
         except FitError as error:
             failure = error
         [order] = orders
+    if is_corrupted(findings_of_check(dataset)):
+        order = None  # no order puts such images right
     if failure is not None:
         if order is None:
             raise refusal(dataset, _reason(failure, problem, dataset)) from failure
@@ -116,6 +125,7 @@ def calibrate(
     calibration = with_moving_rest(calibration_of(result, dataset, provenance), dataset)
     if order is not None:
         calibration = with_other_order(calibration, order)
+    calibration = with_findings_of_check(calibration, dataset)
     return Outcome(calibration, result, len(slabs), way)
 
 
@@ -128,6 +138,8 @@ def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
     """Return why a fit cannot be done, and what to do."""
     text = str(error)
     said = [text if text.endswith((".", "?")) else f"{text}."]
+    if corrupted := [one for one in findings_of_check(dataset) if is_corrupted([one])]:
+        return " ".join(f"{one.text} {one.advice}" for one in corrupted)
     if len(problem) < len(problem.status):
         said.append(why_dropped(problem))
     unplaced = not np.isfinite(dataset.meta.position.sigma_m)

@@ -137,6 +137,7 @@ class Finding(Table, unknown="keep"):
         text: the finding.
         advice: what to do; may be empty.
         mapping: lines of a mapping file, under ``[taxels]``, that correct it; may be empty.
+        factor: what corrects the unit of suspect values; None of other findings.
     """
 
     code: str
@@ -144,16 +145,17 @@ class Finding(Table, unknown="keep"):
     text: str
     advice: str = ""
     mapping: str = ""
+    factor: float | None = None
 
     def in_unit(self, unit: str | None) -> Finding:
         """Return the finding with the unit of the taxel values instead of counts."""
         return replace(self, text=in_unit(self.text, unit), advice=in_unit(self.advice, unit))
 
-    def plain(self) -> dict[str, str]:
-        """Return the finding as TOML has it, without an empty mapping."""
-        return {key: value for key, value in vars(self).items() if value or key != "mapping"}
+    def plain(self) -> dict[str, Any]:
+        """Return the finding as TOML has it, without an empty mapping and without a factor that there is not."""
+        return {key: value for key, value in vars(self).items() if value or key not in ("mapping", "factor")}
 
-    def as_json(self) -> dict[str, str]:
+    def as_json(self) -> dict[str, Any]:
         """Return the finding for other programs; the severity ``info`` becomes ``note``."""
         return self.plain() | {"severity": "note" if self.severity == "info" else "warning"}
 

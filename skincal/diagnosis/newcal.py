@@ -33,6 +33,8 @@ OUTDATED = (
     "bad_presses",
     "glitches",
     "force_scatter",
+    "response_bends",
+    "contact_law",
     "positions_worse",
     "positions_bent",
     "slack_too_tight",

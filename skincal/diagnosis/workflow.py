@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skincal.calibrate.data_findings import find_taxel_order
+from skincal.calibrate.data_findings import find_taxel_order, findings_of_check, is_corrupted
 from skincal.calibration import Calibration
 from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
@@ -37,6 +37,11 @@ ORDER_FIRST = (
     "put the taxels in order, and import, fit and diagnose again; other presses tell nothing before",
 )
 """What to do next where the taxels stand in another order than the data say."""
+
+CORRUPTED_FIRST = (
+    "read the taxel values as the finding says, and import, fit and diagnose again; other presses tell nothing before",
+)
+"""What to do next where the values are not what the sensor measured."""
 
 
 def diagnose(
@@ -88,12 +93,15 @@ def diagnose(
     gap = gap_of(observed, found.base.state, found.fitted.state, again)
     named = bool(found.named)
     # What is left is more than chance, or presses that nobody has fitted are further off: no name is sure.
-    order = find_taxel_order(dataset)
-    doubt = gap.refutes or found.doubtful or order is not None
+    checked = findings_of_check(dataset)
+    corrupted = is_corrupted(checked)
+    order = None if corrupted else find_taxel_order(dataset)
+    wrong = corrupted or order is not None
+    doubt = gap.refutes or found.doubtful or wrong
     taken_back = tuple(n.name for n in found.named) if named and doubt else ()
-    unexplained = (not named and found.open) or order is not None
+    unexplained = (not named and found.open) or wrong
     verdict = "unknown" if taken_back or unexplained else "effects" if named else "none"
-    unexplained = (found.open or order is not None) and verdict != "none"
+    unexplained = (found.open or wrong) and verdict != "none"
     heard("calibration")
     final, effects = calibration, ()
     beaten = None if verdict == "unknown" else beaten_foundation(fitter, found.fitted, dealt)
@@ -120,9 +128,10 @@ def diagnose(
     depends = shares(left, observed.session)
     shown = found.fitted if effects else found.base
     findings = findings_of(observed, calibration, final, found.base, shown, effects, gap)
-    if order is not None:
-        # What else stands out is that of images in the wrong order.
-        findings = (order, *(one for one in findings if one.severity == "info"))
+    if wrong:
+        # What else stands out is that of the wrong images.
+        findings = tuple(one for one in findings if one.severity == "info")
+    findings = (*checked, *([] if order is None else [order]), *findings)
     findings = tuple(one.in_unit(dataset.meta.sensor.unit) for one in findings)
     heard("next presses")
     rivals = (
@@ -130,12 +139,12 @@ def diagnose(
         if effects
         else []
     )
-    if order is None:
+    if not wrong:
         words, plan = next_presses(
             observed, audit, depends, rivals, pressed, unknown=verdict == "unknown", most=more
         )
     else:
-        words, plan = ORDER_FIRST, None
+        words, plan = CORRUPTED_FIRST if corrupted else ORDER_FIRST, None
     return Diagnosis(
         verdict, effects, unexplained, where_text(left, observed.session, dataset.layout()), gap, observed.floor, audit,
         found, observed, depends[:6], findings, final, seed, words, plan, taken_back,

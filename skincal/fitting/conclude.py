@@ -85,8 +85,10 @@ def conclude(
         draws=np.concatenate(clouds),
         sigmas=Sigmas(*sigmas.tolist()),
         law_spread_m=found.law.best_m,
+        law_rise=found.law.rise,
         effective_draws=found.draws.effective,
         force_low=float(np.exp(np.quantile(chosen[:, 6], 0.025))),
+        misfit_low=float(np.exp(np.quantile(chosen[:, 8], 0.025))),
         rest_counts=rest,
         rest_interval=(rest - half, rest + half),
         grid=losses,
@@ -192,5 +194,6 @@ def _press_fit(
         state.simulated[best],
         rmse,
         good,
+        peak.states.nuisance[:, 2],
     )
     return fit, float(squares.sum() / read.sum())

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import bdtrc
+from scipy.special import bdtrc, stdtr
 
 from skincal.fitting.problem import FEW_PRESSES
 from skincal.fitting.result import FEWEST_DRAWS, FitFinding, FitResult
@@ -22,10 +22,25 @@ MOST_NAMED = 6
 AT_BOUND = 0.01
 """Part of the presses that lies beyond a bound of two and a half sigmas, as a bound should be at least."""
 
+FORCES_OFF = 0.03
+"""Relative scatter of forces from which it is told."""
+
+BENDS, CHANCE = 0.5, 1e-3
+"""Part of that scatter that goes with the force where the response bends, and how seldom chance does the like."""
+
 MISFIT_TIMES = 3.0
 """Images that differ by so many times what is expected lack something; set by eye. Over the noise alone they differ by
 1.3 times at most in 20 sessions with nothing hidden, elastic layers and noise that grows with load among them; by 4 in
 one with readings that dropped out, and by 15 to 26 with a crosstalk of 3 to 8 %."""
+
+MISFIT_PART = 0.05
+"""Or that differ by so much of their signal beyond their noise, where the noise of weak signals hides it from the
+above; set by eye. In six blind sessions with nothing hidden it is 0.2 % at most, and where noise grows by 3 % of the
+signal it is that; 3 to 15 % where two effects are hidden, or one that the catalogue does not have."""
+
+SPREAD_NATS = 10.0
+"""Log evidence by which the widest spread of the contact law must beat none to be told: odds of 1 to 20000. It is 3 at
+most in sessions of the foundation, and the widest is not the best on elastic layers of 1 to 2.5 mm."""
 
 _NAMES = {
     "across_m": "position across (beta)",
@@ -134,12 +149,42 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
             "rig is further off than the bound allows, and the intervals of the pose are too narrow.",
             "Raise [position] slack_m to three times what the rig can be off, a constant error included.",
         )
-    if result.force_low > 0.03:
-        yield _warn(
-            "force_scatter",
-            f"Measured forces scatter by {100 * result.sigmas.force:.1f} % around those that the images imply.",
-            "Check the torque sensors' zero. `skincal diagnose` looks for a bias that depends on the pose.",
+    if result.force_low > FORCES_OFF:
+        power, part = _power_of_force(result)
+        scatter = (
+            f"Measured forces scatter by {100 * result.sigmas.force:.1f} % around those that the images imply"
         )
+        if part > BENDS:
+            yield _warn(
+                "response_bends",
+                f"{scatter}, and most of that goes with the force: images grow as its power of {power:.2f} beyond "
+                "what the skin's contact explains. A response that is no line, or a zero of the force that is off, "
+                "does this; E and S may lie outside of their intervals.",
+                "Check the zero of the force, and run `skincal diagnose`: it tells such causes apart.",
+            )
+        else:
+            yield _warn(
+                "force_scatter",
+                f"{scatter}.",
+                "Check the torque sensors' zero. `skincal diagnose` looks for a bias that depends on the pose.",
+            )
+
+
+def _power_of_force(result: FitResult) -> tuple[float, float]:
+    """Return the power of the measured force with which images grow, over that of the model, and how much it explains.
+
+    The second is the part of the variance of the forces' errors that a line in their logarithms explains, 0 where
+    chance explains as much in one session of a thousand.
+    """
+    force, off = np.log(result.problem.force_n), result.presses.force_off
+    if len(off) < FEW_PRESSES or np.ptp(force) == 0 or np.ptp(off) == 0:
+        return 1.0, 0.0
+    part = float(np.corrcoef(force, off)[0, 1] ** 2)
+    # Student's t of a correlation.
+    free = len(off) - 2
+    by_chance = 2 * float(stdtr(free, -np.sqrt(free * part / max(1 - part, 1e-12))))
+    slope = float(np.cov(force, off)[0, 1] / force.var(ddof=1))
+    return 1.0 + slope, part if by_chance < CHANCE else 0.0
 
 
 def scatter_of_lit(result: FitResult) -> tuple[float, float]:
@@ -161,13 +206,25 @@ def scatter_of_lit(result: FitResult) -> tuple[float, float]:
 def _misfit(result: FitResult) -> Iterator[FitFinding]:
     found, noise = scatter_of_lit(result)
     bad = int((~result.presses.good).sum())
-    if found > MISFIT_TIMES * noise:
+    if found > MISFIT_TIMES * noise or result.misfit_low > MISFIT_PART:
+        beyond = (
+            "noise and 1 % of the signal explain"
+            if found > MISFIT_TIMES * noise
+            else f"that is {100 * result.sigmas.misfit:.0f} % of the signal beyond the noise; noise and 1 % explain"
+        )
         yield _warn(
             "misfit",
-            f"Where taxels are pressed images differ by {found:.3g} counts, and noise and 1 % of the signal explain "
+            f"Where taxels are pressed images differ by {found:.3g} counts, and {beyond} "
             f"{noise:.3g}: the base model lacks something. Pose, E and S may take it up, and lie outside of their "
             "intervals.",
             "Run `skincal diagnose` before you use them: it looks for what is missing, and fits them anew beside it.",
+        )
+    if result.law_rise > SPREAD_NATS:
+        yield _warn(
+            "contact_law",
+            f"The skin spreads pressure sideways by {1e3 * result.law_spread_m:.1f} mm or more, the most that a fit "
+            "looks at. E and S are those of a skin that spreads no more; they may lie outside of their intervals.",
+            "Run `skincal diagnose`: it looks for a spread, a crosstalk, or another contact law.",
         )
     if bad:
         text = f"{bad} of {len(result.problem)} presses fit clearly worse than the rest."

@@ -47,6 +47,13 @@ class LawSpread:
         """The most probable width [m]."""
         return float(self.widths_m[np.argmax(self.density)])
 
+    @property
+    def rise(self) -> float:
+        """Return the log evidence of the widest spread over that of none; 0 unless it is the best of all."""
+        if len(self.density) == 1 or np.argmax(self.density) < len(self.density) - 1:
+            return 0.0
+        return float(np.log(self.density[-1]) - np.log(max(self.density[0], np.finfo(float).tiny)))
+
     def shifted(self, draws: Floats, rng: np.random.Generator) -> Floats:
         """Draws (W, 5) of the macro variables, each moved as a law of its own asks for."""
         moved = draws + self.shift[rng.choice(len(self.widths_m), len(draws), p=self.density)]

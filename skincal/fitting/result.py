@@ -62,6 +62,7 @@ class PressFit:
         simulated: (K, J) simulated values [counts].
         rmse_counts: (K,) root mean square difference over the taxels [counts].
         good: (K,) the image is matched as well as the noise lets expect.
+        force_off: (K,) logarithm of the force that fits the image best over the measured one.
     """
 
     slack_m: Floats
@@ -70,6 +71,7 @@ class PressFit:
     simulated: Floats
     rmse_counts: Floats
     good: Bools
+    force_off: Floats
 
 
 @dataclass(frozen=True)
@@ -107,8 +109,10 @@ class FitResult:
         draws: (N, 5) draws from the valley, in the order of ``PARAMETERS``.
         sigmas: scatter of positions, forces and images, as the data tell it.
         law_spread_m: sideways spread of the contact law that fits best [m]; the model itself has none.
+        law_rise: log evidence of the widest spread that was looked at over that of none; 0 unless it is the best.
         effective_draws: how many independent draws the weighted ones are worth.
         force_low: lower end of what the data say of the scatter of forces, one in forty is below.
+        misfit_low: the same of the misfit.
         rest_counts: level at rest that all taxels share, on the scale of the data [counts].
         rest_interval: low and high of it.
         grid: the evaluated grid.
@@ -128,8 +132,10 @@ class FitResult:
     draws: Floats
     sigmas: Sigmas
     law_spread_m: float
+    law_rise: float
     effective_draws: float
     force_low: float
+    misfit_low: float
     rest_counts: float
     rest_interval: tuple[float, float]
     grid: GridResult

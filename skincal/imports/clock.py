@@ -22,6 +22,9 @@ BITS: Final = (8, 16, 24, 32)
 RARE_BITS: Final = (10, 12, 14, 15, 20, 28, 30, 31, 48)
 """Other widths that are tried."""
 
+DIGITS: Final = range(3, 13)
+"""Numbers of decimal digits after which a counter may begin again, tried as rare periods."""
+
 DAY_S: Final = 86400.0
 CLOCK_PERIODS_S: Final = {"24 h": DAY_S, "12 h": DAY_S / 2}
 """Periods of wall clocks."""
@@ -163,11 +166,12 @@ def _periods(unit_s: float) -> list[tuple[str, float, bool]]:
         for bits in (*BITS, *RARE_BITS)
         for divided in (1, 1000, 1_000_000)
     ]  # fmt: skip
+    decimal = [(f"a counter of {digits} decimal digits", 10.0**digits, True) for digits in DIGITS]
     clocks = [
         (f"a clock of {words}", period / unit_s, words in RARE_PERIODS_S)
         for words, period in (CLOCK_PERIODS_S | RARE_PERIODS_S).items()
     ]
-    return counters + clocks
+    return counters + decimal + clocks
 
 
 def _last_given(stamps: FloatArray) -> FloatArray:

@@ -27,7 +27,8 @@ STEPS_OLD = 3.0
 """Number of its own steps for which a value of a joined file is valid, if the mapping sets no time."""
 
 APART_SIGMAS, APART_STEPS, LOOKED_S = 4.0, 2.0, 5.0
-"""Clocks that should agree differ beyond this many sigmas and steps; the search is limited to [s]:"""
+"""Clocks that should agree differ beyond this many sigmas and steps; where several lags are as good, the search is
+limited to [s]:"""
 
 
 ZONE_S = 900.0
@@ -162,20 +163,28 @@ def _aligned(
         )  # fmt: skip
         return None
     given = JoinedClock(entry.name, entry.form.offset_s)
-    try:
-        inside = (ours >= onto[0] - LOOKED_S) & (ours <= onto[-1] + LOOKED_S)
-        found = _estimated(entry.name, mapping, ours[inside], images[inside], onto, numbers, LOOKED_S)
-    except (NoOffsetError, ValueError):
+    found = None
+    for within_s in (np.inf, LOOKED_S):
+        inside = (ours >= onto[0] - within_s) & (ours <= onto[-1] + within_s)
+        try:
+            found = _estimated(entry.name, mapping, ours[inside], images[inside], onto, numbers, within_s)
+            break
+        except (NoOffsetError, ValueError):
+            continue
+    if found is None:
         return given
-    apart = abs(found.offset_s) > max(
-        APART_SIGMAS * found.sigma_s, APART_STEPS * (usual_step(ours) + usual_step(times))
-    )
-    if apart:
+    ends = onto[[0, -1]]
+    first, last = (found.onto(ends) - ends).tolist()
+    allowed = max(APART_SIGMAS * found.sigma_s, APART_STEPS * (usual_step(ours) + usual_step(times)))
+    if max(abs(first), abs(last)) > allowed:
+        runs = f"{found.offset_s:+.3g} ± {found.sigma_s:.2g} s"
+        better = f'{entry.form.offset_s + found.offset_s:.6g}, or "estimate"'
+        if abs(last - first) > allowed:
+            runs, better = f"{first:+.3g} s at the beginning and {last:+.3g} s at the end", '"estimate"'
         findings.warn(
             f"{entry.place} offset_s", f"the clock of the taxels, with {entry.form.offset_s:g} s added",
-            f"{found.by} correlates best with the taxels {found.offset_s:+.3g} ± {found.sigma_s:.2g} s later",
-            "Is the skin that slow, or do the clocks differ? If the clocks differ: offset_s = "
-            f'{entry.form.offset_s + found.offset_s:.6g}, or "estimate".',
+            f"{found.by} correlates best with the taxels {runs} later",
+            f"Is the skin that slow, or do the clocks differ? If the clocks differ: offset_s = {better}.",
         )  # fmt: skip
     return replace(found, offset_s=entry.form.offset_s, sigma_s=np.nan, rate=0.0, estimated=False)
 

@@ -13,8 +13,8 @@ from skincal.imports.mapping import Mapping
 from skincal.imports.recording import Cut, FloatArray, Recording, Rejected, Series, Span
 
 SHOWN = 8
-TRIES, SMALLER = 6, 0.7
-"""Largest number of cuts: a part of a hold is smoothed less than the whole, and may still slide by that measure."""
+TRIES = 6
+"""Largest number of cuts by the noise of what an earlier one left."""
 
 
 def rested(
@@ -50,11 +50,11 @@ def rested(
     findings.warn(file, expected, got, fix, code="slides_in_hold", presses=[s.number for s in sliding])
     spans: list[Span] = []
     rejected = list(found.rejected)
-    for span in found.spans:
+    parts = _rests(found, {span.number for span in sliding}, position, still, noise)
+    for span, (start, stop) in zip(found.spans, parts, strict=True):
         if span not in sliding:
             spans.append(span)
             continue
-        start, stop = _rest(position[span.hold : span.hold_stop], still, noise)
         time = series.time_s[span.hold + start : span.hold + stop]
         if len(time) < 2 or time[-1] - time[0] < mapping.cut.min_hold_s:
             why = f"the contact rests for less than {mapping.cut.min_hold_s:g} s of its hold (min_hold_s)"
@@ -64,11 +64,33 @@ def rested(
     return Cut(tuple(spans), tuple(rejected))
 
 
+def _rests(
+    found: Cut, sliding: set[int], position_m: FloatArray, still_m: float, noise_m: float
+) -> list[tuple[int, int]]:
+    """Return the part of each hold in which its contact rests, by the noise of these parts alone.
+
+    That is the noise that the check of the dataset sees; where contacts slide in turns, that of whole holds is larger.
+    """
+    holds = [position_m[span.hold : span.hold_stop] for span in found.spans]
+    parts: list[tuple[int, int]] = []
+    for _ in range(TRIES):
+        parts = [
+            _rest(hold, still_m, noise_m) if span.number in sliding else (0, len(hold))
+            for span, hold in zip(found.spans, holds, strict=True)
+        ]
+        left = [hold[start:stop] for hold, (start, stop) in zip(holds, parts, strict=True)]
+        seen = sample_noise_m(left)
+        if not any(slide_m(part, seen) > still_m for part in left):
+            break
+        noise_m = min(seen, noise_m)
+    return parts
+
+
 def _rest(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, int]:
     """Return the longest part of a hold in which the contact rests, also by the noise of that part alone."""
-    start, stop = 0, 0
-    for turn in range(TRIES):
-        start, stop = rests(position_m, still_m * SMALLER**turn, noise_m)
-        if not slide_m(position_m[start:stop], noise_m) > still_m:
-            break
+    start, stop = 0, len(position_m)
+    while slide_m(position_m[start:stop], noise_m) > still_m:
+        # A part is smoothed less than what it is a part of, and may slide by its own measure.
+        first, last = rests(position_m[start:stop], still_m, noise_m)
+        start, stop = start + first, start + last
     return start, stop

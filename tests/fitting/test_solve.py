@@ -11,6 +11,7 @@ import pytest
 from skincal.fitting.errors import FitError
 from skincal.fitting.fit_findings import find
 from skincal.fitting.fit_options import GridSteps, SearchBox
+from skincal.fitting.law import LawSpread
 from skincal.fitting.problem import FitProblem, PressTable, pose_problem
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.solve import plan_fit, solve
@@ -157,6 +158,35 @@ def test_presses_at_one_place_tell_no_pose(fitted: FitResult) -> None:
     told = [f for f in found.findings if f.code in ("one_place", "not_identified", "range_edge")]
     assert [f.code for f in told] == ["one_place"], "it is said once"
     assert "have no interval" in told[0].text and "Spread the presses" in told[0].advice
+
+
+def test_misfit_that_the_noise_of_weak_signals_hides(fitted: FitResult) -> None:
+    noisy = replace(fitted.problem, observation=replace(fitted.problem.observation, noise_counts=50.0))
+    sigmas = replace(fitted.sigmas, noise_counts=50.0, misfit=0.14)
+    found = find(replace(fitted, problem=noisy, sigmas=sigmas, misfit_low=0.1), dropped=0)
+    told = next(f for f in found.findings if f.code == "misfit")
+    assert "14 % of the signal beyond the noise" in told.text
+    assert "misfit" not in _codes(find(replace(fitted, misfit_low=0.03), dropped=0))
+
+
+@pytest.mark.parametrize(("evidence", "told"), [([0, 5, 17], True), ([0, 1, 3], False), ([0, 17, 5], False)])
+def test_spread_beyond_what_is_looked_at(fitted: FitResult, evidence: list[float], told: bool) -> None:
+    density = np.exp(np.array(evidence, dtype=float))
+    law = LawSpread(np.array([0.0, 0.2e-3, 0.4e-3]), density / density.sum(), np.zeros((3, 5)))
+    found = find(replace(fitted, law_spread_m=law.best_m, law_rise=law.rise), dropped=0)
+    assert ("contact_law" in _codes(found)) == told
+
+
+@pytest.mark.parametrize(("power", "code"), [(0.9, "response_bends"), (1.0, "force_scatter")])
+def test_forces_whose_errors_go_with_the_force(fitted: FitResult, power: float, code: str) -> None:
+    force = fitted.problem.force_n
+    off = (power - 1) * np.log(force) + np.random.default_rng(1).normal(0, 0.02, len(force))
+    presses = replace(fitted.presses, force_off=off)
+    found = find(replace(fitted, force_low=0.05, presses=presses), dropped=0)
+    told = next(f for f in found.findings if f.code in ("response_bends", "force_scatter"))
+    assert told.code == code
+    if power < 1:
+        assert "power of 0.9" in told.text and "skincal diagnose" in told.advice
 
 
 @pytest.mark.slow

@@ -55,6 +55,15 @@ def test_counter_that_wraps_goes_on(tmp_path: Path, bits: int, unit: str, per_s:
     assert note.details["mapping"] == f"wraps_at = {2**bits}" and note.details["mapping"] in note.fix
 
 
+@pytest.mark.parametrize(("digits", "unit", "per_s"), [(6, "us", 1e6), (6, "ms", 1e3), (7, "us", 1e6)])
+def test_decimal_counter_goes_on(tmp_path: Path, digits: int, unit: str, per_s: float):
+    ticks = np.rint(TIME * per_s).astype(np.int64) + 10**digits - int(0.4 * per_s)
+    back, done = bring(tmp_path, ticks % 10**digits, {"unit": unit})
+    assert_same(back)
+    said = [problem.details["mapping"] for problem in done.warnings if problem.code == "counter_wrapped"]
+    assert said == [f"wraps_at = {10**digits}"]
+
+
 def test_signed_counter_and_given_period(tmp_path: Path):
     ticks = (np.rint(TIME * 1e6).astype(np.int64) + 2**31 - 10**7 + 2**31) % 2**32 - 2**31
     back, _ = bring(tmp_path, ticks, {"unit": "us"})

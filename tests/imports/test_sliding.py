@@ -49,6 +49,22 @@ def test_hold_is_cut_to_where_the_contact_rests(tmp_path: Path):
     assert not findings(check_dataset(tmp_path / "out"))
 
 
+@pytest.mark.parametrize(("slide_m", "turns"), [(5e-3, 0.0), (8e-3, 0.0), (1e-3, 1.0)])
+def test_contact_that_slides_all_the_time(tmp_path: Path, slide_m: float, turns: float):
+    """What is left of a hold rests by the measure of the dataset's check, too, which smooths it less than the whole."""
+    found = contacts(20, 3)
+    table = pd.concat([taxel_table(found, TIME), gauge_table(found, TIME)], axis=1).assign(t=TIME)
+    now = np.minimum(np.searchsorted(found.start_s + found.lasts_s, TIME), 19)
+    share = np.clip((TIME - found.start_s[now]) / found.lasts_s[now], 0, 1)
+    path = np.exp(2j * np.pi * turns * share) if turns else share + 0j
+    table["px"] += 1e3 * slide_m * path.real
+    table["py"] += 1e3 * slide_m * path.imag
+    table.to_csv(tmp_path / "a.csv", index=False)
+    path = write_mapping(tmp_path, mapping(PLANE, ONE_FILE))
+    assert len(findings(import_csv(path, tmp_path / "out", [tmp_path / "a.csv"]))) == 1
+    assert not findings(check_dataset(tmp_path / "out"))
+
+
 def test_sliding_is_refused_or_kept_where_asked(tmp_path: Path):
     with pytest.raises(InputError, match="6 of 12 that slide: press 0"):
         bring(tmp_path, series={"slides": "refuse"})

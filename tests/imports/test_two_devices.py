@@ -127,6 +127,22 @@ def test_clocks_of_different_rates(tmp_path: Path):
     np.testing.assert_allclose(clock.onto(500 + gauge * 1.004), gauge, atol=0.02)
 
 
+@pytest.mark.parametrize("faster", [1.01, 0.97])
+def test_long_recording_by_clocks_of_very_different_rates(faster: float):
+    found = contacts(100)
+    taxels, gauge = np.arange(0, found.end_s, 0.02), np.arange(0.1, found.end_s, 0.05)
+    times, columns = 500 + gauge * faster, {"force_n": found.force(gauge)}
+    clock = estimate_offset("gauge", taxels, found.images(taxels), times, columns)
+    assert clock.rate == pytest.approx(1 / faster - 1, rel=0.01)
+    np.testing.assert_allclose(clock.onto(times), gauge, atol=0.02)
+
+
+def test_clocks_that_are_said_to_agree_and_run_apart(tmp_path: Path):
+    _, done = recorded(tmp_path, TAXELS_S, 1.03 * GAUGE_S, mapping(PLANE, TWO_FILES))
+    (warning,) = [p for p in done.warnings if "offset_s" in p.place]
+    assert "at the end" in warning.got and 'offset_s = "estimate"' in warning.fix
+
+
 def test_offset_that_cannot_be_told():
     time = np.arange(0, 60, 0.02)
     load = ((time % 3) > 1.5).astype(float)
@@ -167,10 +183,11 @@ def test_gauge_that_starts_after_midnight(tmp_path: Path):
     assert_joined(recorded(tmp_path, *words, content)[0])
 
 
-def test_clocks_that_are_said_to_agree_and_do_not(tmp_path: Path):
-    _, done = recorded(tmp_path, EPOCH_S + TAXELS_S, EPOCH_S + GAUGE_S + 1.0, mapping(PLANE, TWO_FILES))
+@pytest.mark.parametrize("apart_s", [1, 7])
+def test_clocks_that_are_said_to_agree_and_do_not(tmp_path: Path, apart_s: int):
+    _, done = recorded(tmp_path, EPOCH_S + TAXELS_S, EPOCH_S + GAUGE_S + apart_s, mapping(PLANE, TWO_FILES))
     (warning,) = [p for p in done.warnings if "offset_s" in p.place]
-    assert "offset_s = -1" in warning.fix
+    assert f"offset_s = -{apart_s}" in warning.fix
 
 
 def test_files_named_one_after_the_other(tmp_path: Path):

@@ -96,6 +96,7 @@ def make_fit(kind: str = "cylinder", presses: int = 14, seed: int = 3) -> Fitted
         simulated,
         rmse,
         np.ones(len(problem), dtype=bool),
+        np.zeros(len(problem)),
     )
     names = ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m", "scale_per_n")
     draws = np.stack([generator.normal(BEST[n], HALF[n] / 2.3, 500) for n in names], axis=1)
@@ -108,8 +109,10 @@ def make_fit(kind: str = "cylinder", presses: int = 14, seed: int = 3) -> Fitted
         draws=draws,
         sigmas=Sigmas(0.6e-3, 0.004, 0.2, 0.01, 0.01, 1e-4),
         law_spread_m=0.1e-3,
+        law_rise=0.0,
         effective_draws=400.0,
         force_low=0.0,
+        misfit_low=0.0,
         rest_counts=0.0,
         rest_interval=(0.0, 0.0),
         grid=_bowl(),

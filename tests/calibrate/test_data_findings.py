@@ -1,0 +1,34 @@
+"""What the check of a dataset says stands in its calibration; of corrupted values nothing is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import isinf
+
+import pytest
+from report.diagnosis_cases import calibration
+
+from skincal.calibrate.data_findings import with_findings_of_check
+from skincal.calibration import Finding
+from skincal.dataset import read_dataset
+from skincal.errors import Problem
+from skincal.sample import sample_path
+
+DEAD = Finding("dead_taxel", "warning", "Taxel (0, 1) does not answer.", "Check its wiring.")
+
+
+@pytest.mark.parametrize(
+    ("code", "told"), [("counter_wrapped", False), ("bytes_swapped", False), ("unit_suspect", True)]
+)
+def test_findings_of_check_stand_in_the_calibration(code: str, told: bool):
+    problem = Problem(
+        "presses.csv", "this", "that", "Mend it.", code, details={"mapping": "m", "factor": 2.0}
+    )
+    note = replace(problem, severity="note")
+    data = replace(read_dataset(sample_path("paper-like")), warnings=(problem, note, Problem("a", "b", "c")))
+    before = replace(calibration(), findings=(DEAD,))
+    found = with_findings_of_check(before, data)
+    first = Finding(code, "warning", "presses.csv: expected this; got that.", "Mend it.", "m", 2.0)
+    assert found.findings == ((first, DEAD) if told else (first,))
+    assert all(isinf(low) != told for low, _ in found.intervals.values())
+    assert found.findings[0].as_json()["factor"] == 2.0 and "factor" not in DEAD.plain()
