@@ -25,6 +25,8 @@ _FORM, _STRENGTH = 0.5, 0.4
 _LAW = np.array([[-3.0, 0.5], [-3.0, 3.0], [-3.0, 3.0], [0.0, 1 / C.law_bare]])
 """The law's numbers are no farther from the foundation than so many standard deviations of what is known of them.
 A layer is never stiffer under a larger contact: a power above 1 is a material that stiffens. Bare is a part of one."""
+_NEAR = 0.1
+"""By how much more than was told a press may leave before it is tried with a part of its own way [twice nats]."""
 _MOST = np.array([1.5e-3, 1.5e-3, 0.12, 0.35, 0.35, 5.0])
 """A step of the base is no longer than this: metres, metres, radians, logarithms; of rest in noises."""
 
@@ -367,7 +369,7 @@ class Fitter:
         best, state = np.full(len(told), np.inf), self.moved(at, d)
         move = state.move
         for alone in (1.0, 0.3, 0.1, 0.0):
-            far = best > told + 1.0
+            far = best > told + _NEAR
             if not far.any():
                 break
             state = self.moved(at, d, alone=alone)

@@ -377,7 +377,8 @@ class Forward:
         skin = self.skin(seen.state)
         if not any(a.effect.stage >= Stage.MEMORY and not a.neutral for a in skin.effects):
             return change * skin.skin.parameters.scale_per_n
-        return self._after(skin, seen.loads + change, seen.felt) - seen.values
+        ends = (self._after(skin, seen.loads + side * change, seen.felt) for side in (1, -1))
+        return (next(ends) - next(ends)) / 2
 
     def with_effects(self, seen: Seen, effects: Effects) -> FloatArray:
         """(K, J) values with other effects, by the shortest way: from the contact only if that changes."""
