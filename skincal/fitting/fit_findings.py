@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import bdtrc, stdtr
+from scipy.special import bdtrc
 
 from skincal.fitting.problem import FEW_PRESSES
 from skincal.fitting.result import FEWEST_DRAWS, FitFinding, FitResult
@@ -179,10 +179,10 @@ def _power_of_force(result: FitResult) -> tuple[float, float]:
     force, off = np.log(result.problem.force_n), result.presses.force_off
     if len(off) < FEW_PRESSES or np.ptp(force) == 0 or np.ptp(off) == 0:
         return 1.0, 0.0
-    part = float(np.corrcoef(force, off)[0, 1] ** 2)
-    # Student's t of a correlation.
-    free = len(off) - 2
-    by_chance = 2 * float(stdtr(free, -np.sqrt(free * part / max(1 - part, 1e-12))))
+    from scipy.stats import pearsonr  # takes a moment, and few fits ask
+
+    like = pearsonr(force, off)
+    part, by_chance = float(like.statistic) ** 2, float(like.pvalue)
     slope = float(np.cov(force, off)[0, 1] / force.var(ddof=1))
     return 1.0 + slope, part if by_chance < CHANCE else 0.0
 

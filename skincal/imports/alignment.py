@@ -156,7 +156,7 @@ def _length(time_s: FloatArray, values: FloatArray) -> float:
     step = common_step(time_s)
     even = np.interp(np.arange(time_s[0], time_s[-1], step), time_s, values)
     even = even - even.mean()
-    own = fftconvolve(even, even[::-1])[len(even) - 1 :]
+    own = np.asarray(fftconvolve(even, even[::-1]), dtype=np.float64)[len(even) - 1 :]
     return step * max(int(np.argmax(own < own[0] / 2)), 1)
 
 

@@ -363,23 +363,22 @@ class Fitter:
 
     def _careful(self, at: Fitted, d: FloatArray) -> tuple[State, Seen, float]:
         """The state that a step leads to, its presses as far on their own ways as is best for each, and its loss."""
-        b, own = at.blocks, at.blocks.press >= 0
-        told = np.full(len(at.state.move), np.inf)
-        told[b.press[own]] = (b.loss - 2 * b.b @ d + np.einsum("n,pnm,m->p", d, b.h, d))[own]
-        best, state = np.full(len(told), np.inf), self.moved(at, d)
-        move = state.move
-        for alone in (1.0, 0.3, 0.1, 0.0):
+        b = at.blocks
+        told = b.loss - 2 * b.b @ d + np.einsum("n,pnm,m->p", d, b.h, d)
+        told = _of_presses(b, told, len(at.state.move))
+        state = self.moved(at, d)
+        seen, found = self._left(state)
+        best, move = _of_presses(found, found.loss, len(told)), state.move
+        for alone in (0.3, 0.1, 0.0):
             far = best > told + _NEAR
             if not far.any():
                 break
             state = self.moved(at, d, alone=alone)
             state = replace(state, move=np.where(far[:, None], state.move, move))
             seen, found = self._left(state)
-            loss = np.full(len(best), -np.inf)
-            loss[found.press[found.press >= 0]] = found.loss[found.press >= 0]
-            better = loss < best
-            best, move = np.minimum(best, loss), np.where(better[:, None], state.move, move)
-        total = np.where(np.isfinite(best), best, 0.0).sum() + found.loss[found.press < 0].sum()
+            loss = _of_presses(found, found.loss, len(told))
+            best, move = np.minimum(best, loss), np.where((loss < best)[:, None], state.move, move)
+        total = best.sum() + found.loss[found.press < 0].sum()
         if (move != state.move).any():
             state = replace(state, move=move)
             seen = self.forward.see(state)
@@ -405,6 +404,12 @@ def law_widths() -> FloatArray:
 def law_bounds() -> FloatArray:
     """(4, 2) the least and the most that they are."""
     return law_widths()[:, None] * _LAW
+
+
+def _of_presses(blocks: Blocks, values: FloatArray, presses: int) -> FloatArray:
+    """(P,) values of blocks by press; 0 of one that has none."""
+    own = blocks.press >= 0
+    return np.bincount(blocks.press[own], values[own], presses).astype(np.float64)
 
 
 def _about_none(x: FloatArray) -> FloatArray:
