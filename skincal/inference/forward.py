@@ -391,7 +391,8 @@ class Forward:
     def base_columns(self, seen: Seen, *, contact: bool = True) -> FloatArray:
         """(K, J, 6 + 4) slopes by ``BASE`` (place in metres, angle, logarithms, counts) and ``LAW``.
 
-        Without ``contact`` those by ``CONTACT`` are left at zero.
+        Without ``contact`` those by ``CONTACT`` are left at zero, as all by ``LAW`` are without balls: these numbers say
+        how a skin answers to a ball.
         """
         s, near = seen.state, _Near(self, seen)
         out = np.zeros((*seen.values.shape, len(BASE) + len(LAW)))
@@ -418,11 +419,13 @@ class Forward:
         more = self._after(self.skin(replace(s, log_s=s.log_s + _SOFT)), seen.loads, seen.felt)
         out[..., 4] = (more - seen.values) / np.expm1(_SOFT)
         out[..., 5] = 1.0
-        if contact:
+        balls = any(isinstance(one, Sphere) for one in seen.felt.indenters)
+        if contact and balls:
             by = near.by_contact() @ LAW_WAYS[: len(CONTACT), : len(CONTACT)]
             for k in range(len(CONTACT)):
                 out[..., len(BASE) + k] = self.with_loads(seen, 0.02 * by[..., k]) / 0.02
-        out[..., -1] = self.with_loads(seen, 0.02 * near.by_bare()) / 0.02
+        if balls:
+            out[..., -1] = self.with_loads(seen, 0.02 * near.by_bare()) / 0.02
         return out
 
     def _from_centre(self, state: State, places: FloatArray) -> FloatArray:
