@@ -391,8 +391,8 @@ class Forward:
     def base_columns(self, seen: Seen, *, contact: bool = True) -> FloatArray:
         """(K, J, 6 + 4) slopes by ``BASE`` (place in metres, angle, logarithms, counts) and ``LAW``.
 
-        Without ``contact`` those by ``CONTACT`` are left at zero, as all by ``LAW`` are without balls: these numbers say
-        how a skin answers to a ball.
+        Without ``contact`` those by ``CONTACT`` are left at zero, as all by ``LAW`` are without balls: these numbers
+        say how a skin answers to a ball.
         """
         s, near = seen.state, _Near(self, seen)
         out = np.zeros((*seen.values.shape, len(BASE) + len(LAW)))
