@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
+from threading import enumerate as threads
 from typing import Any
 
 import pytest
@@ -128,11 +129,17 @@ def test_any_answer_ends_in_an_error_and_a_stop(
     state: dict[str, Any], at: str, wrong: Answer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(remote, "CONNECT_S", 1.0)
+    before = set(threads())
     with server(state, wrong, at) as (address, seen):
         start_s = time.monotonic()
-        with pytest.raises(HandError) as error, GuardedHand(RemoteDriver(address, silence_s=0.3)) as hand:
+        driver = RemoteDriver(address, silence_s=0.3)
+        with pytest.raises(HandError) as error, GuardedHand(driver) as hand:
             for _ in range(4):
                 hand.act(hand.nearest(hand.observe().q_desired_rad))
         assert len(str(error.value)) < 1000
         if at != "hello":
             assert time.monotonic() - start_s < 8.0 and "stop" in seen
+    # A call that had not come back is waited for, and what it held is given back.
+    for thread in set(threads()) - before:
+        thread.join(10.0)
+    driver.close()
