@@ -57,7 +57,7 @@ def dataset_hash(path: str | Path) -> str:
 
     Raises:
         OSError: a file cannot be read.
-        UnreadableError: ``dataset.toml`` is no TOML file.
+        ValueError: ``dataset.toml`` is no TOML file.
     """
     folder = Path(path)
     values = parse_toml(read_text(folder / FILE, within=folder))
