@@ -55,9 +55,9 @@ def order_finding(order: TaxelOrder, layout: TaxelLayout) -> Finding:
 def find_taxel_order(dataset: Dataset) -> Finding | None:
     """Return the finding ``taxel_order`` if another order of its taxels explains the images of a dataset; else None.
 
-    Uniform pressure says nothing of the order, and neither do presses that no fit can use.
+    Uniform pressure says nothing of the order, and neither do corrupted words, or presses that no fit can use.
     """
-    if uniform_pressure(dataset):
+    if uniform_pressure(dataset) or is_corrupted(findings_of_check(dataset)):
         return None
     try:
         problem = fit_problem(dataset, FitOptions(), choose_way(dataset, "auto"))
@@ -98,11 +98,11 @@ def with_findings_of_check(calibration: Calibration, dataset: Dataset) -> Calibr
     """Return the calibration with the findings of its dataset's check; without intervals if values are corrupted."""
     found = findings_of_check(dataset)
     if is_corrupted(found):
-        calibration = _untold(calibration)
+        calibration = _of_wrong_images(calibration)
     return replace(calibration, findings=(*found, *calibration.findings))
 
 
-def _untold(calibration: Calibration) -> Calibration:
+def _of_wrong_images(calibration: Calibration) -> Calibration:
     """Return the calibration of wrong images: without intervals, and without the findings that they bring about."""
     nothing = (float("-inf"), float("inf"))
     others = tuple(one for one in calibration.findings if one.code not in _FROM_WRONG_IMAGES)
@@ -111,7 +111,7 @@ def _untold(calibration: Calibration) -> Calibration:
 
 def with_other_order(calibration: Calibration, order: TaxelOrder) -> Calibration:
     """Return the calibration with the finding, and without intervals: it comes from images in the wrong order."""
-    calibration = _untold(calibration)
+    calibration = _of_wrong_images(calibration)
     return replace(calibration, findings=(order_finding(order, calibration.layout()), *calibration.findings))
 
 

@@ -136,10 +136,10 @@ def _order(of: tuple[FitProblem, SearchBox]) -> TaxelOrder | None:
 
 def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
     """Return why a fit cannot be done, and what to do."""
-    text = str(error)
-    said = [text if text.endswith((".", "?")) else f"{text}."]
     if corrupted := [one for one in findings_of_check(dataset) if is_corrupted([one])]:
         return " ".join(f"{one.text} {one.advice}" for one in corrupted)
+    text = str(error)
+    said = [text if text.endswith((".", "?")) else f"{text}."]
     if len(problem) < len(problem.status):
         said.append(why_dropped(problem))
     unplaced = not np.isfinite(dataset.meta.position.sigma_m)

@@ -94,8 +94,7 @@ def diagnose(
     named = bool(found.named)
     # What is left is more than chance, or presses that nobody has fitted are further off: no name is sure.
     checked = findings_of_check(dataset)
-    corrupted = is_corrupted(checked)
-    order = None if corrupted else find_taxel_order(dataset)
+    corrupted, order = is_corrupted(checked), find_taxel_order(dataset)
     wrong = corrupted or order is not None
     doubt = gap.refutes or found.doubtful or wrong
     taken_back = tuple(n.name for n in found.named) if named and doubt else ()

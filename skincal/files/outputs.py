@@ -7,7 +7,6 @@ list of the files written into it; ``--force`` removes a folder only if it holds
 
 from __future__ import annotations
 
-import errno
 import os
 import shutil
 from collections.abc import Callable, Generator, Iterable
@@ -90,15 +89,9 @@ def reserved_room(path: str | Path, size: int) -> Generator[Callable[[], None]]:
     with _temporary(Path(path)) as folder:
         file = folder / "room"
         with file.open("wb") as stream:
-            try:
-                os.posix_fallocate(stream.fileno(), 0, size)
-            except OSError as error:
-                if error.errno not in (
-                    errno.EINVAL,
-                    errno.ENOSYS,
-                    errno.EOPNOTSUPP,
-                ):  # the file system cannot do it
-                    raise
+            stream.write(os.urandom(size))  # zeros would be stored in no room by some file systems
+            stream.flush()
+            os.fsync(stream.fileno())
         yield partial(file.unlink, missing_ok=True)
 
 

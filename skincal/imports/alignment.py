@@ -138,13 +138,15 @@ def _likely_rate(
     """
     best, taxels_s, file_s = (0.0, 0.0), taxels_s - taxels_s[0], file_s - file_s[0]
     for activity in activities(images):
+        if np.ptp(activity) == 0:
+            continue
+        length = _length(taxels_s, activity)
+        step = max(common_step(taxels_s, file_s), length / 8)
+        many = int(np.ceil(MOST_RATE * float(file_s[-1]) / length))
         for values in columns.values():
             given = np.isfinite(values)
-            if given.sum() < 3 or np.ptp(values[given]) == 0 or np.ptp(activity) == 0:
+            if given.sum() < 3 or np.ptp(values[given]) == 0:
                 continue
-            length = _length(taxels_s, activity)
-            step = max(common_step(taxels_s, file_s), length / 8)
-            many = int(np.ceil(MOST_RATE * float(file_s[-1]) / length))
             for rate in np.linspace(-MOST_RATE, MOST_RATE, 2 * many + 1).tolist():
                 found = _correlations(taxels_s, activity, (1 + rate) * file_s[given], values[given], step)[1]
                 best = max(best, (float(np.nanmax(np.abs(found), initial=0.0)), rate))

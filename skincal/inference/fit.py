@@ -25,8 +25,6 @@ _FORM, _STRENGTH = 0.5, 0.4
 _LAW = np.array([[-3.0, 0.5], [-3.0, 3.0], [-3.0, 3.0], [0.0, 1 / C.law_bare]])
 """The law's numbers are no farther from the foundation than so many standard deviations of what is known of them.
 A layer is never stiffer under a larger contact: a power above 1 is a material that stiffens. Bare is a part of one."""
-_NEAR = 0.1
-"""By how much more than was told a press may leave before it is tried with a part of its own way [twice nats]."""
 _MOST = np.array([1.5e-3, 1.5e-3, 0.12, 0.35, 0.35, 5.0])
 """A step of the base is no longer than this: metres, metres, radians, logarithms; of rest in noises."""
 
@@ -345,13 +343,13 @@ class Fitter:
         )
 
     def solve(self, state: State, free: tuple[Free, ...] = (), steps: int = 4) -> Fitted:
-        """Fits, from a state, with equations at their word; a step that makes it worse is halved."""
+        """Fits, from a state, with equations at their word; of a step that makes it worse a part is taken."""
         at = self.linear(state, free, word=True)
         for _ in range(steps):
             d = self.step(at)
             for part in (1.0, 0.3, 0.1):
                 new, seen, total = self._careful(at, part * d)
-                if total < at.loss() + 0.1:
+                if total < at.loss() + C.loose:
                     break
             else:
                 break
@@ -364,19 +362,19 @@ class Fitter:
     def _careful(self, at: Fitted, d: FloatArray) -> tuple[State, Seen, float]:
         """The state that a step leads to, its presses as far on their own ways as is best for each, and its loss."""
         b = at.blocks
-        told = b.loss - 2 * b.b @ d + np.einsum("n,pnm,m->p", d, b.h, d)
-        told = _of_presses(b, told, len(at.state.move))
+        promised = b.loss - 2 * b.b @ d + np.einsum("n,pnm,m->p", d, b.h, d)
+        promised = _of_presses(b, promised, len(at.state.move))
         state = self.moved(at, d)
         seen, found = self._left(state)
-        best, move = _of_presses(found, found.loss, len(told)), state.move
+        best, move = _of_presses(found, found.loss, len(promised)), state.move
         for alone in (0.3, 0.1, 0.0):
-            far = best > told + _NEAR
+            far = best > promised + C.loose
             if not far.any():
                 break
             state = self.moved(at, d, alone=alone)
             state = replace(state, move=np.where(far[:, None], state.move, move))
             seen, found = self._left(state)
-            loss = _of_presses(found, found.loss, len(told))
+            loss = _of_presses(found, found.loss, len(promised))
             best, move = np.minimum(best, loss), np.where((loss < best)[:, None], state.move, move)
         total = best.sum() + found.loss[found.press < 0].sum()
         if (move != state.move).any():

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -477,19 +478,19 @@ class _Near:
 
     def by_elasticity(self) -> FloatArray:
         """(K, J) slope by the logarithm of E."""
-        return self._by_e() + self._law[1] * self._spread_by_e()
+        return self._by_e + self._spread_by_e
 
     def by_contact(self) -> FloatArray:
         """(K, J, 3) slopes by power, blur and radius.
 
         What is spread goes with a number as with E: in the proportion in which all else does.
         """
-        by_e, spread, parts = self._by_e(), self._law[1] * self._spread_by_e(), list[FloatArray]()
+        parts = list[FloatArray]()
         for step in (np.array([_POWER, 0, 0, 0]), np.array([0, 0, _RADIUS, 0])):
             more, less = (self.loads(law=self._law + side * step) for side in (1, -1))
             by = (more - less) / (2 * step.sum())
-            alike = (by * by_e).sum(axis=1) / np.maximum((by_e**2).sum(axis=1), 1e-300)
-            parts.append(by + alike[:, None] * spread)
+            alike = (by * self._by_e).sum(axis=1) / np.maximum((self._by_e**2).sum(axis=1), 1e-300)
+            parts.append(by + alike[:, None] * self._spread_by_e)
         return np.stack([parts[0], self._of(self._blur, slid=False), parts[1]], axis=-1)
 
     def by_bare(self) -> FloatArray:
@@ -497,12 +498,14 @@ class _Near:
         other = np.array([*self._law[:3], float(round(1 - self._law[3]))])
         return (self.loads(law=other) - self.loads()) / (other - self._law).sum()
 
+    @cached_property
     def _by_e(self) -> FloatArray:
         return (self._of(self._own, _SOFT) - self._of(self._own, -_SOFT)) / (2 * _SOFT)
 
+    @cached_property
     def _spread_by_e(self) -> FloatArray:
-        ends = [self._of(self._blur, side * _SOFT, slid=False) for side in (1, -1)]
-        return (ends[0] - ends[1]) / (2 * _SOFT)
+        more, less = (self._of(self._blur, side * _SOFT, slid=False) for side in (1, -1))
+        return self._law[1] * (more - less) / (2 * _SOFT)
 
     def _table(
         self, pose: SensorPose | None = None, along: FloatArray | float = 0.0, law: FloatArray | None = None

@@ -191,8 +191,8 @@ def test_a_step_that_is_too_long_for_some_presses_is_shortened_for_them_alone():
     aim = fitter.moved(wrong, d)
     assert loss < fitter.loss_at(aim)
     assert (np.abs(state.move[::2, :2]) < 1e-3).all()
-    as_told = (np.abs(state.move - aim.move)[1::2] < 1e-9).all(axis=1)
-    assert as_told.mean() > 0.6
+    as_promised = (np.abs(state.move - aim.move)[1::2] < 1e-9).all(axis=1)
+    assert as_promised.mean() > 0.6
 
 
 def test_a_fit_that_stops_short_is_not_credited_with_what_its_slopes_promise():

@@ -48,6 +48,20 @@ def test_a_table_is_the_model(law: StressLaw | None, thing: object):
     assert np.abs(got - want).max() < 0.01 * want.max()
 
 
+def test_a_point_at_the_equator_of_the_ball_takes_no_load():
+    flat = Patch.build(Plane(), LAYOUT, SensorPose(0.0, 0.0), 3.5e-4, 6e-3, "gauss")
+    up, law = np.array([[0.0, 0.0, 1.0]]), StressLaw(0.9, 5e-4)
+    at = Presses(np.zeros((1, 3)), up, np.zeros(1, dtype=np.int64), np.full(1, 10.0))
+    aside = np.linalg.norm(flat.points_m[:, :2], axis=1)
+    radius = np.sort(aside)[np.searchsorted(np.sort(aside), 4e-3)]
+    # A hair more than the distance of a point, and so much more that it is no special one.
+    near, far = (
+        press_table(flat, Plane(), (Sphere(radius * more),), at, E, law).terms[0, 0]
+        for more in (1 + 1e-12, 1 + 1e-3)
+    )
+    assert np.abs(near - far).max() < 0.005 * far.max()
+
+
 def test_a_table_has_the_pressure_itself():
     given, force = presses(), np.random.default_rng(1).uniform(0.5, 4.5, 12)
     own, bare = (press_table(PATCH, FINGER, (Sphere(0.006),), given, E, bare=part) for part in (0.0, 1.0))
