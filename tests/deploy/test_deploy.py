@@ -208,7 +208,7 @@ def test_a_disk_without_room_is_told_before_the_hand_moves(
 ) -> None:
     connected: list[ReferenceHand] = []
     monkeypatch.setattr(ReferenceHand, "connect", connected.append)
-    monkeypatch.setattr(os, "posix_fallocate", full)
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(SystemExit) as end:
         main(still_for_a_second(tmp_path / "rolled"))
     assert end.value.code == 1 and not connected
