@@ -298,11 +298,12 @@ def _balls(
     spread = weights.shape[0] > 0
     out = np.zeros((count, nodes, taxels))
     n = len(points)
-    # Powers of parts of the greatest depth, for points well inside: most of the time would go into powers.
+    # Stress at parts of the greatest depth, and its integral from the surface: most of the time would go into powers.
     knots = 512
-    inside = np.empty(knots + 2)
+    inside, upto = np.empty(knots + 2), np.empty(knots + 2)
     for k in range(len(inside)):
         inside[k] = (k / knots) ** power
+        upto[k] = inside[k] * k / (power + 1)
     gap, area, face, which = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64)
     half_rise = np.zeros(n)
     for c in range(count):
@@ -377,33 +378,29 @@ def _balls(
                 for j in range(taxels):
                     out[c, k, j] = max(level * heavy[j] - moment[j], 0.0)
             continue
-        # Another law: loads at depths that lie near the nodes, then brought to these.
+        # Another law: loads at depths that lie near the nodes, then brought to these. Depths are in knots.
         steps = nodes + 4
         whole = reference * (reach / reference) ** power
         carry, own = np.zeros(steps), np.zeros((steps, taxels))
-        levels = np.array([first + reach * (s / (steps - 1)) ** (2 / (power + 1)) for s in range(steps)])
+        levels = np.array([knots * (s / (steps - 1)) ** (2 / (power + 1)) for s in range(steps)])
         for i in range(m):
-            rise = half_rise[i]
-            if gap[i] - rise >= levels[steps - 1]:
+            # The mean over the cell: a stress that begins steeply would jump with each point that is met.
+            met, rise = (gap[i] - first) / reach * knots, max(half_rise[i] / reach * knots, 1e-4)
+            if met - rise >= levels[steps - 1]:
                 continue
-            v = rise / reach
-            f = whole * area[i]
-            mine = taxel[which[i]]
+            mine, f = taxel[which[i]], whole * area[i] / (2 * rise)
             for s in range(steps - 1, 0, -1):
-                e = levels[s] - gap[i]
-                if e <= -rise:
+                deep = levels[s] - met + rise
+                if deep <= 0:
                     break
-                # The mean over the cell: a stress that begins steeply would jump with each point that is met.
-                u = e / reach
-                if u > 2 * v and u * knots > 8:
-                    k = int(u * knots)
-                    mean = inside[k] + (u * knots - k) * (inside[k + 1] - inside[k])
-                    mean *= 1 + power * (power - 1) / 6 * (v / u) ** 2
-                else:
-                    mean = (u + v) ** (power + 1)
-                    if u > v:
-                        mean -= (u - v) ** (power + 1)
-                    mean /= 2 * v * (power + 1)
+                mean = 0.0
+                for side in range(2):
+                    u = deep - 2 * rise * side
+                    if u > 0:
+                        k = min(int(u), knots)
+                        t, here = u - k, inside[k]
+                        upper = upto[k] + t * (here + t * (upto[k + 1] - upto[k] - here))
+                        mean += upper if side == 0 else -upper
                 load = f * mean
                 carry[s] += load
                 load *= face[i]
