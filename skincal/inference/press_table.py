@@ -305,7 +305,8 @@ def _balls(
         inside[k] = (k / knots) ** power
         upto[k] = inside[k] * k / (power + 1)
     gap, area, face, which = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64)
-    half_rise = np.zeros(n)
+    half_rise, squares = np.zeros(n), np.empty(n)
+    px, py, pz = points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
     for c in range(count):
         ux, uy, uz = ups[c, 0], ups[c, 1], ups[c, 2]
         if not (np.isfinite(ux + centres[c, 0] + centres[c, 1] + centres[c, 2]) and most[c] > 0):
@@ -313,11 +314,14 @@ def _balls(
         # Points that a press as deep as this could meet: beyond, the gap is larger than any depth.
         wide = (radius + 1e-4) ** 2 + 4 * radius * np.sqrt(most[c] / (np.pi * radius))
         m, first = 0, np.inf
+        cx, cy, cz = centres[c, 0], centres[c, 1], centres[c, 2]
+        for i in range(n):  # by itself, which processors do for several points at a time
+            squares[i] = (px[i] - cx) ** 2 + (py[i] - cy) ** 2 + (pz[i] - cz) ** 2
         for i in range(n):
-            x, y, z = points[i, 0] - centres[c, 0], points[i, 1] - centres[c, 1], points[i, 2] - centres[c, 2]
-            away = x * x + y * y + z * z
+            away = squares[i]
             if away > wide:
                 continue
+            x, y, z = px[i] - cx, py[i] - cy, pz[i] - cz
             along = x * ux + y * uy + z * uz
             half = along * along - away + radius * radius
             if half <= 0:
