@@ -126,6 +126,7 @@ class Fitter:
         self.forward, self.counts, self.before = forward, counts, before
         self.foundation = False
         """Whether the contact is held at the foundation's, as at the beginning of a search."""
+        self._columns: tuple[tuple[Seen, tuple[Free, ...], bool], Slopes] | None = None
         s = forward.session
         self.press, self.phase, self.frames = s.press, s.phase, s.frames
         force = np.where(s.press >= 0, forward.mean @ np.nan_to_num(forward.samples.contacts.force_n), 0.0)
@@ -186,11 +187,12 @@ class Fitter:
         return np.sqrt((moves**2) @ (1 / self.before.move) + (self.before.image * seen.values) ** 2)
 
     def columns(self, seen: Seen, free: tuple[Free, ...]) -> Slopes:
-        """Slopes (K, J, n) of base, law and effects."""
-        f = self.forward
-        return Slopes.joined(
-            [Slopes.of(f.base_columns(seen, contact=not self.foundation)), *free_columns(f, seen, free)]
-        )
+        """Slopes (K, J, n) of base, law and effects; those of the last state are kept."""
+        f, key = self.forward, (seen, free, self.foundation)
+        if self._columns is None or self._columns[0] != key:
+            base = Slopes.of(f.base_columns(seen, contact=not self.foundation))
+            self._columns = key, Slopes.joined([base, *free_columns(f, seen, free)])
+        return self._columns[1]
 
     def equations(self, seen: Seen, *, word: bool = False) -> tuple[FloatArray, FloatArray]:
         """What the equations of effects in the model may err by, at one standard deviation.
