@@ -55,7 +55,7 @@ types: $(VENV)/.lint-stamp ## static types, strict in the core
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 docs: $(VENV)/.docs-stamp ## the documentation, notebooks executed, warnings as errors
-	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
+	$(BIN)/python -m sphinx -j auto -W --keep-going -b html docs docs/_build/html
 
 bench: $(VENV)/.test-stamp ## speed of everything, for docs/performance.md (about eight minutes)
 	$(BIN)/python -m benchmarks.bench

@@ -27,15 +27,17 @@ MADE = Path("_build", "made")
 TIMEOUT_S = 300
 COLUMNS = 92
 
-_folders: dict[str, tempfile.TemporaryDirectory[str]] = {}
+# Made before the build splits into processes, which would leave their own behind.
+_all = tempfile.TemporaryDirectory(prefix="skincal-docs-")
 
 
 def folder(docname: str) -> Path:
     """The temporary folder of a page."""
-    if docname not in _folders:
-        _folders[docname] = tempfile.TemporaryDirectory(prefix="skincal-docs-")
-        Path(_folders[docname].name, "data").symlink_to(ROOT / "data")
-    return Path(_folders[docname].name)
+    own = Path(_all.name, docname.replace("/", "-"))
+    if not own.exists():
+        own.mkdir()
+        (own / "data").symlink_to(ROOT / "data")
+    return own
 
 
 def run(command: list[str], docname: str, status: int) -> str:
@@ -122,14 +124,12 @@ class Made(Figure):
 
 def forget(_app: Sphinx, _env: BuildEnvironment, docname: str) -> None:
     """A page that is read again starts with an empty folder."""
-    if docname in _folders:
-        _folders.pop(docname).cleanup()
+    shutil.rmtree(folder(docname))
 
 
 def clean(_app: Sphinx, _error: Exception | None) -> None:
     """Removes the folders."""
-    for name in list(_folders):
-        _folders.pop(name).cleanup()
+    _all.cleanup()
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
