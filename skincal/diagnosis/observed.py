@@ -258,11 +258,9 @@ def beforehand(
             else (ends[1] - ends[0]) / 2
         )
 
-    radius = dataset.meta.surface.radius_m or 0.01
+    radius = dataset.surface().arc_radius_at(dataset.nominal_pose())
     turn = (
-        half(mount.x_range_m, 4e-3)
-        if mount.beta_range_deg is None
-        else radians(half(mount.beta_range_deg, 12.0)) * radius
+        half(mount.x_range_m, 4e-3) if radius is None else radians(half(mount.beta_range_deg, 12.0)) * radius
     )
     sigma = np.array(
         [
