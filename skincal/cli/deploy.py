@@ -161,8 +161,9 @@ def deploy(
 def _size(hand: HandDescription, targets: int) -> int:
     """Return the room that a run of so many targets may take, with its picture [bytes]."""
     from skincal.envs.trajectories import POLICY_HZ
+    from skincal.robot.description import JOINT_FIELDS
 
-    columns = 4 * len(hand.joints) + hand.meta.sensor.taxels + _OTHER_COLUMNS
+    columns = len(JOINT_FIELDS) * len(hand.joints) + hand.meta.sensor.taxels + _OTHER_COLUMNS
     return _PICTURE_BYTES + int((targets / POLICY_HZ + _GRASP_S) * _MOST_HZ) * columns * 8
 
 

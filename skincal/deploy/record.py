@@ -14,14 +14,13 @@ from skincal.dataset.model_objects import layout_of, surface_of
 from skincal.hand.driver import HandState
 from skincal.model import SensorPose
 from skincal.model.arrays import FloatArray
+from skincal.robot.description import JOINT_FIELDS, joint_columns
 from skincal.units import rad
 
 if TYPE_CHECKING:
     from skincal.deploy.handover import PinchForces
     from skincal.deploy.motion import Motion
     from skincal.robot import HandDescription
-
-_JOINT_COLUMNS = {"q": "q_rad", "dq": "dq_rad_per_s", "tau": "tau_nm", "q_desired": "q_desired_rad"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +94,7 @@ def _tables(record: Record, description: HandDescription) -> tuple[Presses, Fram
     acting = np.array([phase == "acting" for phase in record.phases])
     counts = np.array([state.taxels for state in states])
     points = _points(record, description)
-    columns = {
-        f"{name}_{j}": np.array([getattr(state, attribute)[j] for state in states])
-        for name, attribute in _JOINT_COLUMNS.items()
-        for j in range(len(states[0].q_rad))
-    }
+    columns = joint_columns(states, tuple(JOINT_FIELDS))
     columns |= {"object_u_m": record.places_m[:, 0], "object_v_m": record.places_m[:, 1]}
     frames = Frames(
         np.where(acting, 0, -1), np.where(acting, HOLD, IDLE).astype(np.int8),

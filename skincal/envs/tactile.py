@@ -115,6 +115,7 @@ class TactileSkin:
             self._body.indenter,
             touching=[touching],
             press=[0 if touching else -1],
+            complete=True,
             time_s=[self._age_s + time_s],
             phase=[self._phase(felt, time_s)],
             speed_m_per_s=[_LOADING_M_PER_S],
