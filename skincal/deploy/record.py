@@ -33,7 +33,7 @@ class Record:
         places_m: (T, 2) true place of the object on the sensor, NaN where nobody knows it [m].
         acting: index of the state at which the policy began.
         rest_counts: (J,) taxels at rest [counts].
-        force_n: (T,) normal force on the object by the joints' torques, mean of both fingers [N]; not below zero.
+        grip_n: (T,) normal force on the object by the joints' torques, mean of both fingers [N]; not below zero.
     """
 
     states: tuple[HandState, ...]
@@ -41,7 +41,7 @@ class Record:
     places_m: FloatArray
     acting: int
     rest_counts: FloatArray
-    force_n: FloatArray
+    grip_n: FloatArray
 
     @classmethod
     def of(cls, motion: Motion, acting: int, forces: PinchForces) -> Record:
@@ -98,13 +98,13 @@ def _tables(record: Record, description: HandDescription) -> tuple[Presses, Fram
     columns |= {"object_u_m": record.places_m[:, 0], "object_v_m": record.places_m[:, 1]}
     frames = Frames(
         np.where(acting, 0, -1), np.where(acting, HOLD, IDLE).astype(np.int8),
-        np.array([state.time_s for state in states]), np.where(acting, record.force_n, 0.0),
+        np.array([state.time_s for state in states]), np.where(acting, record.grip_n, 0.0),
         np.where(acting[:, None], points, np.nan), counts, columns=columns,
     )  # fmt: skip
     presses = Presses(
         np.array([0]),
         points[acting].mean(axis=0, keepdims=True),
-        record.force_n[acting].mean(keepdims=True),
+        record.grip_n[acting].mean(keepdims=True),
         counts[acting].mean(axis=0, keepdims=True),
     )
     return presses, frames

@@ -161,7 +161,7 @@ class Grasp:
 
     def _grip(self, values: Values, angles_rad: FloatArray, objects: tuple[Placed, ...]) -> Grip:
         body = objects[0].body
-        options, table = self._options, f"object.{type(body).__name__.lower()}"
+        options, table = self._options, f"object.{body.kind}"
         elasticity, pose = (
             number(values, "skin.elasticity_pa_per_m"),
             pose_of(self._pinch.description.meta.mount),

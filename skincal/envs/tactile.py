@@ -19,12 +19,17 @@ from skincal.model import ContactLaw, Contacts, Patch, SensorPose, Skin, SkinPar
 from skincal.model.arrays import FloatArray
 
 SESSION_S = 600.0
-"""A session may have gone on for so long when an episode begins; what drifts has drifted by then [s]."""
+"""A session has gone on for so long at most when an episode begins; what drifts has drifted by then [s]."""
 _LOADING_M_PER_S = 0.01
 """Speed at which the object is taken to have been pressed on the skin [m/s]."""
 _STEADY_N_PER_S = 0.4
 """Forces that change slower are held [N/s]."""
 _NOTHING = Contacts(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.zeros(1))
+
+
+def drawn_age_s(rng: np.random.Generator) -> float:
+    """Return for how long a session has gone on when an episode begins [s]."""
+    return float(rng.uniform(0.0, SESSION_S))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.envs.bodies import Marble
-from skincal.envs.drawing import Drawer, number
+from skincal.envs.bodies import body_of
+from skincal.envs.drawing import Drawer
 from skincal.envs.pinch import Pinch
 from skincal.envs.sensing import Sensor
-from skincal.envs.tactile import SESSION_S, SkinContact, TactileSkin
+from skincal.envs.tactile import SkinContact, TactileSkin, drawn_age_s
 from skincal.envs.trajectories import POLICY_HZ, wander
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
@@ -113,9 +113,9 @@ def draw_touches(
     images, places = np.zeros((hands, each, skin.taxels)), np.zeros((hands, each, 2))
     for hand in range(hands):
         values, sample = drawer.episode(rng, None, {})
-        body = Marble(number(values, "object.marble.radius_m"), number(values, "object.marble.mass_kg"))
+        body = body_of("marble", values)
         pose = Sensor.of(pinch, values).pose
-        skin.begin(values, pose, body, float(rng.uniform(0.0, SESSION_S)))
+        skin.begin(values, pose, body, drawn_age_s(rng))
         # A hand's clock ticks alike at rest and under load: what has memory remembers.
         noise = [
             np.asarray(drawer.step(rng, sample, None, {}).get("skin.taxel_noise_counts", 0.0))
