@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from skincal.robot import HandDescription
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Record:
     """States of a run, and where the object was.
 
@@ -50,7 +50,10 @@ class Record:
         # An interrupt may have come while the last state was being noted; its phase is noted last.
         states, places = motion.states[: len(phases)], np.array(motion.places_m[: len(phases)])
         normal = np.array([np.mean(forces.normal_n(state)) for state in states])
-        return cls(tuple(states), phases, places, acting, rest, np.maximum(normal, 0.0))
+        return cls(
+            states=tuple(states), phases=phases, places_m=places, acting=acting, rest_counts=rest,
+            grip_n=np.maximum(normal, 0.0),
+        )  # fmt: skip
 
     @property
     def images_counts(self) -> FloatArray:
