@@ -237,7 +237,7 @@ def _numbers(found: Deployed) -> dict[str, Any]:
         "lost_s": found.lost_s,
         "error_m": float(error.mean()) if error.size else None,
         "error_settled_m": float(error[20:].mean()) if error.size > 20 else None,
-        "force_n": float(record.force_n[record.acting :].mean()),
+        "force_n": float(record.grip_n[record.acting :].mean()),
         "period_s": float(found.period_s.mean()) if found.period_s.size else None,
         "jitter_s": found.jitter_s,
         "inference_s": float(found.inference_s.mean()),
