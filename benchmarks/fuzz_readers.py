@@ -142,6 +142,7 @@ def _of_hands() -> list[Reader]:
     from skincal.envs.pinch import read_pinch
     from skincal.hand.messages import REPLIES, REQUESTS, decode, refusal_of, state_of
     from skincal.robot import read_hand
+    from skincal.robot.description import ARRAYS, NUMBERS
     from tests.conftest import make_session
 
     mount = Mount.of(make_session(2).meta)
@@ -154,10 +155,7 @@ def _of_hands() -> list[Reader]:
         (refusal_of if found.kind == "refused" else state_of)(found)
 
     head = {"v": "skincal-hand/1", "id": 3, "session": "s"}
-    numbers = ("q_rad", "dq_rad_per_s", "tau_nm", "q_desired_rad", "taxels", "taxel_time_s")
-    state = (
-        head | {"kind": "state", "time_s": 1.5, "temperature_c": None} | {n: [0.0, None, 2] for n in numbers}
-    )
+    state = head | {"kind": "state"} | dict.fromkeys(NUMBERS, 1.5) | {n: [0.0, None, 2] for n in ARRAYS}
     refused = head | {
         "kind": "refused",
         "error": "limit",

@@ -17,6 +17,7 @@ from skincal.cli.main import app
 from skincal.covariates import TIMES
 from skincal.dataset.columns import OPTIONAL
 from skincal.diagnosis import session_findings
+from skincal.effects import EFFECTS
 from skincal.fitting import fit_findings
 from skincal.fitting.fit_options import FitOptions, GridSteps
 from skincal.fitting.places import MOST
@@ -115,6 +116,16 @@ def test_fit_page_tells_the_defaults():
     assert f"Gaussians of up to {1e3 * options.law_spreads_m[-1]:g} mm" in text
     assert f"steps of {1e3 * steps.across_m:g} mm of arc, {1e3 * steps.y_m:g} mm in $y$" in text
     assert f"{math.degrees(steps.alpha_rad):g}° in $\\alpha$, and {steps.elasticities} values of $E$" in text
+
+
+def test_pages_count_the_effects() -> None:
+    places = {
+        "README.md": "{} in all",
+        "docs/diagnose.md": "missing among {} {{doc}}`effects/index`",
+        "docs/audit.md": "all {} effects",
+    }
+    for page, words in places.items():
+        assert words.format(len(EFFECTS)) in (ROOT / page).read_text(encoding="utf-8"), page
 
 
 def test_the_trust_page_says_what_a_p_value_is_made_of() -> None:

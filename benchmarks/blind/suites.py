@@ -3,7 +3,7 @@
 ======== ==== =====================================================================================================
 none      100 nothing hidden; elastic layers, which no fit of ours knows
 decoy      60 nothing hidden, but something that misleads; both contact laws
-one       264 one effect: the 22 of the catalogue, six strengths, both contact laws
+one        12 an effect of the catalogue: six strengths, both contact laws
 two        60 two effects of different classes
 outside    64 something the catalogue does not have, eight kinds
 poor       60 static sessions and such in raster order, with and without an effect

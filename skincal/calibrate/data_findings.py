@@ -11,6 +11,7 @@ import numpy as np
 from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import choose_way
 from skincal.calibration import Calibration, Finding
+from skincal.calibration.finding_codes import code_of
 from skincal.dataset import Dataset, rest_levels
 from skincal.dataset.rest import rest_drift
 from skincal.dataset.uniform_pressure import uniform_pressure
@@ -21,13 +22,6 @@ from skincal.model import TaxelLayout
 
 MOST_NAMED = 8
 """So many moved taxels are named."""
-
-_FROM_WRONG_IMAGES = (
-    "dead_taxel", "misfit", "force_scatter", "response_bends", "positions_worse", "positions_bent", "slack_too_tight",
-    "glitches", "contact_law", "bad_presses", "lost_readings", "range_edge", "not_identified", "few_draws",
-    "rest_in_doubt",
-)  # fmt: skip
-"""Findings that wrong images bring about: in the wrong order, or of corrupted words."""
 
 CORRUPTED: Final = frozenset({"bytes_swapped", "counter_wrapped"})
 """Codes of a dataset's check that say that taxel values are not what the sensor measured."""
@@ -105,7 +99,7 @@ def with_findings_of_check(calibration: Calibration, dataset: Dataset) -> Calibr
 def _of_wrong_images(calibration: Calibration) -> Calibration:
     """Return the calibration of wrong images: without intervals, and without the findings that they bring about."""
     nothing = (float("-inf"), float("inf"))
-    others = tuple(one for one in calibration.findings if one.code not in _FROM_WRONG_IMAGES)
+    others = tuple(one for one in calibration.findings if not code_of(one.code).of_images)
     return replace(calibration, intervals=dict.fromkeys(calibration.intervals, nothing), findings=others)
 
 
@@ -141,15 +135,6 @@ def with_moving_rest(calibration: Calibration, dataset: Dataset) -> Calibration:
     return replace(calibration, findings=(*calibration.findings, finding))
 
 
-ON_A_STAGE = {
-    "force_scatter": "Check the zero of the load cell, and that it measures along the normal of the skin.",
-    "positions_worse": "Check how the stage's axes lie to the sensor, and the offset of the indenter's tip; raise "
-    "[position] sigma_m and slack_m.",
-    "positions_bent": "Align the axes of the stage with the sensor's edges for a sharper alpha.",
-}
-"""Advice where there are no joints, by the code of the finding."""
-
-
 def has_joints(dataset: Dataset) -> bool:
     """Return whether a hand took the data: its joints' angles or torques are there."""
     return any(dataset.presses.column(name) is not None for name in ("q_0", "tau_0"))
@@ -160,4 +145,4 @@ def for_the_rig(findings: tuple[Finding, ...], dataset: Dataset) -> tuple[Findin
     findings = tuple(one.in_unit(dataset.meta.sensor.unit) for one in findings)
     if has_joints(dataset):
         return findings
-    return tuple(replace(one, advice=ON_A_STAGE.get(one.code, one.advice)) for one in findings)
+    return tuple(replace(one, advice=code_of(one.code).on_a_stage or one.advice) for one in findings)

@@ -29,7 +29,7 @@ from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.general_tabling import NO_STORE
 from skincal.fitting.problem import FEW_PRESSES, NO_POSITION, USED, FitProblem
 from skincal.fitting.result import FitResult
-from skincal.fitting.solve import FEWEST_PRESSES, Progress, default_steps, plan_fit, solve
+from skincal.fitting.solve import LEAST_TO_FIT, Progress, default_steps, plan_fit, solve
 from skincal.fitting.tasks import Mapper
 from skincal.fitting.wiring import TaxelOrder, order_of_problem
 from skincal.shown import Shown
@@ -145,11 +145,11 @@ def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
     unplaced = not np.isfinite(dataset.meta.position.sigma_m)
     if text == NOWHERE and not unplaced:
         said.append(WHICH_ROWS)
-    elif text == NOWHERE or (len(problem) < FEWEST_PRESSES and (unplaced or NO_POSITION in problem.status)):
+    elif text == NOWHERE or (len(problem) < LEAST_TO_FIT and (unplaced or NO_POSITION in problem.status)):
         said.append(f"{PLACE_MISSING}.")
         if dataset.meta.surface.kind != "plane" and dataset.meta.indenter.kind == "flat":
             said.append(CHAMBER)
-    elif len(problem) < FEWEST_PRESSES:
+    elif len(problem) < LEAST_TO_FIT:
         pressed = PRESS_MORE if len(problem) < len(problem.status) else COLLECT_MORE
         said.append(REST_IN_DOUBT if rest_in_doubt(dataset) else pressed)
     return " ".join(said)

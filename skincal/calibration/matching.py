@@ -83,9 +83,12 @@ def _surface(
     if mine.kind != other.kind:
         expected, got = f'"{mine.kind}", as calibrated', f'"{other.kind}"'
         return [Problem(f"{place}, [surface] kind", expected, got, _FIX)]
-    if abs((mine.radius_m or 0.0) - (other.radius_m or 0.0)) > SAME_M:
-        expected = f"{mine.radius_m:g} m, as calibrated"
-        return [Problem(f"{place}, [surface] radius_m", expected, f"{other.radius_m:g} m", _FIX)]
+    its = other.numbers
+    for key, own in mine.numbers.items():
+        if abs(own - its[key]) > SAME_M:
+            return [
+                Problem(f"{place}, [surface] {key}", f"{own:g} m, as calibrated", f"{its[key]:g} m", _FIX)
+            ]
     if mine.file and other.file and calibration.meshes.get(mine.file) != meshes.get(other.file):
         return [
             Problem(f"{place}, [surface] file", "the calibrated mesh", f"another one, {other.file}", _FIX)
@@ -98,7 +101,7 @@ def _mount(calibration: Calibration, dataset: Dataset, place: str) -> list[Probl
     mount, slack = dataset.meta.mount, dataset.meta.position.slack_m
     if not isfinite(slack):
         return []
-    radius = dataset.meta.surface.radius_m
+    radius = calibration.surface_model().arc_radius_at(calibration.pose())
     ranges = {
         "y_m": (mount.y_range_m, slack),
         "x_m": (mount.x_range_m, slack),

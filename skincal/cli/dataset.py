@@ -18,7 +18,6 @@ from skincal.cli.terminal import (
     print_json,
     problems_json,
     say,
-    shape,
     table,
     warn,
 )
@@ -147,11 +146,11 @@ def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
 def _lines(data: Dataset, summary: Summary) -> list[tuple[str, str]]:
     meta, sensor = data.meta, data.meta.sensor
     low, median, high = summary.force_n
-    surface, least = shape(meta.surface.kind, meta.surface.radius_m), f"{summary.threshold_counts:.3g}"
+    least = f"{summary.threshold_counts:.3g}"
     lines = [
         ("source", meta.source or "not said"),
-        ("sensor", f"{sensor.rows} x {sensor.cols} taxels on a {surface}"),
-        ("indenter", shape(meta.indenter.kind, meta.indenter.radius_m)),
+        ("sensor", f"{sensor.rows} x {sensor.cols} taxels on a {meta.surface}"),
+        ("indenter", str(meta.indenter)),
         ("presses", str(summary.presses) + ("" if summary.sites is None else f" at {summary.sites} targets")),
         ("force", f"{low:.3g} to {high:.3g} N, median {median:.3g} N"),
         ("answered", f"{summary.usable} presses by two taxels or more (over {least} {sensor.unit_label})"),

@@ -161,8 +161,9 @@ def deploy(
 def _size(hand: HandDescription, targets: int) -> int:
     """Return the room that a run of so many targets may take, with its picture [bytes]."""
     from skincal.envs.trajectories import POLICY_HZ
+    from skincal.robot.description import JOINT_FIELDS
 
-    columns = 4 * len(hand.joints) + hand.meta.sensor.taxels + _OTHER_COLUMNS
+    columns = len(JOINT_FIELDS) * len(hand.joints) + hand.meta.sensor.taxels + _OTHER_COLUMNS
     return _PICTURE_BYTES + int((targets / POLICY_HZ + _GRASP_S) * _MOST_HZ) * columns * 8
 
 
@@ -236,7 +237,7 @@ def _numbers(found: Deployed) -> dict[str, Any]:
         "lost_s": found.lost_s,
         "error_m": float(error.mean()) if error.size else None,
         "error_settled_m": float(error[20:].mean()) if error.size > 20 else None,
-        "force_n": float(record.force_n[record.acting :].mean()),
+        "force_n": float(record.grip_n[record.acting :].mean()),
         "period_s": float(found.period_s.mean()) if found.period_s.size else None,
         "jitter_s": found.jitter_s,
         "inference_s": float(found.inference_s.mean()),

@@ -13,7 +13,7 @@ import typer
 from skincal.cli import options
 from skincal.cli.interrupt import moving
 from skincal.cli.options import argument, example, find_modules_here, option
-from skincal.cli.terminal import answer, picked, say, shape, table
+from skincal.cli.terminal import answer, picked, say, table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -121,12 +121,10 @@ def _joints(description: HandDescription) -> Table:
 
 def _fingers(description: HandDescription) -> list[str]:
     meta, skin, indenter = description.meta, description.skin_finger, description.indenter_finger
-    ball = "" if meta.indenter.radius_m is None else f", {shape(meta.indenter.kind, meta.indenter.radius_m)}"
-    surface = shape(meta.surface.kind, meta.surface.radius_m)
     lines = {
         "skin": f"{skin.name} ({', '.join(skin.joints)}), link {skin.tip_link}",
-        "indenter": f"{indenter.name} ({', '.join(indenter.joints)}), link {indenter.tip_link}{ball}",
-        "sensor": f"{meta.sensor.rows} x {meta.sensor.cols} taxels on a {surface}",
+        "indenter": f"{indenter.name} ({', '.join(indenter.joints)}), link {indenter.tip_link}, {meta.indenter}",
+        "sensor": f"{meta.sensor.rows} x {meta.sensor.cols} taxels on a {meta.surface}",
         "force": f"never above {description.max_force_n:g} N",
         "URDF": str(description.urdf),
         "SHA-256": description.digest,

@@ -158,7 +158,7 @@ def _simulated(calibration: Calibration, run: dict[str, Any], hands: int, seed: 
             if done.lost_s is None:
                 record = done.record
                 acting = np.array([phase == "acting" for phase in record.phases])
-                found.append(feel(record.centroids_m[acting], record.force_n[acting]))
+                found.append(feel(record.centroids_m[acting], record.grip_n[acting]))
     return found
 
 

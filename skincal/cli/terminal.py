@@ -148,11 +148,6 @@ def note(texts: Iterable[str]) -> None:
         say(f"skincal: note: {text}")
 
 
-def shape(kind: str, radius_m: float | None) -> str:
-    """Return a surface or an indenter in a few words."""
-    return kind if radius_m is None else f"{kind} of radius {radius_m * 1e3:g} mm"
-
-
 def first_of(items: Sequence[object], most: int = 8) -> str:
     """Return a list in one line, cut after so many."""
     more = f" and {len(items) - most} more" if len(items) > most else ""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.collect.journal import Journal
+from skincal.collect.record import OF_SKIN
 from skincal.covariates import POSITION
 from skincal.dataset import IDLE, Dataset, DatasetMeta, Frames, Presses
 from skincal.dataset.count_checks import DEAD_STRETCH, long_stretches
@@ -22,7 +23,7 @@ Arrays = dict[str, NDArray[Any]]
 
 OWN_OF_PRESSES = ("press", *POSITION, "force_n", "counts")
 OWN_OF_FRAMES = (*OWN_OF_PRESSES, "phase", "time_s")
-OPTIONAL = ("temperature_c", "indenter_radius_m")
+OPTIONAL = (*OF_SKIN, "indenter_radius_m")
 """Columns that are left out if nothing was measured."""
 
 LAST = ("missed_target", "slip_m", "status", "kind")

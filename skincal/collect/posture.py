@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from skincal.dataset import DatasetMeta
 from skincal.dataset.model_objects import layout_of, pose_of, surface_of
 from skincal.dataset.placement import patch_coordinates
-from skincal.model import Plane, SensorPose, Surface, TaxelLayout
+from skincal.model import SensorPose, Surface, TaxelLayout
 from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics, place_indenter
 
@@ -40,7 +40,7 @@ class Mount:
     @property
     def pose_is_plane(self) -> bool:
         """True if a position is (x, y) instead of (beta, y)."""
-        return isinstance(self.surface, Plane)
+        return self.surface.arc_radius_at(self.pose) is None
 
     def place(self, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return points (K, 3) [m] and outward normals (K, 3) of sites (K, 2) [m]; NaN beyond the surface."""

@@ -16,11 +16,19 @@ from skincal.collect.senses import Sample
 from skincal.covariates import POSITION, TARGET, TIMES
 from skincal.dataset import HOLD, IDLE, LOAD, UNLOAD
 from skincal.model.arrays import FloatArray
+from skincal.robot.description import joint_columns
 
 Arrays = dict[str, NDArray[Any]]
 
 SLIP_PARTS = 5
 """Number of equal parts into which a hold is divided to detect motion of the contact."""
+
+OF_CONTACT = ("force_n", "shear_u_n", "shear_v_n")
+"""Numbers of a sample that are recorded, beside its point."""
+OF_SKIN = ("temperature_c",)
+"""Numbers of a state that are recorded, where they are measured."""
+OF_JOINTS = ("q", "tau", "q_desired")
+"""Values of the joints that are recorded, of ``JOINT_FIELDS``."""
 
 SHORTEST_S = 0.05
 """Without a steady part, a press's means cover at least this time before its end [s]."""
@@ -41,18 +49,12 @@ class Series:
     @classmethod
     def of(cls, samples: Sequence[Sample]) -> Series:
         """Return the samples of a stretch of time as arrays."""
-        table = np.array(
-            [
-                [s.time_s, s.force_n, s.shear_u_n, s.shear_v_n, *s.point_m, s.state.temperature_c,
-                 *s.state.q_rad, *s.state.tau_nm, *s.state.q_desired_rad]
-                for s in samples
-            ],
-            dtype=np.float64,
-        )  # fmt: skip
-        joints = len(samples[0].state.q_rad)
-        names = ["force_n", "shear_u_n", "shear_v_n", *POSITION, "temperature_c"]
-        names += [f"{name}_{j}" for name in ("q", "tau", "q_desired") for j in range(joints)]
-        return cls(table[:, 0], dict(zip(names, table[:, 1:].T, strict=True)))
+        states = [sample.state for sample in samples]
+        values = {name: np.array([getattr(sample, name) for sample in samples]) for name in OF_CONTACT}
+        values |= zip(POSITION, np.array([sample.point_m for sample in samples]).T, strict=True)
+        values |= {name: np.array([getattr(state, name) for state in states]) for name in OF_SKIN}
+        values |= joint_columns(states, OF_JOINTS)
+        return cls(np.array([sample.time_s for sample in samples]), values)
 
     def at(self, times_s: FloatArray) -> dict[str, FloatArray]:
         """Return the values at other times (M,), interpolated linearly."""

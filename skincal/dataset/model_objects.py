@@ -36,16 +36,16 @@ def layout_of(sensor: SensorSpec, positions: TaxelPositions | None) -> TaxelLayo
 
 def surface_of(spec: SurfaceSpec, meshes: Mapping[str, bytes]) -> Surface:
     """Return the surface that carries the sensor; ``meshes`` holds the content of mesh files by name."""
-    return _built(SURFACES[spec.kind], spec.radius_m, spec.file, meshes)
+    return _built(SURFACES[spec.kind], spec.numbers, spec.file, meshes)
 
 
 def indenter_of(spec: IndenterSpec, meshes: Mapping[str, bytes], radius_m: float | None = None) -> Indenter:
     """Return the indenter; a radius [m] that is neither None nor NaN overrides that of ``spec``."""
-    radius = spec.radius_m if radius_m is None or np.isnan(radius_m) else float(radius_m)
-    return _built(INDENTERS[spec.kind], radius, spec.file, meshes)
+    own = {} if radius_m is None or np.isnan(radius_m) else {"radius_m": float(radius_m)}
+    return _built(INDENTERS[spec.kind], spec.numbers | own, spec.file, meshes)
 
 
-def _built(kind: Kind, radius_m: float | None, file: str | None, meshes: Mapping[str, bytes]) -> Any:
+def _built(kind: Kind, numbers: dict[str, float], file: str | None, meshes: Mapping[str, bytes]) -> Any:
     """Return the model's object of a kind."""
     import skincal.model
 
@@ -53,10 +53,7 @@ def _built(kind: Kind, radius_m: float | None, file: str | None, meshes: Mapping
     if kind.mesh:
         assert file is not None
         return make(*mesh_arrays(meshes[file], file))
-    if kind.radius:
-        assert radius_m is not None
-        return make(radius_m)
-    return make()
+    return make(**{key: numbers[key] for key in kind.numbers})
 
 
 def pose_of(mount: MountSpec) -> SensorPose:

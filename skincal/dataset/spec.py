@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from skincal.bounded import MOST_TAXELS
 from skincal.dataset.keys import MILLIMETRES, Key, Length, Range, Size, When, Word
-from skincal.dataset.kinds import INDENTERS, SURFACES, Kind
+from skincal.dataset.kinds import INDENTERS, SURFACES, Kind, named
 from skincal.dataset.schema import Table
 from skincal.dataset.schema_errors import Violation, missing, superfluous, within
 
@@ -91,7 +91,7 @@ class SensorSpec(Table):
 
 @dataclass(frozen=True)
 class _Shape(Table):
-    """A kind, with its radius [m] or its mesh file; '' for a kind that could not be read."""
+    """A kind, with its numbers or its mesh file; '' for a kind that could not be read."""
 
     kind: str
     radius_m: Annotated[float | None, Length("a radius [m]", 5e-5, 1.0)] = None
@@ -100,11 +100,22 @@ class _Shape(Table):
 
     kinds: ClassVar[Mapping[str, Kind]] = {}
 
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The numbers that its kind has, by key."""
+        return {key: getattr(self, key) for key in self.kinds[self.kind].numbers}
+
+    def __str__(self) -> str:
+        sizes = (f"{key.removesuffix('_m')} {1e3 * value:g} mm" for key, value in self.numbers.items())
+        return f"{self.kind} of {', '.join(sizes)}" if self.numbers else self.kind
+
     def violations(self) -> Iterator[Violation]:
-        """Yield a radius or a mesh that the kind needs, or cannot have."""
+        """Yield a number or a mesh that the kind needs, or cannot have."""
         if (kind := self.kinds.get(self.kind)) is None:
             return
-        for key, expected in (("radius_m", kind.radius), ("file", "the name of the mesh file" * kind.mesh)):
+        every = {key for other in self.kinds.values() for key in other.numbers}
+        for key in (*sorted(every), "file"):
+            expected = "the name of the mesh file" * kind.mesh if key == "file" else kind.numbers.get(key)
             value = getattr(self, key)
             if expected and not value:
                 yield missing(key, expected)
@@ -255,6 +266,14 @@ class Description(Table):
     def violations(self) -> Iterator[Violation]:
         """Yield coordinates of the mount that its surface does not have."""
         yield from self.surface.mount_violations(self.mount)
+
+    def hand_violations(self) -> Iterator[Violation]:
+        """Yield a surface or an indenter that a hand cannot have."""
+        for table in ("surface", "indenter"):
+            shape = getattr(self, table)
+            if (kind := shape.kinds.get(shape.kind)) is not None and not kind.on_hand:
+                expected = f"{named(shape.kinds, 'on_hand')}: contacts are found in closed form"
+                yield (table, "kind"), expected, f'"{shape.kind}"'
 
     def meta(self, **others: Any) -> DatasetMeta:
         """Return the metadata of a dataset with these tables, and other fields."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.deploy.record import Record
-from skincal.envs.pinch import Pinch, require_cylinder
+from skincal.envs.pinch import Pinch
 from skincal.envs.sensing import Sensor
 from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics
@@ -61,7 +61,7 @@ def _rolled(record: Record, pinch: Pinch, width_m: float) -> FloatArray:
 
     Rolling between two surfaces it goes half as far as they move against each other.
     """
-    radius, mount = require_cylinder(pinch), pinch.description.meta.mount
+    radius, mount = pinch.radius_m, pinch.description.meta.mount
     sensor = Sensor(radius, mount.y_m, rad(mount.beta_deg or 0.0), rad(mount.alpha_deg))
     skin, thumb = Kinematics(pinch.description).frames(
         np.array([state.q_desired_rad for state in record.states])

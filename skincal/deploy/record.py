@@ -14,6 +14,7 @@ from skincal.dataset.model_objects import layout_of, surface_of
 from skincal.hand.driver import HandState
 from skincal.model import SensorPose
 from skincal.model.arrays import FloatArray
+from skincal.robot.description import JOINT_FIELDS, joint_columns
 from skincal.units import rad
 
 if TYPE_CHECKING:
@@ -21,10 +22,8 @@ if TYPE_CHECKING:
     from skincal.deploy.motion import Motion
     from skincal.robot import HandDescription
 
-_JOINT_COLUMNS = {"q": "q_rad", "dq": "dq_rad_per_s", "tau": "tau_nm", "q_desired": "q_desired_rad"}
 
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Record:
     """States of a run, and where the object was.
 
@@ -34,7 +33,7 @@ class Record:
         places_m: (T, 2) true place of the object on the sensor, NaN where nobody knows it [m].
         acting: index of the state at which the policy began.
         rest_counts: (J,) taxels at rest [counts].
-        force_n: (T,) normal force on the object by the joints' torques, mean of both fingers [N]; not below zero.
+        grip_n: (T,) normal force on the object by the joints' torques, mean of both fingers [N]; not below zero.
     """
 
     states: tuple[HandState, ...]
@@ -42,7 +41,7 @@ class Record:
     places_m: FloatArray
     acting: int
     rest_counts: FloatArray
-    force_n: FloatArray
+    grip_n: FloatArray
 
     @classmethod
     def of(cls, motion: Motion, acting: int, forces: PinchForces) -> Record:
@@ -51,7 +50,10 @@ class Record:
         # An interrupt may have come while the last state was being noted; its phase is noted last.
         states, places = motion.states[: len(phases)], np.array(motion.places_m[: len(phases)])
         normal = np.array([np.mean(forces.normal_n(state)) for state in states])
-        return cls(tuple(states), phases, places, acting, rest, np.maximum(normal, 0.0))
+        return cls(
+            states=tuple(states), phases=phases, places_m=places, acting=acting, rest_counts=rest,
+            grip_n=np.maximum(normal, 0.0),
+        )  # fmt: skip
 
     @property
     def images_counts(self) -> FloatArray:
@@ -95,21 +97,17 @@ def _tables(record: Record, description: HandDescription) -> tuple[Presses, Fram
     acting = np.array([phase == "acting" for phase in record.phases])
     counts = np.array([state.taxels for state in states])
     points = _points(record, description)
-    columns = {
-        f"{name}_{j}": np.array([getattr(state, attribute)[j] for state in states])
-        for name, attribute in _JOINT_COLUMNS.items()
-        for j in range(len(states[0].q_rad))
-    }
+    columns = joint_columns(states, tuple(JOINT_FIELDS))
     columns |= {"object_u_m": record.places_m[:, 0], "object_v_m": record.places_m[:, 1]}
     frames = Frames(
         np.where(acting, 0, -1), np.where(acting, HOLD, IDLE).astype(np.int8),
-        np.array([state.time_s for state in states]), np.where(acting, record.force_n, 0.0),
+        np.array([state.time_s for state in states]), np.where(acting, record.grip_n, 0.0),
         np.where(acting[:, None], points, np.nan), counts, columns=columns,
     )  # fmt: skip
     presses = Presses(
         np.array([0]),
         points[acting].mean(axis=0, keepdims=True),
-        record.force_n[acting].mean(keepdims=True),
+        record.grip_n[acting].mean(keepdims=True),
         counts[acting].mean(axis=0, keepdims=True),
     )
     return presses, frames

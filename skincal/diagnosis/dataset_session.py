@@ -17,14 +17,7 @@ from skincal.diagnosis.steady import steady_places
 from skincal.effects import Samples, hold_session, hold_times
 from skincal.inference.session import Binning, GapSession, binned, of_holds
 from skincal.model import Contacts
-from skincal.prediction.session_samples import (
-    frame_column,
-    last_press,
-    met_forces,
-    pose_names,
-    recorded_covariates,
-    sites,
-)
+from skincal.prediction.session_samples import covariates, frame_column, last_press, pose_names, sites
 from skincal.prediction.touches import frame_normals
 
 Floats = NDArray[np.float64]
@@ -79,8 +72,7 @@ def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
         press=np.where(row >= 0, presses.press[of_press], -1),
         time_s=frames.time_s[use],
         phase=frames.phase[use],
-        met_n=met_forces(dataset, of_press),
-        **recorded_covariates(column, pose_names(dataset)),
+        **covariates(dataset, of_press, column, pose_names(dataset)),
     )
     return binned(samples, row, frames.counts[use], dataset.surface(), binning)
 
@@ -116,8 +108,7 @@ def _of_presses(dataset: Dataset) -> GapSession:
         (indenters, kinds[use]),
         touching=True,
         press=presses.press[use],
-        met_n=met_forces(dataset, use),
-        **recorded_covariates(column, pose_names(dataset)),
+        **covariates(dataset, use, column, pose_names(dataset)),
     )
     branch = column("branch")
     played = hold_session(holds, times, down=None if branch is None else branch == "down")

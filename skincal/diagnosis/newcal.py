@@ -9,6 +9,7 @@ import numpy as np
 
 from skincal.calibration import Calibration, Effect, Finding, Interval, ModelParameters
 from skincal.calibration.calibration import Columns
+from skincal.calibration.finding_codes import code_of
 from skincal.calibration.parts import LAW, REST, FittedLaw, Loss
 from skincal.calibration.skin import effect_from
 from skincal.dataset import Dataset, active_taxels
@@ -27,19 +28,6 @@ GLITCH, UNKNOWN = "looks like a glitch", "no known place or force, or nothing of
 _WIDTH, _DRAWS = 1.96, 2000
 LEVEL = FitOptions().level
 """What intervals of the base are worth: as much as those of a fit."""
-OUTDATED = (
-    "misfit",
-    "range_edge",
-    "bad_presses",
-    "glitches",
-    "force_scatter",
-    "response_bends",
-    "contact_law",
-    "positions_worse",
-    "positions_bent",
-    "slack_too_tight",
-)
-"""Findings of a fit that say how its images match, and where its intervals end: with more in the model otherwise."""
 LEFT = Finding(
     "misfit",
     "warning",
@@ -155,7 +143,7 @@ def new_calibration(
                 )
             )
     loss, slack = _fitted_presses(calibration, observed, fit, wild)
-    findings = tuple(one for one in calibration.findings if one.code not in OUTDATED)
+    findings = tuple(one for one in calibration.findings if not code_of(one.code).of_base_model)
     from_, label = calibration.provenance, "" if dataset.folder is None else real(dataset.folder).name
     before = {"calibrated_on": from_.dataset, "calibrated_on_sha256": from_.dataset_sha256}
     provenance = replace(

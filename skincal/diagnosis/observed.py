@@ -29,7 +29,7 @@ from skincal.model.arrays import BoolArray, IntArray
 from skincal.model.patch import Rule
 from skincal.model.rest import rest_from_presses
 
-FEWEST_PRESSES = 12
+LEAST_TO_DIAGNOSE = 12
 """Fewer cannot be fitted, choose and be kept for the end."""
 _CELLS, _FINEST_M, _MARGIN_M, _STILL_M = 9000, 3.5e-4, 6e-3, 1e-9
 
@@ -171,11 +171,11 @@ def observe(
         raise InputError([Problem(f"{place}: [position] sigma_m", "places that were measured", "inf", fix)])
     session = gap_session(dataset)
     pressed = np.unique(session.press[session.press >= 0])
-    if len(pressed) < (FEWEST_PRESSES if keep else 1):
-        check_phases(dataset, FEWEST_PRESSES)
+    if len(pressed) < (LEAST_TO_DIAGNOSE if keep else 1):
+        check_phases(dataset, LEAST_TO_DIAGNOSE)
         raise refusal(
             dataset,
-            f"expected {FEWEST_PRESSES} presses with a known place and a force at least, because some are fitted, "
+            f"expected {LEAST_TO_DIAGNOSE} presses with a known place and a force at least, because some are fitted, "
             f"some choose and some are kept for the end; got {len(pressed)}. Record more presses",
         )
     noise, floor, rest_sigma, clipped, session = _noise(dataset, session, calibration)
@@ -258,11 +258,9 @@ def beforehand(
             else (ends[1] - ends[0]) / 2
         )
 
-    radius = dataset.meta.surface.radius_m or 0.01
+    radius = dataset.surface().arc_radius_at(dataset.nominal_pose())
     turn = (
-        half(mount.x_range_m, 4e-3)
-        if mount.beta_range_deg is None
-        else radians(half(mount.beta_range_deg, 12.0)) * radius
+        half(mount.x_range_m, 4e-3) if radius is None else radians(half(mount.beta_range_deg, 12.0)) * radius
     )
     sigma = np.array(
         [

@@ -26,7 +26,8 @@ class Samples:
         contacts: K contacts; the row of a sample without contact is a placeholder.
         touching: (K,) False without contact: there is no load, whatever the contact says.
         indenter: (K,) index of each sample's indenter.
-        press: (K,) number of the press, -1 for none.
+        press: (K,) number of the press, -1 for none: the dataset's, neither a count nor in order. An environment
+            has one press, 0.
         time_s: (K,) session clock, non-decreasing [s].
         phase: (K,) ``IDLE``, ``LOAD``, ``HOLD``, ``UNLOAD``, or ``UNKNOWN``: 0 to 3 and -1.
         speed_m_per_s: (K,) speed of loading of the press [m/s].
@@ -88,6 +89,7 @@ class Samples:
         *,
         touching: ArrayLike | None = None,
         press: ArrayLike | None = None,
+        complete: bool = False,
         **covariates: ArrayLike | None,
     ) -> Samples:
         """Return samples from columns; one number stands for all rows.
@@ -98,11 +100,13 @@ class Samples:
             touching: (K,) True with contact; by default where the phase is known and not idle, or, if it is
                 unknown, where the force is above zero.
             press: (K,) number of the press; by default a new press starts where contact begins.
+            complete: whether every covariate has to be given, unknown ones as NaN: a simulation that forgets one
+                would let effects abstain, silently.
             covariates: (K,) by the name of the attribute, or of the columns that are its components
                 (``shear_u_n`` and ``shear_v_n``: both or none).
 
         Raises:
-            TypeError: a name that no covariate has.
+            TypeError: a name that no covariate has; or a covariate that is missing, if all are needed.
         """
         count = len(contacts)
 
@@ -116,6 +120,8 @@ class Samples:
             if len(given) == len(parts):
                 values = [column(value, np.int64 if one.whole else np.float64) for value in given]
                 own[one.attribute] = values[0] if len(values) == 1 else np.stack(values, axis=1)
+        if complete and (missing := [c.attribute for c in COVARIATES.values() if c.attribute not in own]):
+            raise TypeError(f"samples: expected every covariate; {', '.join(missing)} is missing")
         if covariates:
             raise TypeError(f"samples: expected covariates; got {', '.join(covariates)}")
         things, which = indenter if isinstance(indenter, tuple) else ((indenter,), 0)

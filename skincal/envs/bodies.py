@@ -6,11 +6,14 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from skincal.envs.drawing import Values, number
+from skincal.envs.needed import ObjectName
 from skincal.model import Contacts, Indenter, MeshIndenter, Sphere
 from skincal.model.arrays import FloatArray
 
@@ -34,9 +37,11 @@ class Body(ABC):
     """A rigid body; its frame has its origin at the centre of mass.
 
     Attributes:
+        kind: what ranges call it.
         radius_m: of what the fingers hold [m].
     """
 
+    kind: ClassVar[ObjectName]
     radius_m: float
     mass_kg: float
 
@@ -82,6 +87,8 @@ class Body(ABC):
 @dataclass(frozen=True)
 class Marble(Body):
     """A ball, closed form for the skin."""
+
+    kind: ClassVar[ObjectName] = "marble"
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -130,6 +137,7 @@ class Bolt(Body):
     5 g to 7 g (the paper's) is that of a printed one. No thread.
     """
 
+    kind: ClassVar[ObjectName] = "bolt"
     _SHANK = 70.0 / 6.0
     _FLATS = 18.0 / 6.0
     _HEAD = 7.5 / 6.0
@@ -222,6 +230,23 @@ class Bolt(Body):
         rotation: FloatArray,
     ) -> Contacts:
         return Contacts.one(point_m, normal, force_n, rotation, position_m)
+
+
+BODIES: Final[dict[ObjectName, type[Body]]] = {one.kind: one for one in (Marble, Bolt)}
+"""Bodies by what ranges call them."""
+
+
+def body_of(kind: ObjectName, values: Values) -> Body:
+    """Return the object of an episode."""
+    return BODIES[kind](*(number(values, f"object.{kind}.{name}") for name in ("radius_m", "mass_kg")))
+
+
+def turn_of(kind: ObjectName, values: Values, orientation_deg: float) -> FloatArray:
+    """Return how the object is turned at first (3, 3), in the fingertip's frame; a ball is not."""
+    if kind == "marble":
+        return np.eye(3)
+    psi, theta, phi = (number(values, f"object.{kind}.{name}_deg") for name in ("psi", "theta", "phi"))
+    return Rotation.from_euler("ZYX", [orientation_deg + psi, theta, phi], degrees=True).as_matrix()
 
 
 @lru_cache(maxsize=8)

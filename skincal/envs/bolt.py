@@ -6,10 +6,9 @@ import math
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from skincal.envs.bodies import Body, Bolt
-from skincal.envs.drawing import Values, number
+from skincal.envs.bodies import turn_of
+from skincal.envs.drawing import Values
 from skincal.envs.roll import RollEnv
 from skincal.envs.task_options import EpisodeOptions, TaskOptions
 from skincal.envs.trajectories import BOLT_HZ, ORIENTATIONS_DEG, sine
@@ -33,15 +32,10 @@ class BoltRollEnv(RollEnv):
         """The sine is up to four times as fast as the marble's ways; fewer iterations would drop it more often."""
         return TaskOptions(speed_rad_per_s=SPEEDS_RAD_PER_S[Task.bolt], solver_iterations=30)
 
-    def _body(self, values: Values) -> Body:
-        return Bolt(number(values, "object.bolt.radius_m"), number(values, "object.bolt.mass_kg"))
-
     def _place(self, values: Values, asked: EpisodeOptions) -> FloatArray:
         drawn = float(self.np_random.choice(ORIENTATIONS_DEG))
         self._orientation_deg = drawn if asked.orientation_deg is None else asked.orientation_deg
-        psi, theta, phi = (number(values, f"object.bolt.{name}_deg") for name in ("psi", "theta", "phi"))
-        angles = [self._orientation_deg + psi, theta, phi]
-        return Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
+        return turn_of("bolt", values, self._orientation_deg)
 
     def _plan(self, asked: EpisodeOptions, steps: int) -> FloatArray:
         drawn = float(self.np_random.uniform(*BOLT_HZ))

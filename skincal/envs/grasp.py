@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from skincal.dataset.model_objects import pose_of
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, array, number
-from skincal.envs.pinch import Pinch, require_cylinder
+from skincal.envs.pinch import Pinch
 from skincal.envs.postures import Postures
 from skincal.envs.scene import PHYSICS_HZ, Scene
 from skincal.envs.scene_state import Grip, Placed
@@ -161,11 +161,11 @@ class Grasp:
 
     def _grip(self, values: Values, angles_rad: FloatArray, objects: tuple[Placed, ...]) -> Grip:
         body = objects[0].body
-        options, table = self._options, f"object.{type(body).__name__.lower()}"
-        across = 1 / (1 / body.radius_m + 1 / require_cylinder(self._pinch))
-        elasticity = number(values, "skin.elasticity_pa_per_m")
-        # F = pi E sqrt(R1 R2) d^2 for small depths, as of the simulated hand's contact.
-        stiff = math.pi * elasticity * math.sqrt(body.radius_m * across) * options.stiffness_at_n
+        options, table = self._options, f"object.{body.kind}"
+        elasticity, pose = (
+            number(values, "skin.elasticity_pa_per_m"),
+            pose_of(self._pinch.description.meta.mount),
+        )
         return Grip(
             angles_rad=angles_rad,
             command_rad=angles_rad,
@@ -175,7 +175,9 @@ class Grasp:
             lateral_friction=number(values, f"{table}.lateral_friction"),
             spinning_friction=number(values, f"{table}.spinning_friction"),
             rolling_friction=number(values, f"{table}.rolling_friction"),
-            stiffness_n_per_m=math.sqrt(stiff),
+            stiffness_n_per_m=self._pinch.surface.ball_stiffness(
+                pose, body.radius_m, elasticity, options.stiffness_at_n
+            ),
             damping_ns_per_m=options.damping_ns_per_m,
         )
 

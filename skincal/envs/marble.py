@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from skincal.envs.bodies import Body, Marble
-from skincal.envs.drawing import Values, number
 from skincal.envs.roll import RollEnv
 from skincal.envs.task_options import EpisodeOptions
 from skincal.envs.trajectories import FIXED, ROUND_S, TO_SIDE_S, wander
@@ -17,9 +15,6 @@ class MarbleRollEnv(RollEnv):
 
     object_name = "marble"
     target_size = 2
-
-    def _body(self, values: Values) -> Body:
-        return Marble(number(values, "object.marble.radius_m"), number(values, "object.marble.mass_kg"))
 
     def _duration_s(self, asked: EpisodeOptions) -> float:
         if asked.duration_s is None and isinstance(asked.trajectory, str) and asked.trajectory == "circle":

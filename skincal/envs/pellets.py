@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from skincal.envs.bodies import Body, Marble
+from skincal.envs.bodies import Body
 from skincal.envs.drawing import EFFECTS_PREFIX, Values, array, number
 from skincal.envs.roll import RollEnv
 from skincal.envs.sensing import View, view
@@ -65,7 +65,7 @@ class PelletSeparateEnv(RollEnv):
         drawn = int(self.np_random.integers(2, self.objects + 1))
         asked = self._asked.pellets
         self._count = drawn if asked is None else round(asked)
-        return Marble(number(values, "object.marble.radius_m"), MASS_KG)
+        return replace(super()._body(values), mass_kg=MASS_KG)
 
     def _places(self, values: Values) -> list[FloatArray]:
         """Side by side along the finger, or in a triangle about the middle."""

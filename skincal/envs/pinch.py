@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from skincal.dataset.findings import Findings
 from skincal.dataset.keys import Key, Length, Range
+from skincal.dataset.kinds import SURFACES, named
+from skincal.dataset.model_objects import pose_of, surface_of
 from skincal.dataset.schema import Table, load_toml, read_table
 from skincal.dataset.schema_errors import Violation, report
-from skincal.errors import input_error
+from skincal.model import Surface
 from skincal.model.arrays import FloatArray
 from skincal.robot import DEFAULT_HAND, HandDescription, read_hand
 from skincal.robot.urdf import MOVING, Urdf, read_urdf
@@ -79,6 +81,18 @@ class Pinch:
         """Number of joints n."""
         return len(self.description.joints)
 
+    @cached_property
+    def surface(self) -> Surface:
+        """The surface of the finger with the skin."""
+        return surface_of(self.description.meta.surface, {})
+
+    @property
+    def radius_m(self) -> float:
+        """The surface's distance from the finger's axis at the sensor's nominal centre [m]."""
+        radius = self.surface.arc_radius_at(pose_of(self.description.meta.mount))
+        assert radius is not None
+        return radius
+
     @property
     def facing(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the parts of the tips that face each other.
@@ -86,11 +100,8 @@ class Pinch:
         They are the skin's outward normal (3,) at the sensor's nominal centre and that centre (1, 3) [m], both in the
         fingertip's frame, and the centre (1, 3) of the thumb's round end, in its tip's frame [m].
         """
-        mount = self.description.meta.mount
-        beta = math.radians(mount.beta_deg or 0.0)
-        out = np.array([math.sin(beta), 0.0, math.cos(beta)])
-        centre = require_cylinder(self) * out + [0.0, mount.y_m, 0.0]
-        return out, centre[None], np.array([[0.0, self.thumb.length_m, 0.0]])
+        centre, out = self.surface.wrap(pose_of(self.description.meta.mount), np.zeros((1, 2)))
+        return out[0], centre, np.array([[0.0, self.thumb.length_m, 0.0]])
 
     def joints_of(self, which: slice) -> NDArray[np.int64]:
         """Return columns of some joints of each finger, finger by finger."""
@@ -121,7 +132,7 @@ def read_pinch(hand: str | Path | None = None) -> Pinch:
     findings.raise_errors()
     assert urdf is not None
     file = read_table(_File, values, findings, FILE, FORMAT)
-    _check_fingers(description, findings)
+    _check_hand(description, findings)
     report(_violations(file, description, urdf), findings, FILE)
     findings.raise_errors()
     finger = replace(description.indenter_finger, tip_link=file.thumb.tip_link)
@@ -164,22 +175,15 @@ def _violations(file: _File, description: HandDescription, urdf: Urdf) -> Iterat
         yield ("thumb", "tip_link"), f"a link that the joints {', '.join(driven)} move", repr(link)
 
 
-def _check_fingers(description: HandDescription, findings: Findings) -> None:
-    """The ranges speak of three joints a finger."""
+def _check_hand(description: HandDescription, findings: Findings) -> None:
+    """Objects roll round a finger of one radius, and the ranges speak of three joints a finger."""
+    kind = description.meta.surface.kind
+    if not SURFACES[kind].in_tasks:
+        findings.error(
+            "hand.toml, [surface] kind", f"{named(SURFACES, 'in_tasks')}, for the tasks", f'"{kind}"'
+        )
     for finger in (description.indenter_finger, description.skin_finger):
         if len(finger.joints) != 3:
             findings.error(
                 f"hand.toml, [fingers.{finger.name}]", "three joints, for the tasks", str(len(finger.joints))
             )
-
-
-def require_cylinder(pinch: Pinch) -> float:
-    """Return the radius of the finger with the skin [m].
-
-    Raises:
-        InputError: the surface is no cylinder.
-    """
-    surface = pinch.description.meta.surface
-    if surface.kind != "cylinder" or surface.radius_m is None:
-        raise input_error("hand.toml, [surface] kind", '"cylinder", for the tasks', surface.kind)
-    return surface.radius_m

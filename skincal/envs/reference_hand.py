@@ -15,17 +15,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from skincal.effects import EFFECTS
-from skincal.envs.bodies import Body, Bolt, Marble
+from skincal.envs.bodies import BODIES, body_of, turn_of
 from skincal.envs.drawing import RIG_EFFECTS, Drawer, Values, array, number
 from skincal.envs.grasp import Grasp, GraspOptions
 from skincal.envs.needed import ObjectName, ranges_for
 from skincal.envs.pinch import read_pinch
 from skincal.envs.scene import PHYSICS_HZ, Scene, check_engine, make_scene
 from skincal.envs.sensing import Sensor, View, view
-from skincal.envs.tactile import TactileSkin
+from skincal.envs.tactile import TactileSkin, drawn_age_s
 from skincal.errors import input_error
 from skincal.files import whole_file
 from skincal.hand.driver import HandCommand, HandDriver, HandState
@@ -35,7 +34,7 @@ from skincal.ranges import Ranges
 from skincal.robot import HandDescription, Kinematics
 
 TRUTH_FORMAT = "skincal-reference-truth/1"
-_OBJECTS: tuple[ObjectName, ...] = ("marble", "bolt")
+_OBJECTS = tuple(BODIES)
 _RELEASE_S = 0.25
 """The person lets go when both fingers have touched the object for so long [s]."""
 _SOLVER_ITERATIONS = 50
@@ -92,7 +91,8 @@ class ReferenceHand(HandDriver):
         check_engine(engine, 'driver "reference", option engine')
         self._engine, self.real_time = engine, real_time
         self.clock: Any = time if real_time else None
-        self._kind, self._seed, self._orientation_deg = kind, seed, orientation_deg
+        self._kind: ObjectName = kind
+        self._seed, self._orientation_deg = seed, orientation_deg
         self._steps, self._truth_path = PHYSICS_HZ // rate_hz, truth_path
         self._pinch = read_pinch(hand)
         self._skin = TactileSkin(self._pinch, _RESOLUTION_M)
@@ -147,13 +147,14 @@ class ReferenceHand(HandDriver):
             return
         self._rng = np.random.default_rng([self._seed, 1])
         values = self._truth
-        self._body = self._object()
+        self._body = body_of(self._kind, values)
         self._sensor = Sensor.of(self._pinch, values)
         scene = make_scene(self._engine, self._pinch, _SOLVER_ITERATIONS)
         place = array(values, f"object.{self._kind}.position_m")
-        width = self._grasp.open(scene, values, self._body, self._turn(), place)
+        turn = turn_of(self._kind, values, self._orientation_deg)
+        width = self._grasp.open(scene, values, self._body, turn, place)
         self._desired = self._grasp.posture(width)
-        self._skin.begin(values, self._sensor.pose, self._body, float(self._rng.uniform(0.0, 600.0)))
+        self._skin.begin(values, self._sensor.pose, self._body, drawn_age_s(self._rng))
         # A driver's guard gives observe() little time, and compiling takes seconds.
         self._skin.prepare()
         self._scene, self._periods, self._touched_s = scene, 0, 0.0
@@ -163,17 +164,6 @@ class ReferenceHand(HandDriver):
             text = json.dumps({"format": TRUTH_FORMAT, "seed": self._seed, "values": self.truth}, indent=1)
             with whole_file(self._truth_path, force=True, mark=TRUTH_FORMAT) as file:
                 file.write_text(text + "\n", encoding="utf-8")
-
-    def _object(self) -> Body:
-        table, make = f"object.{self._kind}", Marble if self._kind == "marble" else Bolt
-        return make(number(self._truth, f"{table}.radius_m"), number(self._truth, f"{table}.mass_kg"))
-
-    def _turn(self) -> FloatArray:
-        if self._kind == "marble":
-            return np.eye(3)
-        psi, theta, phi = (number(self._truth, f"object.bolt.{name}_deg") for name in ("psi", "theta", "phi"))
-        angles = [self._orientation_deg + psi, theta, phi]
-        return Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
 
     @property
     def _connected(self) -> Scene:

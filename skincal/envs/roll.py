@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
-from skincal.envs.bodies import Body
+from skincal.envs.bodies import Body, body_of
 from skincal.envs.bullet_scene import BulletScene
 from skincal.envs.drawing import Drawer, Value, Values, array, check_given, is_chosen
 from skincal.envs.grasp import Grasp
@@ -30,7 +30,7 @@ from skincal.envs.pinch import Pinch, read_pinch
 from skincal.envs.rewards import RewardInputs, reward_terms
 from skincal.envs.scene import PHYSICS_HZ, Scene, check_engine, make_scene
 from skincal.envs.sensing import Sensor, View, view
-from skincal.envs.tactile import SESSION_S, SkinContact, TactileSkin
+from skincal.envs.tactile import SkinContact, TactileSkin, drawn_age_s
 from skincal.envs.task_options import EpisodeOptions, TaskOptions, read_options
 from skincal.envs.trajectories import POLICY_HZ
 from skincal.errors import input_error
@@ -124,9 +124,9 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """Return options that are not given."""
         return TaskOptions()
 
-    @abstractmethod
     def _body(self, values: Values) -> Body:
         """Return the object of an episode."""
+        return body_of(self.object_name, values)
 
     def _places(self, values: Values) -> list[FloatArray]:
         """Return the initial position of each object (3,), from the middle between the tips, fingertip frame [m]."""
@@ -164,7 +164,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     def _begin(self, asked: EpisodeOptions) -> None:
         """Draw an episode, and takes the object."""
         values, self._sample = self._drawer.episode(self.np_random, asked.randomize, asked.values)
-        age = float(self.np_random.uniform(0.0, SESSION_S))
+        age = drawn_age_s(self.np_random)
         self._age_s = age if is_chosen("skin", asked.randomize) else 0.0
         if self.policy is not PolicyKind.tactile:
             self._fix_sensor(values, asked)

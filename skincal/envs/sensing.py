@@ -9,7 +9,7 @@ import numpy as np
 
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, number, turn_rad
-from skincal.envs.pinch import Pinch, require_cylinder
+from skincal.envs.pinch import Pinch
 from skincal.envs.scene import Scene, sound
 from skincal.envs.scene_state import Frame, Touching
 from skincal.envs.tactile import SkinContact
@@ -34,7 +34,7 @@ class Sensor:
     @classmethod
     def of(cls, pinch: Pinch, values: Values) -> Sensor:
         """Return the sensor of an episode; offsets of the centre are those from where it would be."""
-        radius = require_cylinder(pinch)
+        radius = pinch.radius_m
         return cls(
             radius,
             number(values, "skin.y_m") + number(values, "skin.y_offset_m"),

@@ -14,17 +14,22 @@ from skincal.effects import EffectSkin, Samples, SkinStream
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, array, effects_of, number
-from skincal.envs.pinch import Pinch, require_cylinder
-from skincal.model import ContactLaw, Contacts, Cylinder, Patch, SensorPose, Skin, SkinParameters, TaxelLayout
+from skincal.envs.pinch import Pinch
+from skincal.model import ContactLaw, Contacts, Patch, SensorPose, Skin, SkinParameters, Surface, TaxelLayout
 from skincal.model.arrays import FloatArray
 
 SESSION_S = 600.0
-"""A session may have gone on for so long when an episode begins; what drifts has drifted by then [s]."""
+"""A session has gone on for so long at most when an episode begins; what drifts has drifted by then [s]."""
 _LOADING_M_PER_S = 0.01
 """Speed at which the object is taken to have been pressed on the skin [m/s]."""
 _STEADY_N_PER_S = 0.4
 """Forces that change slower are held [N/s]."""
 _NOTHING = Contacts(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.zeros(1))
+
+
+def drawn_age_s(rng: np.random.Generator) -> float:
+    """Return for how long a session has gone on when an episode begins [s]."""
+    return float(rng.uniform(0.0, SESSION_S))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +52,7 @@ class TactileSkin:
 
     def __init__(self, pinch: Pinch, resolution_m: float) -> None:
         meta = pinch.description.meta
-        self._surface = Cylinder(require_cylinder(pinch))
+        self._surface = pinch.surface
         self._converter = converter_of(meta.sensor)
         self.layout = layout_of(meta.sensor, None)
         self._resolution_m = resolution_m
@@ -115,6 +120,7 @@ class TactileSkin:
             self._body.indenter,
             touching=[touching],
             press=[0 if touching else -1],
+            complete=True,
             time_s=[self._age_s + time_s],
             phase=[self._phase(felt, time_s)],
             speed_m_per_s=[_LOADING_M_PER_S],
@@ -143,13 +149,13 @@ class TactileSkin:
 
 
 class PatchMould:
-    """Lays the same cells on a cylinder at one pose after the other.
+    """Lays the same cells on a surface at one pose after the other.
 
     The patches are those of :meth:`skincal.model.Patch.build`; the compact tiles are those found at one pose, as
     neighbours stay neighbours.
     """
 
-    def __init__(self, surface: Cylinder, layout: TaxelLayout, resolution_m: float = 0.25e-3) -> None:
+    def __init__(self, surface: Surface, layout: TaxelLayout, resolution_m: float = 0.25e-3) -> None:
         self._surface = surface
         # Always at the same pose: the order of sums must not depend on what was asked for before.
         self._first = Patch.build(surface, layout, SensorPose(0.0, 0.0), resolution_m, MARGIN_M)

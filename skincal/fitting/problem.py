@@ -57,7 +57,7 @@ class Rig:
         position_sigma_m: what the rig's contact position is worth, one sigma along each direction [m].
         slack_m: bound of the slack along each direction [m].
         force_scale_sigma: what the scale of the forces is worth: relative error, one for all presses, one sigma.
-        mesh_radius_m: on a mesh the R that relates arc and angle round the finger, arc = R beta [m].
+        nominal_radius_m: where R of arc = R beta varies with the pose, that at the nominal one [m].
     """
 
     layout: TaxelLayout
@@ -66,14 +66,14 @@ class Rig:
     readout: Readout
     position_sigma_m: float
     slack_m: float
-    mesh_radius_m: float | None = None
+    nominal_radius_m: float | None = None
     force_scale_sigma: float = 0.0
 
     @property
     def arc_radius_m(self) -> float | None:
         """R of arc = R beta [m]: positions across are arcs; None on a plane, where they are x."""
         own = self.surface.arc_radius_m
-        return self.mesh_radius_m if own is None else own
+        return self.nominal_radius_m if own is None else own
 
 
 @dataclass(frozen=True, eq=False)

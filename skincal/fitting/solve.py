@@ -43,7 +43,7 @@ from skincal.fitting.tasks import (
 )
 from skincal.fitting.types import Floats
 
-FEWEST_PRESSES = 3
+LEAST_TO_FIT = 3
 """Fewer cannot tell five parameters, however many taxels they light."""
 
 MOST_COMBINATIONS = 5_000_000
@@ -110,9 +110,9 @@ def plan_fit(problem: FitProblem, box: SearchBox, options: FitOptions) -> FitPla
     """
     if len(problem) == 0:
         raise FitError("no press can be used")
-    if len(problem) < FEWEST_PRESSES:
+    if len(problem) < LEAST_TO_FIT:
         used = f"only {len(problem)} press{'es' if len(problem) > 1 else ''} can be used"
-        raise FitError(f"{used}, and the five parameters need at least {FEWEST_PRESSES}")
+        raise FitError(f"{used}, and the five parameters need at least {LEAST_TO_FIT}")
     steps = options.steps or default_steps(problem)
     grid = MacroGrid(
         span(*box.across_m, steps.across_m),

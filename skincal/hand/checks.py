@@ -19,7 +19,7 @@ from skincal.hand.driver import HandDriver, HandState
 from skincal.hand.errors import HandErrorKind, Violation, is_number
 from skincal.hand.guard_options import GuardOptions
 from skincal.model.arrays import FloatArray
-from skincal.robot.description import HandDescription
+from skincal.robot.description import JOINT_FIELDS, NUMBERS, TAXEL_FIELDS, HandDescription
 
 TEMPERATURES_C = (-273.15, 1000.0)
 """Lowest and highest temperature of a skin [deg C]; anything beyond is a fault of the sensor or its driver."""
@@ -79,13 +79,13 @@ class StateCheck:
         """Check types and shapes."""
         if not isinstance(state, HandState):
             return Violation("state", f"expected a HandState; got {shown(state)}")
-        for names, shape in ((JOINT_FIELDS, self._joints_shape), (TAXEL_FIELDS, self._taxels_shape)):
+        for names, shape in ((_JOINT_FIELDS, self._joints_shape), (TAXEL_FIELDS, self._taxels_shape)):
             for name in names:
                 value = getattr(state, name)
                 if type(value) is not np.ndarray or value.shape != shape or value.dtype != np.float64:
                     text = f"state, {name}: expected an array of float64 of shape {shape}; got {shown(value)}"
                     return Violation("state", text)
-        for name in ("time_s", "temperature_c"):
+        for name in NUMBERS:
             value = getattr(state, name)
             if not is_number(value):
                 return Violation("state", f"state, {name}: expected a number; got {shown(value)}")
@@ -99,14 +99,14 @@ class StateCheck:
     def _joints(self, state: HandState) -> Violation | None:
         """Check joint values against their limits; NaN fails every comparison, so non-finite values are found too."""
         values = self._values
-        values[0], values[1] = state.q_rad, state.dq_rad_per_s
-        values[2], values[3] = state.tau_nm, state.q_desired_rad
+        for row, field in enumerate(_JOINT_FIELDS):
+            values[row] = getattr(state, field)
         inside = (values >= self._low) & (values <= self._high)
         if inside.all():
             return None
         row, joint = (int(i) for i in np.argwhere(~inside)[0])
         name, value = self._description.joints[joint], float(values[row, joint])
-        field, (kind, what, unit) = JOINT_FIELDS[row], MEANINGS[row]
+        field, (kind, what, unit) = _JOINT_FIELDS[row], MEANINGS[row]
         if not math.isfinite(value):
             text = f"joint {name}: {what} ({field}) is {value}, which is not finite"
             return Violation("state", text, joint=name, value=value)
@@ -178,8 +178,7 @@ class StateCheck:
         return Violation("force", text, value=force_n, limit=limit_n)
 
 
-JOINT_FIELDS = ("q_rad", "dq_rad_per_s", "tau_nm", "q_desired_rad")
-TAXEL_FIELDS = ("taxels", "taxel_time_s")
+_JOINT_FIELDS = tuple(JOINT_FIELDS.values())
 MEANINGS: tuple[tuple[HandErrorKind, str, str], ...] = (
     ("joint_limit", "measured angle", "rad"),
     ("velocity", "measured velocity", "rad/s"),

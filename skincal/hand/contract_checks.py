@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from threading import Thread
 from typing import Any
 
@@ -17,8 +18,7 @@ from skincal.hand.guard import GuardedHand
 from skincal.hand.guarded import LONGEST_PERIOD_S
 from skincal.hand.trial import CONNECT_S, FailedCheckError, SkippedCheckError, Trial, expect
 from skincal.hand.worker import CallTimeoutError
-
-ARRAYS = ("q_rad", "dq_rad_per_s", "tau_nm", "q_desired_rad", "taxels", "taxel_time_s")
+from skincal.robot.description import ARRAYS
 
 
 def description_is_sound(trial: Trial) -> str:
@@ -283,12 +283,4 @@ def _go(hand: GuardedHand, goal: np.ndarray[Any, Any], periods: int) -> HandStat
         states.append(hand.observe())
         hand.act(hand.nearest(goal))
     last = states[-max(3, periods // 3) :]
-    return HandState(
-        time_s=last[-1].time_s,
-        q_rad=np.median([s.q_rad for s in last], axis=0),
-        dq_rad_per_s=last[-1].dq_rad_per_s,
-        tau_nm=last[-1].tau_nm,
-        q_desired_rad=last[-1].q_desired_rad,
-        taxels=last[-1].taxels,
-        taxel_time_s=last[-1].taxel_time_s,
-    )
+    return replace(last[-1], q_rad=np.median([s.q_rad for s in last], axis=0))

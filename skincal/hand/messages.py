@@ -51,13 +51,12 @@ from skincal.bounded import decode as decode_text
 from skincal.hand.driver import HandState
 from skincal.hand.errors import KINDS, HandError, HandErrorKind
 from skincal.model.arrays import FloatArray
+from skincal.robot.description import ARRAYS, NUMBERS
 
 VERSION = "skincal-hand/1"
 MAX_BYTES = 65536
 REQUESTS = ("hello", "observe", "act", "stop", "bye")
 REPLIES = ("welcome", "state", "done", "wait", "refused")
-
-ARRAYS = ("q_rad", "dq_rad_per_s", "tau_nm", "q_desired_rad", "taxels", "taxel_time_s")
 
 
 class MessageError(ValueError):
@@ -117,8 +116,8 @@ def decode(data: bytes, kinds: tuple[str, ...]) -> Message:
 
 def state_body(state: HandState) -> dict[str, Any]:
     """Return the fields of a ``state`` message."""
-    body: dict[str, Any] = {name: _nulls(getattr(state, name)) for name in ARRAYS}
-    return {"time_s": _null(state.time_s), "temperature_c": _null(state.temperature_c), **body}
+    body: dict[str, Any] = {name: _null(getattr(state, name)) for name in NUMBERS}
+    return body | {name: _nulls(getattr(state, name)) for name in ARRAYS}
 
 
 def state_of(message: Message) -> HandState:
@@ -127,10 +126,9 @@ def state_of(message: Message) -> HandState:
     Raises:
         MessageError: a field is missing or not a number.
     """
-    arrays = {name: numbers(message, name) for name in ARRAYS}
-    return HandState(
-        time_s=number(message, "time_s"), temperature_c=number(message, "temperature_c"), **arrays
-    )
+    fields: dict[str, Any] = {name: number(message, name) for name in NUMBERS}
+    fields |= {name: numbers(message, name) for name in ARRAYS}
+    return HandState(**fields)
 
 
 def refusal_body(error: HandError) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from skincal.inference.constants import CONSTANTS as C
 from skincal.model.arrays import FloatArray, IntArray
 
 LEFT = ("middle of the presses", "worst presses", "rest")
@@ -23,8 +22,3 @@ def left(chi: FloatArray, count: IntArray, press: IntArray) -> FloatArray:
     keep = max(int(0.9 * len(own)), 1)
     rest = idle.max(axis=0) if len(idle) else np.ones(chi.shape[1])
     return np.stack([own[:keep].mean(axis=0), np.quantile(own, 0.95, axis=0), rest], axis=1)
-
-
-def limits(null: FloatArray) -> FloatArray:
-    """(3,) what may be left: what null sessions leave (S, 3), and a margin."""
-    return 1 + C.slack * np.maximum(np.quantile(null, C.null_quantile, axis=0) - 1, C.noise)

@@ -29,20 +29,26 @@ class Null:
         laws: name of the contact law of each of S sessions.
         gains: by effect, (S,) the greatest gain of any of its starts [nats].
         left: (S, 3) what a check of the base model says of each (:func:`skincal.inference.check.left`).
+        level: part of the sessions that a limit is to exceed.
     """
 
     laws: tuple[str, ...]
     gains: dict[str, FloatArray]
     left: FloatArray
+    level: float = C.null_quantile
 
     def quantile(self, name: str) -> float:
         """The gain that an effect seldom exceeds with nothing hidden [nats]."""
         own = self.gains.get(name)
-        return 0.0 if own is None else float(np.quantile(own, C.null_quantile))
+        return 0.0 if own is None else float(np.quantile(own, self.level))
 
     def limit(self, name: str) -> float:
         """The gain that an effect must have to be named [nats]."""
         return max(C.least_gain, C.slack * self.quantile(name))
+
+    def left_limits(self) -> FloatArray:
+        """(3,) what a model may leave: what null sessions leave, and a margin."""
+        return 1 + C.slack * np.maximum(np.quantile(self.left, self.level, axis=0) - 1, C.noise)
 
     def p_value(self, name: str, gain: float) -> float:
         """Part of null sessions in which an effect gains as much."""

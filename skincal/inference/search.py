@@ -27,7 +27,7 @@ from skincal.effects import effect
 from skincal.effects.samples import Samples
 from skincal.effects.starts import Scene
 from skincal.inference.blocks import Blocks, Whitened
-from skincal.inference.check import left, limits
+from skincal.inference.check import left
 from skincal.inference.columns import Candidate, Free, begun, candidates, free_of, starts_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import NB, Fitted, Fitter, law_widths
@@ -147,7 +147,7 @@ class Found:
     @property
     def excess(self) -> FloatArray:
         """(3,) the same over what it may leave."""
-        return (self.left - 1) / (limits(self.null.left) - 1)
+        return (self.left - 1) / (self.null.left_limits() - 1)
 
     @property
     def open(self) -> bool:

@@ -115,11 +115,10 @@ def frame_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> S
     owner = last_press(frame_presses(dataset), touch)
     # A press of unknown position has no image, unless it has no force either.
     touch = touch & ((touches.force_n > 0) | np.isfinite(touches.points_m).all(axis=1))
-    return _samples(
-        touches,
-        lambda name: frame_column(dataset, owner, name),
-        met_forces(dataset, owner),
-        poses,
+    return Samples.of(
+        touches.contacts(),
+        touches.indenters(),
+        **covariates(dataset, owner, lambda name: frame_column(dataset, owner, name), poses),
         touching=touch,
         press=np.where(touch, frames.press, -1),
         time_s=frames.time_s,
@@ -160,11 +159,10 @@ def hold_samples(
         return None if of is None else of[rows]
 
     known = np.isfinite(touches.points_m).all(axis=1)
-    return _samples(
-        touches,
-        column,
-        met_forces(dataset, rows),
-        poses,
+    return Samples.of(
+        touches.contacts(),
+        touches.indenters(),
+        **covariates(dataset, rows, column, poses),
         touching=(touches.force_n > 0) | known,
         press=dataset.presses.press[rows],
         **more,
@@ -204,16 +202,17 @@ def session_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) ->
     return played_presses(touches.taken(rows), dataset, rows, poses).samples
 
 
-def _samples(
-    touches: Touches, column: Column, met_n: Floats | None, poses: Sequence[str], **more: Any
-) -> Samples:
-    known = recorded_covariates(column, poses)
-    return Samples.of(touches.contacts(), touches.indenters(), met_n=met_n, **known, **more)
+def covariates(dataset: Dataset, rows: Ints, column: Column, poses: Sequence[str]) -> dict[str, Any]:
+    """Return the covariates of samples (M,), recorded and computed, as :meth:`skincal.effects.Samples.of` takes them.
 
-
-def recorded_covariates(column: Column, poses: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Return the covariates that columns hold, as :meth:`skincal.effects.Samples.of` takes them."""
-    found: dict[str, NDArray[Any]] = {}
+    Args:
+        dataset: the dataset.
+        rows: (M,) the press of each sample, by its row.
+        column: gives a column of the samples (M,) by its name, or None.
+        poses: names of the hand poses.
+    """
+    met_n = met_forces(dataset, rows)
+    found: dict[str, Any] = {} if met_n is None else {"met_n": met_n}
     for covariate in NUMBERS:
         parts = {name: values for name in covariate.columns if (values := column(name)) is not None}
         if len(parts) == len(covariate.columns) and all(np.isfinite(part).any() for part in parts.values()):

@@ -74,8 +74,8 @@ def _object(name: str) -> tuple[Name, ...]:
         Name(f"{table}.mass_kg", "kg", "scalar", "mass", 0.0, 10.0),
         Name(f"{table}.radius_m", "m", "scalar", "radius", 0.0, 0.5),
         Name(f"{table}.lateral_friction", "1", "scalar", "friction coefficient against sliding", 0.0),
-        Name(f"{table}.spinning_friction", "1", "scalar", "friction coefficient against spinning", 0.0),
-        Name(f"{table}.rolling_friction", "1", "scalar", "friction coefficient against rolling", 0.0),
+        Name(f"{table}.spinning_friction", "m", "scalar", "torque against spinning, over normal force", 0.0),
+        Name(f"{table}.rolling_friction", "m", "scalar", "torque against rolling, over normal force", 0.0),
         Name(f"{table}.random_force_n", "N", "xyz", "force that disturbs the object"),
     )
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -22,11 +23,12 @@ class Distribution:
     """A distribution.
 
     Attributes:
-        figures: names of its figures; ``low`` and ``high`` are in this order, ``sigma`` is at least 0.
+        figures: names of its figures, fields of :class:`Parameter`; ``sigma`` is at least 0.
         draw: draws so many values.
         middle: its middle, which stands for it where it is not drawn.
         text: its figures in a few characters, for tables.
         positive: whether its figures have to lie above 0.
+        rising: figures of which none may be above the next.
     """
 
     figures: tuple[str, ...]
@@ -34,6 +36,7 @@ class Distribution:
     middle: Callable[[Figures], FloatArray]
     text: str
     positive: bool = False
+    rising: tuple[str, ...] = ()
 
 
 def _uniform(f: Figures, rng: np.random.Generator, size: int) -> FloatArray:
@@ -48,7 +51,11 @@ def _log_uniform(f: Figures, rng: np.random.Generator, size: int) -> FloatArray:
 
 DISTRIBUTIONS: Final = {
     "uniform": Distribution(
-        ("low", "high"), _uniform, lambda f: (f["low"] + f["high"]) / 2, "{low:g} … {high:g}"
+        ("low", "high"),
+        _uniform,
+        lambda f: (f["low"] + f["high"]) / 2,
+        "{low:g} … {high:g}",
+        rising=("low", "high"),
     ),
     "log_uniform": Distribution(
         ("low", "high"),
@@ -56,6 +63,7 @@ DISTRIBUTIONS: Final = {
         lambda f: np.sqrt(f["low"] * f["high"]),
         "log {low:g} … {high:g}",
         positive=True,
+        rising=("low", "high"),
     ),
     "normal": Distribution(
         ("mean", "sigma"),
@@ -71,6 +79,9 @@ DISTRIBUTIONS: Final = {
     ),
 }
 """By the word in a file."""
+
+FIGURES: Final = tuple(dict.fromkeys(name for one in DISTRIBUTIONS.values() for name in one.figures))
+"""Names of all figures."""
 
 
 Mode = Literal["episode", "step"]
@@ -168,7 +179,7 @@ class Parameter:
 
     def figures(self) -> dict[str, Numbers]:
         """Return the figures that are set, by name."""
-        pairs = {name: getattr(self, name) for name in ("low", "high", "mean", "sigma", "value")}
+        pairs = {name: getattr(self, name) for name in FIGURES}
         return {name: numbers for name, numbers in pairs.items() if numbers is not None}
 
     @cached_property
@@ -235,15 +246,16 @@ def _order_problems(parameter: Parameter, place: str) -> list[Problem]:
     sizes = {len(numbers) for numbers in parameter.figures().values() if isinstance(numbers, tuple)}
     if len(sizes) > 1:
         return [Problem(place, "lists of one length", f"lengths {sorted(sizes)}")]
-    figures, found = parameter.arrays, list[Problem]()
-    if "low" in figures and np.any(figures["low"] > figures["high"]):
-        got = f"low = {parameter.low}, high = {parameter.high}"
-        found.append(Problem(f"{place} low", "not above high", got))
+    figures, found, of = parameter.arrays, list[Problem](), DISTRIBUTIONS[parameter.distribution]
+    for low, high in pairwise(of.rising):
+        if np.any(figures[low] > figures[high]):
+            got = f"{low} = {getattr(parameter, low)}, {high} = {getattr(parameter, high)}"
+            found.append(Problem(f"{place} {low}", f"not above {high}", got))
     least = {name: float(array.min()) for name, array in figures.items()}
     if least.get("sigma", 0.0) < 0.0:
         found.append(Problem(f"{place} sigma", "at least 0", f"{least['sigma']}"))
     name, lowest = min(least.items(), key=lambda item: item[1])
-    if DISTRIBUTIONS[parameter.distribution].positive and lowest <= 0.0:
+    if of.positive and lowest <= 0.0:
         expected = f"above 0 for a {parameter.distribution} distribution"
         found.append(Problem(f"{place} {name}", expected, f"{lowest}"))
     return found

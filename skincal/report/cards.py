@@ -35,8 +35,8 @@ def _(result: Dataset) -> str:
     rows = [
         ("presses", f"{len(presses)}, {spread}"),
         ("frames", "none" if result.frames is None else str(len(result.frames))),
-        ("sensor", f"{sensor.rows} × {sensor.cols} taxels on a {result.meta.surface.kind}"),
-        ("indenter", result.meta.indenter.kind),
+        ("sensor", f"{sensor.rows} × {sensor.cols} taxels on a {result.meta.surface}"),
+        ("indenter", str(result.meta.indenter)),
     ]
     return _card(f"{result.folder.name if result.folder else 'dataset'}: {len(presses)} presses", rows)
 

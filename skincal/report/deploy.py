@@ -30,7 +30,7 @@ def deploy_figure(
     _draw_path(way, found, layout, felt_m)
     record = found.record
     time_s = np.array([state.time_s for state in record.states])
-    force.plot(time_s - time_s[record.acting], record.force_n, color=BLUE, linewidth=0.8)
+    force.plot(time_s - time_s[record.acting], record.grip_n, color=BLUE, linewidth=0.8)
     force.axvline(0.0, color=GREY, linewidth=0.8)
     force.set(xlabel="time [s]; the policy starts at 0", ylabel="normal force from the joints [N]")
     clock.plot(1e3 * found.period_s, color=BLUE, linewidth=0.8, label="hand's clock")

@@ -113,6 +113,7 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
     del dataset
     rounds = [r if number == 0 else r[:_LATER] for number, r in enumerate(found.found.rounds) if r]
     null, names = found.found.null, {n for e in found.effects for n in e.consistent_with}
+    below = f"{100 * null.level:g} % of sessions with nothing hidden"
     firsts = {e.name for e in found.effects}
     figure = new_figure(10, 1.2 + sum(0.22 * len(r) + 0.5 for r in rounds), "Gain on held-out presses")
     heights = [len(r) for r in rounds] or [1]
@@ -120,7 +121,7 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
     for number, (axes, tried) in enumerate(zip(panels, rounds, strict=False)):
         rows = np.arange(len(tried))
         quantiles = [max(null.quantile(t.name), 0.0) for t in tried]
-        axes.barh(rows, quantiles, color=LIGHT, height=0.8, label="99 % of sessions with nothing hidden")
+        axes.barh(rows, quantiles, color=LIGHT, height=0.8, label=below)
         axes.plot([t.limit for t in tried], rows, "|", color=BLACK, markersize=9, label="required")
         for colour, what, own in (
             (BLUE, "named", [t.name in firsts for t in tried]),

@@ -72,7 +72,7 @@ def contact_from_joints(
     centres = skin.to_tip(indenter.origins_m)
     radius = kinematics.description.meta.indenter.radius_m if indenter_radius_m is None else indenter_radius_m
     assert radius is not None
-    points, normals, height = nearest_on_surface(kinematics.description.meta.surface.radius_m, centres)
+    points, normals, height = kinematics.surface.nearest(centres)
     at = skin.to_root(points)
     push, hold = kinematics.indenter.jacobian(indenter, at), kinematics.skin.jacobian(skin, at)
     torques = (tau[:, kinematics.indenter.columns], tau[:, kinematics.skin.columns])
@@ -102,32 +102,6 @@ def joint_contact_force(description: HandDescription) -> Callable[[HandState], f
         return float(sum(part * part for part in parts) ** 0.5)
 
     return force_n
-
-
-def nearest_on_surface(
-    cylinder_radius_m: float | None, points_m: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the nearest points of a cylinder about y, or of the plane z = 0.
-
-    Args:
-        cylinder_radius_m: radius [m]; None: the plane.
-        points_m: (K, 3) points [m].
-
-    Returns:
-        Nearest points (K, 3) [m], outward unit normals (K, 3), and heights above the surface (K,) [m]. A point on the
-        axis counts as lying at beta = 0.
-    """
-    normals = np.zeros_like(points_m)
-    if cylinder_radius_m is None:
-        normals[:, 2] = 1.0
-        height = points_m[:, 2]
-    else:
-        distance = np.hypot(points_m[:, 0], points_m[:, 2])
-        on_axis = distance == 0
-        normals[:, 0] = points_m[:, 0] / np.where(on_axis, 1.0, distance)
-        normals[:, 2] = np.where(on_axis, 1.0, points_m[:, 2] / np.where(on_axis, 1.0, distance))
-        height = distance - cylinder_radius_m
-    return points_m - height[:, None] * normals, normals, height
 
 
 def _force(push: FloatArray, hold: FloatArray, tau_push: FloatArray, tau_hold: FloatArray) -> FloatArray:

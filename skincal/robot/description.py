@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +96,15 @@ class HandDescription:
     compliance_rad_per_nm: FloatArray | None = None
 
 
+JOINT_FIELDS: Final = {"q": "q_rad", "dq": "dq_rad_per_s", "tau": "tau_nm", "q_desired": "q_desired_rad"}
+"""Arrays (n,) of a state, by the columns that tables have for them: ``q_0`` is that of joint 0."""
+TAXEL_FIELDS: Final = ("taxels", "taxel_time_s")
+ARRAYS: Final = (*JOINT_FIELDS.values(), *TAXEL_FIELDS)
+"""Every array of a state, for all that check, send or store one."""
+NUMBERS: Final = ("time_s", "temperature_c")
+"""Every number of a state."""
+
+
 @dataclass(frozen=True, eq=False)
 class HandState:
     """State of a hand at one moment.
@@ -107,7 +118,7 @@ class HandState:
         q_desired_rad: present target angles of the hand's controller (n,) [rad].
         taxels: taxel values (rows * cols,) [counts], flat index r * cols + c; NaN for a taxel that does not respond.
         taxel_time_s: time at which each taxel was read (rows * cols,) [s], on the clock of `time_s`.
-        temperature_c: temperature at the skin [deg C]; NaN if not measured.
+        temperature_c: temperature of the skin, not of motors [deg C]; NaN if not measured.
     """
 
     time_s: float
@@ -118,6 +129,12 @@ class HandState:
     taxels: FloatArray
     taxel_time_s: FloatArray
     temperature_c: float = float("nan")
+
+
+def joint_columns(states: Sequence[HandState], names: Sequence[str]) -> dict[str, FloatArray]:
+    """Return some of the joints' columns of states, each (T,), joint by joint; ``names`` are of ``JOINT_FIELDS``."""
+    tables = {name: np.array([getattr(state, JOINT_FIELDS[name]) for state in states]) for name in names}
+    return {f"{name}_{j}": column for name, table in tables.items() for j, column in enumerate(table.T)}
 
 
 MOST_TURN_DEG = 360.0

@@ -99,11 +99,7 @@ class _File(Description):
         if np.any((home < lower) | (home > upper)):
             yield ("joints", "home_deg"), "angles within the limits", self.joints.home_deg
         yield from self._finger_violations()
-        if self.surface.kind == "mesh":
-            yield (("surface", "kind"), '"cylinder" or "plane": contacts are found in closed form', '"mesh"')
-        if self.indenter.kind not in ("sphere", ""):
-            kind = f'"{self.indenter.kind}"'
-            yield ("indenter", "kind"), 'a "sphere": contacts are found from its centre', kind
+        yield from self.hand_violations()
         if self.sensor.positions is not None:
             yield ("sensor", "positions"), "a grid: taxel_size_m and pitch_m", self.sensor.positions
 

@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.dataset.findings import Findings
+from skincal.dataset.model_objects import surface_of
+from skincal.dataset.schema_errors import report
 from skincal.errors import WorkError
+from skincal.model import Surface
 from skincal.model.arrays import FloatArray
 from skincal.robot.chain import Chain, TipFrames
 from skincal.robot.description import HandDescription
@@ -109,24 +112,31 @@ class ChainPair:
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """Forward kinematics of the two tips.
+    """Forward kinematics of the two tips, and the surface of the one with the skin.
 
     Build it with ``Kinematics(description)``; the URDF is read once.
+
+    Raises:
+        InputError: the URDF is invalid, or contacts on such a surface cannot be found.
     """
 
     description: HandDescription
     skin: Chain = field(init=False, repr=False)
     indenter: Chain = field(init=False, repr=False)
+    surface: Surface = field(init=False, repr=False)
     _pair: ChainPair = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        findings = Findings()
+        findings, meta = Findings(), self.description.meta
         urdf = read_urdf(self.description.urdf, findings)
+        # A driver may bring a description that was read from no file.
+        report(meta.hand_violations(), findings, f"hand {self.description.name}")
         findings.raise_errors()
         assert urdf is not None
         joints = self.description.joints
         skin = Chain.of(urdf, self.description.skin_finger, joints)
         indenter = Chain.of(urdf, self.description.indenter_finger, joints)
+        object.__setattr__(self, "surface", surface_of(meta.surface, {}))
         object.__setattr__(self, "skin", skin)
         object.__setattr__(self, "indenter", indenter)
         object.__setattr__(self, "_pair", ChainPair.of(skin, indenter))

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skincal.dataset.model_objects import pose_of
 from skincal.errors import WorkError
+from skincal.model import Surface
 from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics, contact_from_joints, place_indenter
 from skincal.sim.truth import Truth
@@ -45,7 +47,9 @@ def position_error(kinematics: Kinematics, truth: Truth) -> PositionError:
         WorkError: no point of the grid can be reached from the home pose.
     """
     errors = [
-        error for place in _places(kinematics) if (error := _error_at(kinematics, truth, *place)) is not None
+        error
+        for place in zip(*_places(kinematics), strict=True)
+        if (error := _error_at(kinematics, truth, *place)) is not None
     ]
     if not errors:
         raise WorkError("simulated hand: expected a sensor that the indenter can reach from the home pose")
@@ -59,40 +63,18 @@ def position_error(kinematics: Kinematics, truth: Truth) -> PositionError:
     )
 
 
-def surface_error(radius_m: float | None, measured_m: FloatArray, true_m: FloatArray) -> FloatArray:
-    """Return measured minus true points (K, 3) along the surface, a cylinder about y or the plane z = 0.
-
-    Args:
-        radius_m: radius of the cylinder [m]; None on a plane.
-        measured_m: (K, 3) [m].
-        true_m: (K, 3) [m].
-
-    Returns:
-        (K, 2) towards growing beta (on a plane +x) and along +y [m].
-    """
-    along = measured_m[:, 1] - true_m[:, 1]
-    if radius_m is None:
-        return np.stack([measured_m[:, 0] - true_m[:, 0], along], axis=1)
-    turns = [np.arctan2(p[:, 0], p[:, 2]) for p in (measured_m, true_m)]
-    return np.stack([radius_m * (turns[0] - turns[1]), along], axis=1)
+def surface_error(surface: Surface, measured_m: FloatArray, true_m: FloatArray) -> FloatArray:
+    """Return measured minus true points (K, 3), along the surface: (K, 2) towards growing beta and +y [m]."""
+    return np.stack(surface.unrolled(measured_m), axis=1) - np.stack(surface.unrolled(true_m), axis=1)
 
 
-def _places(kinematics: Kinematics) -> list[tuple[FloatArray, FloatArray]]:
-    """Return points (3,) and normals (3,) of a grid around the nominal centre."""
-    meta = kinematics.description.meta
-    steps = np.linspace(-_HALF_M, _HALF_M, _SIDE)
-    places: list[tuple[FloatArray, FloatArray]] = []
-    for across in steps:
-        for along in steps:
-            y = meta.mount.y_m + along
-            if meta.surface.radius_m is None:
-                x = (meta.mount.x_m or 0.0) + across
-                places.append((np.array([x, y, 0.0]), np.array([0.0, 0.0, 1.0])))
-                continue
-            beta = np.radians(meta.mount.beta_deg or 0.0) + across / meta.surface.radius_m
-            normal = np.array([np.sin(beta), 0.0, np.cos(beta)])
-            places.append((meta.surface.radius_m * normal + [0.0, y, 0.0], normal))
-    return places
+def _places(kinematics: Kinematics) -> tuple[FloatArray, FloatArray]:
+    """Return points (P, 3) [m] and normals (P, 3) of a grid around the nominal centre."""
+    surface, steps = kinematics.surface, np.linspace(-_HALF_M, _HALF_M, _SIDE)
+    across, along = (axis.ravel() for axis in np.meshgrid(steps, steps, indexing="ij"))
+    centre, _ = surface.wrap(pose_of(kinematics.description.meta.mount), np.zeros((1, 2)))
+    points = surface.offset(np.repeat(centre, len(across), axis=0), across, along)
+    return points, surface.normal_at(points)
 
 
 def _error_at(
@@ -114,8 +96,5 @@ def _error_at(
     if kinematics.description.compliance_rad_per_nm is not None:
         measured = q + tau / truth.joints.drive_stiffness_nm_per_rad
     found = contact_from_joints(kinematics, measured + truth.joints.angle_error_rad(measured), tau)
-    along = float(found.points_m[0, 1] - point[1])
-    if meta.surface.radius_m is None:
-        return float(found.points_m[0, 0] - point[0]), along
-    turn = np.arctan2(found.normals[0, 0], found.normals[0, 2]) - np.arctan2(normal[0], normal[2])
-    return float(meta.surface.radius_m * turn), along
+    across, along = surface_error(kinematics.surface, found.points_m, point[None])[0].tolist()
+    return across, along

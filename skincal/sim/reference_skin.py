@@ -82,6 +82,7 @@ class ReferenceSkin:
             self._indenter,
             touching=[contact.touching for contact in contacts],
             press=[covariates.press for covariates in known],
+            complete=True,
             time_s=[contact.time_s for contact in contacts],
             phase=[covariates.phase for covariates in known],
             speed_m_per_s=[covariates.speed_m_per_s for covariates in known],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -57,7 +57,9 @@ class SimulatedHand:
         # A driver's guard gives observe() little time, and compilation takes seconds.
         self._skin.prepare()
         self._skin.remember([look.contact for look in past])
-        stiffness = contact_stiffness(description, truth.elasticity_pa_per_m, options.contact_depth_force_n)
+        stiffness = contact_stiffness(
+            self._kinematics, truth.elasticity_pa_per_m, options.contact_depth_force_n
+        )
         self._drives = Drives(
             _drive_parameters(description, truth, options), description.home_rad, 1 / options.physics_hz
         )
@@ -154,18 +156,16 @@ class SimulatedHand:
         angles, torques = np.array([look.q_rad for look in looks]), np.array([look.tau_nm for look in looks])
         found = contact_from_joints(self._kinematics, angles, torques)
         true = np.array([look.contact.point_m for look in looks])
-        radius = self.description.meta.surface.radius_m
-        across, along = surface_error(radius, found.points_m, true).mean(axis=0)
-        model = self.truth.model_dict(plane=radius is None)
-        told = {"y_m": model["y_m"] + float(along)}
-        if radius is None:
-            told["x_m"] = model["x_m"] + float(across)
-        else:
-            told["beta_deg"] = model["beta_deg"] + math.degrees(float(across) / radius)
+        surface = self._kinematics.surface
+        across, along = surface_error(surface, found.points_m, true).mean(axis=0)
+        pose = surface.moved_pose(self.truth.pose, float(across))
+        told = replace(self.truth, pose=replace(pose, y_m=pose.y_m + float(along))).model_dict(
+            plane=self.description.meta.surface.is_plane
+        )
         return {
             "contacts": len(looks),
             "constant_position_error_m": {"across": float(across), "along": float(along)},
-            "truth_as_the_positions_tell_it": told,
+            "truth_as_the_positions_tell_it": {k: told[k] for k in ("y_m", "x_m", "beta_deg") if k in told},
         }
 
     def close(self) -> None:

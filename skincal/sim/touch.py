@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from skincal.bounded import UnreadableError, read_bytes
+from skincal.dataset.model_objects import pose_of
 from skincal.errors import input_error
 from skincal.model import Contacts
 from skincal.model.arrays import FloatArray
-from skincal.robot import HandDescription, Kinematics
-from skincal.robot.contact import nearest_on_surface
+from skincal.robot import Kinematics
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +59,11 @@ def true_contact(
         force_root_n: (3,) force on the skin, root frame [N].
     """
     skin, indenter = kinematics.frames(q_rad)
-    meta = kinematics.description.meta
-    point, normal, height = nearest_on_surface(meta.surface.radius_m, skin.to_tip(indenter.origins_m))
+    indenter_radius_m = kinematics.description.meta.indenter.radius_m
+    point, normal, height = kinematics.surface.nearest(skin.to_tip(indenter.origins_m))
     force = force_root_n @ skin.rotations[0]
     across = np.array([normal[0, 2], 0.0, -normal[0, 0]])
-    assert meta.indenter.radius_m is not None
+    assert indenter_radius_m is not None
     return TrueContact(
         time_s=time_s,
         point_m=point[0],
@@ -72,21 +71,17 @@ def true_contact(
         force_n=max(0.0, -float(force @ normal[0])),
         shear_u_n=float(force @ across),
         shear_v_n=float(force[1]),
-        gap_m=float(height[0]) - meta.indenter.radius_m,
+        gap_m=float(height[0]) - indenter_radius_m,
         q_rad=q_rad,
     )
 
 
-def contact_stiffness(description: HandDescription, elasticity_pa_per_m: float, force_n: float) -> float:
-    """Return the force over depth of a sphere in the skin at some force [N/m].
-
-    For depths that are small compared with the radii the skin model gives F = pi E sqrt(R1 R2) d², with R1 and R2 the
-    radii of the gap along and across: 1/R1 = 1/r, 1/R2 = 1/r + 1/R.
-    """
-    radius, round_m = description.meta.indenter.radius_m, description.meta.surface.radius_m
-    assert radius is not None
-    across = radius if round_m is None else 1 / (1 / radius + 1 / round_m)
-    return math.sqrt(math.pi * elasticity_pa_per_m * math.sqrt(radius * across) * force_n)
+def contact_stiffness(kinematics: Kinematics, elasticity_pa_per_m: float, force_n: float) -> float:
+    """Return the force over depth of the hand's indenter in its skin at some force [N/m]."""
+    meta = kinematics.description.meta
+    assert meta.indenter.radius_m is not None
+    pose = pose_of(meta.mount)
+    return kinematics.surface.ball_stiffness(pose, meta.indenter.radius_m, elasticity_pa_per_m, force_n)
 
 
 MAGIC = b"skinmem1"

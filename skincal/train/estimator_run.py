@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.envs.bodies import Marble
-from skincal.envs.drawing import Drawer, number
-from skincal.envs.pinch import Pinch, require_cylinder
+from skincal.envs.bodies import body_of
+from skincal.envs.drawing import Drawer
+from skincal.envs.pinch import Pinch
 from skincal.envs.sensing import Sensor
-from skincal.envs.tactile import SESSION_S, SkinContact, TactileSkin
+from skincal.envs.tactile import SkinContact, TactileSkin, drawn_age_s
 from skincal.envs.trajectories import POLICY_HZ, wander
-from skincal.model import Cylinder
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
 from skincal.ranges.plain import digest
@@ -111,13 +110,12 @@ def draw_touches(
     """Let a marble wander over the skins of drawn hands, at forces that change."""
     skin = TactileSkin(pinch, _RESOLUTION_M)
     drawer = Drawer(ranges, "marble", pinch, skin.taxels)
-    surface = Cylinder(require_cylinder(pinch))
     images, places = np.zeros((hands, each, skin.taxels)), np.zeros((hands, each, 2))
     for hand in range(hands):
         values, sample = drawer.episode(rng, None, {})
-        body = Marble(number(values, "object.marble.radius_m"), number(values, "object.marble.mass_kg"))
+        body = body_of("marble", values)
         pose = Sensor.of(pinch, values).pose
-        skin.begin(values, pose, body, float(rng.uniform(0.0, SESSION_S)))
+        skin.begin(values, pose, body, drawn_age_s(rng))
         # A hand's clock ticks alike at rest and under load: what has memory remembers.
         noise = [
             np.asarray(drawer.step(rng, sample, None, {}).get("skin.taxel_noise_counts", 0.0))
@@ -125,7 +123,7 @@ def draw_touches(
         ]
         rest = np.mean([skin.image(None, k / POLICY_HZ, noise[k]) for k in range(_RESTING)], axis=0)
         way = wander(rng, each, HALF_M) + rng.uniform(-1.0, 1.0, 2) * HALF_M / 4
-        points, normals = surface.wrap(pose, way)
+        points, normals = pinch.surface.wrap(pose, way)
         low, high = np.log(FORCE_N)
         knots = np.arange(0, each + _HOLDING, _HOLDING)
         force = np.exp(np.interp(np.arange(each), knots, rng.uniform(low, high, len(knots))))

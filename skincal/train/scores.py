@@ -21,7 +21,7 @@ RIGHT_SHARE = 0.25
 """... and if it follows at least this part of the target's way."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Runs:
     """Episodes of one policy; N episodes, T steps. After an episode's end everything is NaN.
 
@@ -49,12 +49,16 @@ class Runs:
     def empty(cls, episodes: int, steps: int, rate_hz: float) -> Runs:
         """Return runs in which nothing has happened yet, to be filled in; their rewards are 0."""
         n, t = episodes, steps
-        error, angle, place, target = (
-            np.full(shape, np.nan) for shape in ((n, t), (n, t), (n, t, 2), (n, t, 2))
+        return cls(
+            time_s=np.arange(1, t + 1) / rate_hz,
+            error_m=np.full((n, t), np.nan),
+            object_m=np.full((n, t, 2), np.nan),
+            target_m=np.full((n, t, 2), np.nan),
+            dropped=np.zeros(n, dtype=np.bool_),
+            angle_error_rad=np.full((n, t), np.nan),
+            orientation_deg=np.full(n, np.nan),
+            rewards=np.zeros(n),
         )
-        dropped = np.zeros(n, dtype=np.bool_)
-        time_s = np.arange(1, t + 1) / rate_hz
-        return cls(time_s, error, place, target, dropped, angle, np.full(n, np.nan), np.zeros(n))
 
     def __len__(self) -> int:
         return len(self.error_m)
@@ -62,7 +66,7 @@ class Runs:
     def of(self, rows: BoolArray) -> Runs:
         """Return some of the episodes."""
         parts = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "time_s"}
-        return Runs(self.time_s, **{name: values[rows] for name, values in parts.items()})
+        return Runs(time_s=self.time_s, **{name: values[rows] for name, values in parts.items()})
 
 
 @dataclass(frozen=True, eq=False)

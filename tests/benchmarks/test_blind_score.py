@@ -74,7 +74,7 @@ def test_a_perfect_diagnosis_reaches_everything():
     assert all(check["reached"] for check in checks)
     assert suites["robust"]["as_expected"]["share"] == 1
     assert all(row == {name: 12} for name, row in one["confusion"].items())
-    assert one["gap_closed"]["of"] == 264
+    assert one["gap_closed"]["of"] == 12 * len(CLASS_OF)
     assert suites["seconds"]["wall_median"] == 10
     text = as_markdown(suites)
     assert "**no**" not in text
@@ -99,8 +99,8 @@ def test_a_constant_diagnosis_is_confidently_wrong():
     assert suites["one"]["exact_name_of_all"]["hits"] == 12
     memory = sum(kind == "memory" for kind in CLASS_OF.values())
     strong = suites["one"]["right_class_strong"]
-    assert strong["hits"] == memory * 8 and strong["of"] == 22 * 8
-    assert suites["one"]["right_class_weak"]["of"] == 22 * 4
+    assert strong["hits"] == memory * 8 and strong["of"] == len(CLASS_OF) * 8
+    assert suites["one"]["right_class_weak"]["of"] == len(CLASS_OF) * 4
     assert suites["two"]["both"]["share"] == 0
     assert suites["poor"]["abstains_or_names_the_class"]["reached"] is False
 
@@ -114,7 +114,7 @@ def test_sets_count_for_the_truth_but_not_for_the_name():
     assert one["truth_in_set_where_named"]["share"] == 1
     # Where the set has one name only, the effect is the rate.
     assert one["exact_name_where_it_can_be_told"]["of"] == 12
-    assert one["set_size"]["value"] == pytest.approx((252 * 2 + 12) / 264) and not one["set_size"]["reached"]
+    assert one["set_size"]["value"] == pytest.approx(2 - 1 / len(CLASS_OF)) and not one["set_size"]["reached"]
 
 
 def test_what_cannot_be_seen_is_not_asked_by_name():
@@ -122,7 +122,7 @@ def test_what_cannot_be_seen_is_not_asked_by_name():
         return _said("effects", ["creep"], cannot_see=["ghosting"])
 
     one = summary([o for o in _all(answer) if o.label["suite"] == "one"], [])["one"]
-    assert one["exact_name_where_it_can_be_told"]["of"] == 252
+    assert one["exact_name_where_it_can_be_told"]["of"] == 12 * (len(CLASS_OF) - 1)
     assert one["cannot_see_though_hidden"]["hits"] == 12
 
 
@@ -174,8 +174,11 @@ def test_gap_is_tabled_by_strength_and_contact_law():
         return _perfect(label) | {"gap": {"closed": closed}}
 
     one = summary(_all(answer), [])["one"]
-    assert one["gap_closed"]["of"] == 22 * 12 and one["gap_closed_strong"]["of"] == 21 * 8
-    assert sum(entry["all"]["of"] for entry in one["gap_by_strength"]) == 21 * 12
+    assert (
+        one["gap_closed"]["of"] == len(CLASS_OF) * 12
+        and one["gap_closed_strong"]["of"] == (len(CLASS_OF) - 1) * 8
+    )
+    assert sum(entry["all"]["of"] for entry in one["gap_by_strength"]) == (len(CLASS_OF) - 1) * 12
     for entry in one["gap_by_strength"]:
         weak = entry["g"][0] < 0.39
         for law, gap in entry["by_law"].items():
@@ -191,10 +194,12 @@ def test_pictures_show_every_session_once():
     suites = summary(_all(lambda label: _said("effects", ["creep"])), [])
     drawn = figures(suites)
     cells = [text for text in drawn["confusion"].axes[0].texts if text.get_text()]
-    assert len(cells) == 22 and sum(int(text.get_text()) for text in cells) == 264
+    assert len(cells) == len(CLASS_OF) and sum(int(text.get_text()) for text in cells) == 12 * len(CLASS_OF)
     assert [label.get_text() for label in drawn["confusion"].axes[0].get_xticklabels()][-1] != "none"
     ticks = [label.get_text() for label in drawn["power"].axes[0].get_xticklabels()]
-    assert len(ticks) == 6 and sum(int(tick.split("\n")[1].split()[0]) for tick in ticks) == 264
+    assert len(ticks) == 6 and sum(int(tick.split("\n")[1].split()[0]) for tick in ticks) == 12 * len(
+        CLASS_OF
+    )
     assert figures({"none": suites["none"]}) == {}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -57,11 +58,7 @@ class Machine:
         error = ERRORS_M.get(name, ERRORS_M["before"])
         shape = (trial.episodes, trial.steps)
         jitter = 1e-5 * np.random.default_rng(trial.seed).normal(size=shape)
-        nothing = np.full(trial.episodes, np.nan)
-        return Runs(
-            np.arange(1, trial.steps + 1) / 10, error + jitter, np.zeros((*shape, 2)), np.zeros((*shape, 2)),
-            np.zeros(trial.episodes, dtype=np.bool_), np.full(shape, np.nan), nothing, nothing,
-        )  # fmt: skip
+        return replace(Runs.empty(*shape, 10.0), error_m=error + jitter)
 
 
 @pytest.fixture

@@ -67,7 +67,7 @@ def test_marble_is_rolled(policy: Policy) -> None:
     assert found.lost_s is None and found.steps == 30
     assert np.nanmean(found.error_m[15:]) < 1e-3
     assert found.jitter_s < 1e-6
-    assert 0.5 < found.record.force_n[found.record.acting :].mean() < 4.0
+    assert 0.5 < found.record.grip_n[found.record.acting :].mean() < 4.0
     assert found.record.phases[-1] == "letting go"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +22,7 @@ def runs(errors_m: np.ndarray, dropped: int = 0) -> Runs:
     """Runs of 8 s whose errors stay as they are."""
     n, t = len(errors_m), 80
     error = np.repeat(errors_m[:, None], t, axis=1)
-    lost = np.arange(n) < dropped
-    nothing = np.full(n, np.nan)
-    places = np.zeros((n, t, 2))
-    return Runs(np.arange(1, t + 1) / 10, error, places, places, lost, error, nothing, nothing)
+    return replace(Runs.empty(n, t, 10.0), error_m=error, dropped=np.arange(n) < dropped)
 
 
 def test_reference_hands_are_each_another_and_the_same_again() -> None:

@@ -21,6 +21,7 @@ from effect_sessions import (
 )
 
 import skincal.effects
+from skincal.covariates import COVARIATES
 from skincal.effects import (
     EFFECTS,
     EffectSkin,
@@ -88,6 +89,21 @@ def test_samples_that_make_no_sense_are_refused():
         Samples.of(contacts, ((BALL,), [0, 1]))
     with pytest.raises(ValueError, match="speed_m_per_s"):
         replace(Samples.of(contacts, BALL), speed_m_per_s=np.zeros(3))
+
+
+def test_samples_of_a_simulation_have_every_covariate():
+    """One that it forgets would let its effects abstain, silently."""
+    known = {
+        name: np.nan if not one.whole else -1
+        for one in COVARIATES.values()
+        for name in (one.columns if len(one.columns) > 1 else (one.attribute,))
+    } | {"time_s": 0.0}
+    contacts = contacts_at(0.0, 0.0, [1.0])
+    assert all(Samples.of(contacts, BALL, complete=True, **known).has(name) for name in COVARIATES)
+    for name in known:
+        fewer = {other: value for other, value in known.items() if other != name}
+        with pytest.raises(TypeError, match="expected every covariate"):
+            Samples.of(contacts, BALL, complete=True, **fewer)
 
 
 def test_samples_are_read_only_and_can_be_cut():

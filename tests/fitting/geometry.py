@@ -41,7 +41,9 @@ def on_cylinder(table: PressTable) -> np.ndarray:
 def general_problem(table: PressTable, surface: Surface | None = None) -> FitProblem:
     """A session on the cylinder, or taken to be on a surface that is nearly one, to be fitted the general way."""
     surface = surface or Cylinder(RADIUS)
-    own = replace(rig(), surface=surface, mesh_radius_m=RADIUS if isinstance(surface, MeshSurface) else None)
+    own = replace(
+        rig(), surface=surface, nominal_radius_m=RADIUS if isinstance(surface, MeshSurface) else None
+    )
     problem = pose_problem(own, table, min_active=2)
     contacts = ContactMap.of(surface, on_cylinder(table), problem.rows, own.slack_m + MARGIN_M)
     return replace(problem, contacts=contacts)

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from skincal.hand.driver import HandState
 from skincal.hand.errors import HandError
 from skincal.hand.messages import (
-    ARRAYS,
     REPLIES,
     REQUESTS,
     VERSION,
@@ -28,6 +27,7 @@ from skincal.hand.messages import (
     state_of,
     text,
 )
+from skincal.robot.description import ARRAYS
 
 GOOD = {"v": VERSION, "kind": "act", "id": 3, "session": "s", "q_desired_rad": [0.1, 0.2], "answers": 2}
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from skincal.errors import InputError
 from skincal.ranges import JointDraws, Parameter, Ranges, preset, read_ranges, write_ranges
+from skincal.ranges.parameter import DISTRIBUTIONS
 
 SUFFIXES = (".toml", ".json", ".yaml", ".yml")
 NUMBERS = st.floats(-1e300, 1e300, allow_nan=False)
@@ -29,7 +30,7 @@ WIDE = (
 def parameters(draw, least: float):
     mode = draw(st.sampled_from(["episode", "step"]))
     source = draw(st.sampled_from(["calibrated", "assumed"]))
-    kind = draw(st.sampled_from(["uniform", "log_uniform", "normal", "constant"]))
+    kind = draw(st.sampled_from(list(DISTRIBUTIONS)))
     if kind == "normal":
         return Parameter.normal(max(draw(NUMBERS), least), draw(POSITIVE), mode, source)
     if kind == "constant":
@@ -194,10 +195,8 @@ def test_every_fault_of_a_file_is_named_with_its_place(tmp_path):
         )
     )
     text = str(caught.value)
-    assert (
-        'one of "uniform", "log_uniform", "normal", "constant"; got "uniformly". Did you mean "uniform"?'
-        in text
-    )
+    words = ", ".join(f'"{name}"' for name in DISTRIBUTIONS)
+    assert f'one of {words}; got "uniformly". Did you mean "uniform"?' in text
     assert 'one of "episode", "step"; got "evening"' in text
 
 

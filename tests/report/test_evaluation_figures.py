@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -33,10 +34,8 @@ def some_runs(n: int = 4, t: int = 80) -> Runs:
     error = np.linalg.norm(place - target, axis=2)
     error[1, 30:], place[1, 30:] = np.nan, np.nan
     dropped = np.arange(n) == 1
-    nothing = np.full((n, t), np.nan)
-    return Runs(
-        0.1 * np.arange(1, t + 1), error, place, target, dropped, nothing, np.full(n, np.nan), np.ones(n)
-    )
+    parts = {"error_m": error, "object_m": place, "target_m": target, "rewards": np.ones(n)}
+    return replace(Runs.empty(n, t, 10.0), dropped=dropped, **parts)
 
 
 def evaluated(name: str = "tactile", folder: str = "run") -> Evaluated:

@@ -12,6 +12,7 @@ from skins import contact, images, ramp, skin
 
 from skincal.errors import InputError
 from skincal.hand.sim import BREAK_S, SimDriver
+from skincal.robot import Kinematics
 from skincal.sim import SkinMemory
 from skincal.sim.touch import Look, contact_stiffness
 
@@ -78,7 +79,7 @@ def test_the_sphere_is_as_large_as_the_hand_says() -> None:
             press(hand)
             touching = hand.contact()
             # Were another sphere in the physics, the gap would be millimetres off.
-            stiffness = contact_stiffness(hand.description, driver.truth.elasticity_pa_per_m, 3.0)
+            stiffness = contact_stiffness(Kinematics(hand.description), driver.truth.elasticity_pa_per_m, 3.0)
             assert touching.force_n > 0.5
             assert touching.gap_m == pytest.approx(-touching.force_n / stiffness, rel=0.15)
     with pytest.raises(InputError, match="indenter_radius_m"):

@@ -75,7 +75,7 @@ def check_force(friction: float, share: float) -> None:
 
 def test_the_contact_is_a_spring_of_the_skins_stiffness() -> None:
     with session(2, perfect=True) as hand:
-        stiffness = contact_stiffness(hand.description, hand.truth.elasticity_pa_per_m, 3.0)
+        stiffness = contact_stiffness(Kinematics(hand.description), hand.truth.elasticity_pa_per_m, 3.0)
         for depth in (0.005, 0.015):
             press(hand, depth)
             true = hand.contact()
@@ -88,7 +88,7 @@ def test_the_contacts_stiffness_is_that_of_the_skin_model() -> None:
         skin = hand._skin._skin
         at = TrueContact(0.0, np.array([0, 0.0235, 0.0115]), np.array([0, 0, 1.0]), 3.0, 0, 0, 0, np.zeros(6))
         depth = skin.respond(hand._skin._indenter, at.contacts()).penetration_m[0]
-        stiffness = contact_stiffness(hand.description, hand.truth.elasticity_pa_per_m, 3.0)
+        stiffness = contact_stiffness(Kinematics(hand.description), hand.truth.elasticity_pa_per_m, 3.0)
         assert 3.0 / depth == pytest.approx(stiffness, rel=0.1)
 
 

@@ -133,7 +133,10 @@ def test_a_way_is_estimated_where_something_is_felt(bundled: Estimator) -> None:
         for t, image in zip(np.arange(35) / 10, images, strict=True)
     )
     true = np.concatenate([np.full((5, 2), np.nan), touches.places_m[0]])
-    record = Record(states, ("closing",) * 5 + ("acting",) * 30, true, 5, np.zeros(16), np.ones(35))
+    record = Record(
+        states=states, phases=("closing",) * 5 + ("acting",) * 30, places_m=true, acting=5,
+        rest_counts=np.zeros(16), grip_n=np.ones(35),
+    )  # fmt: skip
     places = estimated_places(record, bundled, PINCH, 0.012)
     assert np.isnan(places[:5]).all() and np.isfinite(places[10:]).any()
     error = estimate_error_m(record, places)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,15 +12,9 @@ from skincal.train.scores import Runs, direction_right, rolling, score
 
 def make_runs(error_m: np.ndarray, dropped: np.ndarray | None = None, **parts: np.ndarray) -> Runs:
     n, t = error_m.shape
-    defaults = {
-        "object_m": np.zeros((n, t, 2)),
-        "target_m": np.zeros((n, t, 2)),
-        "dropped": np.zeros(n, bool) if dropped is None else dropped,
-        "angle_error_rad": np.full((n, t), np.nan),
-        "orientation_deg": np.full(n, np.nan),
-        "rewards": np.ones(n),
-    }
-    return Runs(0.1 * np.arange(1, t + 1), error_m, **(defaults | parts))
+    lost = np.zeros(n, bool) if dropped is None else dropped
+    still = {"object_m": np.zeros((n, t, 2)), "target_m": np.zeros((n, t, 2)), "rewards": np.ones(n)}
+    return replace(Runs.empty(n, t, 10.0), error_m=error_m, dropped=lost, **(still | parts))
 
 
 def test_means_are_over_the_runs_still_going():

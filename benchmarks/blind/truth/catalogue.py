@@ -32,4 +32,4 @@ EFFECTS: dict[str, type[Effect]] = {
         transfer.Cover,
     )
 }
-"""The 22 of the catalogue."""
+"""The catalogue."""

@@ -99,6 +99,26 @@ class Surface(ABC):
     def project(self, points_m: ArrayLike) -> FloatArray:
         """Return the points of the surface (K, 3) [m] nearest to ``points_m`` (K, 3) [m]."""
 
+    def nearest(self, points_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the nearest points of the surface to points (K, 3), its outward normals there, and heights above it.
+
+        Shapes are (K, 3) [m], (K, 3) and (K,) [m].
+        """
+        nearest, normals = self.project(points_m), self.normal_at(points_m)
+        return nearest, normals, np.einsum("ij,ij->i", points_m - nearest, normals)
+
+    def ball_stiffness(
+        self, pose: SensorPose, radius_m: float, elasticity_pa_per_m: float, force_n: float
+    ) -> float:
+        """Return the force over depth of a ball in the skin at some force [N/m].
+
+        For depths that are small compared with the radii the skin model gives F = pi E sqrt(R1 R2) d², with R1 and R2
+        the radii of the gap along and across: 1/R1 = 1/r, 1/R2 = 1/r + 1/R.
+        """
+        arc_radius = self.arc_radius_at(pose) or np.inf
+        across = 1 / (1 / radius_m + 1 / arc_radius)
+        return float(np.sqrt(np.pi * elasticity_pa_per_m * np.sqrt(radius_m * across) * force_n))
+
     @abstractmethod
     def offset(self, points_m: ArrayLike, across_m: ArrayLike, along_m: ArrayLike) -> FloatArray:
         """Move points along the surface; return points (K, 3) of the surface [m].
