@@ -13,7 +13,7 @@ from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
 from skincal.dataset.rest import noise_at_rest, rest_levels
 from skincal.dataset.tables import HOLD, IDLE, Frames
-from skincal.dataset.word_checks import bytes_swapped, correlation, find_wrapped
+from skincal.dataset.word_checks import bytes_swapped, correlation, find_falls, find_wrapped
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -179,7 +179,16 @@ def _check_words(dataset: Dataset, file: str, counts: FloatArray, findings: Find
             code="bytes_swapped", mapping=mapping,
         )  # fmt: skip
         return True
-    wrapped = find_wrapped(counts, expected_load(dataset) if counts is dataset.presses.counts else None)
+    of_presses = counts is dataset.presses.counts
+    wrapped = find_wrapped(counts, expected_load(dataset) if of_presses else None)
+    if wrapped is None and not of_presses and dataset.frames is not None:
+        first, frames = (
+            slice(MOST_FRAMES),
+            dataset.frames,
+        )  # in a row: a fall is one from one frame to the next
+        wrapped = find_falls(
+            frames.counts_of(np.arange(len(frames))[first]), frames.press[first], frames.force_n[first]
+        )
     if wrapped is not None:
         size = 2**wrapped.bits
         mapping = f'[taxels] word = "{wrapped.word}"' if wrapped.word else ""

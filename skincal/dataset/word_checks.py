@@ -40,6 +40,12 @@ SINKS: Final = 6.0
 CHANCE: Final = 1e-3
 """Probability at most that readings below rest are where the load is largest by chance (Mann and Whitney's test)."""
 
+KEPT: Final = 0.9
+"""Part of a force that is still the same one, with its noise (tolerance)."""
+
+UNTOLD: Final = "they came out low and cannot be told from others; press with less force, or leave values out"
+"""Correction where no type of word mends the readings."""
+
 
 @dataclass(frozen=True)
 class Wrapped:
@@ -113,11 +119,40 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped 
                 return Wrapped(bits, f"int{bits}", np.flatnonzero(found), sum(found), mend=mend)
             lost = _below_rest(counts, load, high / size) if load is not None else np.zeros_like(finite)
             if lost.any():
-                mend = "they came out low and cannot be told from others; press with less force, or leave values out"
-                return Wrapped(
-                    bits, "", np.flatnonzero(lost.any(axis=0)), int(lost.sum()), apart=False, mend=mend
-                )
+                taxels = np.flatnonzero(lost.any(axis=0))
+                return Wrapped(bits, "", taxels, int(lost.sum()), apart=False, mend=UNTOLD)
     return None
+
+
+def find_falls(counts: FloatArray, press: NDArray[np.int64], force_n: FloatArray) -> Wrapped | None:
+    """Return readings that fell by more than half of their word while the force did not; None if there are none.
+
+    Between two frames of a press a load passes the top of its word, and comes out low. A reading that drops out falls
+    too, but to rest, or always to the same value.
+
+    Args:
+        counts: readings as stored, in the order of time, shape (n, J).
+        press: number of the press of each frame, -1 at rest, shape (n,).
+        force_n: measured force [N], shape (n,).
+    """
+    values = counts[np.isfinite(counts)]
+    if not values.size or values.min() < 0:
+        return None
+    bits = next((b for b in WIDTHS if values.max() < 2.0**b), None)
+    if bits is None or values.max() < 2.0**bits * (1 - 4 * NEAR_END):
+        return None
+    size = 2.0**bits
+    at_rest = counts[press < 0] if (press < 0).any() else counts
+    rest = np.nanmedian(at_rest, axis=0)
+    noise = TO_SIGMA * np.nanmedian(np.abs(at_rest - rest), axis=0)
+    held = (press[1:] == press[:-1]) & (press[1:] >= 0) & (force_n[1:] > KEPT * force_n[:-1])
+    falls = held[:, None] & (counts[:-1] - counts[1:] > size / 2)
+    falls &= np.abs(counts[1:] - rest) > SINKS * np.maximum(noise, 1.0)
+    frame, taxel = np.nonzero(falls)
+    presses = len(np.unique(press[1:][frame]))
+    if presses < FEWEST_CELLS or len(np.unique(counts[1:][falls])) < FEWEST_CELLS:
+        return None
+    return Wrapped(bits, "", np.unique(taxel), len(frame), apart=False, mend=UNTOLD)
 
 
 def _below_rest(counts: FloatArray, load: FloatArray, filled: float) -> BoolArray:

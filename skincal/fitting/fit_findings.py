@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import bdtrc
+from scipy.special import bdtrc, ndtr
 
 from skincal.fitting.problem import FEW_PRESSES
 from skincal.fitting.result import FEWEST_DRAWS, FitFinding, FitResult
@@ -25,8 +25,9 @@ AT_BOUND = 0.01
 FORCES_OFF = 0.03
 """Relative scatter of forces from which it is told."""
 
-BENDS, CHANCE = 0.5, 1e-3
-"""Part of that scatter that goes with the force where the response bends, and how seldom chance does the like."""
+BENDS, CHANCE = 0.25, 1e-3
+"""Part of its variance, which is half of the scatter, that goes with the force where the response bends, and how seldom
+chance does the like."""
 
 MISFIT_TIMES = 3.0
 """Images that differ by so many times what is expected lack something; set by eye. Over the noise alone they differ by
@@ -157,8 +158,9 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
         if part > BENDS:
             yield _warn(
                 "response_bends",
-                f"{scatter}, and most of that goes with the force: images grow as its power of {power:.2f} beyond "
-                "what the skin's contact explains. A response that is no line, or a zero of the force that is off, "
+                f"{scatter}, and {100 * part:.0f} % of its variance goes with the force: images grow as its power of "
+                f"{power:.2f} beyond what the skin's contact explains. A response that is no line, or a zero of the "
+                "force that is off, "
                 "does this; E and S may lie outside of their intervals.",
                 "Check the zero of the force, and run `skincal diagnose`: it tells such causes apart.",
             )
@@ -174,17 +176,18 @@ def _power_of_force(result: FitResult) -> tuple[float, float]:
     """Return the power of the measured force with which images grow, over that of the model, and how much it explains.
 
     The second is the part of the variance of the forces' errors that a line in their logarithms explains, 0 where
-    chance explains as much in one session of a thousand.
+    chance explains as much in one session of a thousand. Errors of the measured forces alone make a line that falls:
+    where a force is measured too high, the images imply less (regression to the mean).
     """
     force, off = np.log(result.problem.force_n), result.presses.force_off
     if len(off) < FEW_PRESSES or np.ptp(force) == 0 or np.ptp(off) == 0:
         return 1.0, 0.0
-    from scipy.stats import pearsonr  # takes a moment, and few fits ask
-
-    like = pearsonr(force, off)
-    part, by_chance = float(like.statistic) ** 2, float(like.pvalue)
-    slope = float(np.cov(force, off)[0, 1] / force.var(ddof=1))
-    return 1.0 + slope, part if by_chance < CHANCE else 0.0
+    like = float(np.corrcoef(force, off)[0, 1])
+    slope = like * float(off.std() / force.std())
+    by_errors = -min(float(off.std() / force.std()), 1 - 1e-9) if like < 0 else 0.0
+    # Fisher's transformation makes a correlation normal, of this standard deviation.
+    sigmas = (np.arctanh(like) - np.arctanh(by_errors)) * np.sqrt(len(off) - 3.0) * np.sign(like)
+    return 1.0 + slope, like**2 if ndtr(-sigmas) < CHANCE / 2 else 0.0
 
 
 def scatter_of_lit(result: FitResult) -> tuple[float, float]:

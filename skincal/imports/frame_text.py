@@ -30,9 +30,10 @@ LABEL_NUMBER = re.compile(rf"{_NAME}\s*+[:=,]?\s*+({NUMBER})(?![\w.:])")
 KEY_NUMBER = re.compile(rf"{_NAME}\s*+[:=]\s*+({NUMBER})(?![\w.:])")
 """A name and a number: in the label of a block with or without a sign between them, in a line with one."""
 STAMP = re.compile(
-    r"^\s*\[?(\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?|\d{4}-\d{2}-\d{2}[T ][\d:.]+)\]?\s*(?:->|[,;|])?\s*"
+    r"^\s*(?:\[\s*(\d++(?:\.\d++)?)\s*\]|\[?(\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?|\d{4}-\d{2}-\d{2}[T ][\d:.]+)\]?)"
+    r"\s*(?:->|[,;|])?\s*"
 )
-"""The time that serial monitors write before a line."""
+"""The time that serial monitors write before a line: a time of day, a date with a time, or a number in brackets."""
 
 MOMENT = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?|\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?")
 """A date with a time, or a time of day, in the line above a block."""
@@ -101,7 +102,7 @@ def read_labelled(
     for number, line in lines:
         stamp = STAMP.match(line)
         if pairs := KEY_NUMBER.findall(line[stamp.end() :] if stamp else line):
-            rows.append({"time": stamp[1] if stamp else "", **dict(pairs)})
+            rows.append({"time": stamp[stamp.lastindex or 0] if stamp else "", **dict(pairs)})
             at.append(number)
     if not rows:
         findings.error(path.name, "lines of name=value", "none", 'Is layout = "labelled" in [csv] right?')

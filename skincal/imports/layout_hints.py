@@ -65,6 +65,7 @@ def layout_hint(path: Path, form: CsvFormat, wanted: Sequence[str]) -> str:
         or _other_header(filled, form, wanted)
         or _blocks([item for item in lines or [] if item[0] <= filled[-1][0]], plain)
         or (_headerless(filled, form, wanted) if counted else _lists(filled, form) or _long(filled, form))
+        or ("" if counted else _unnamed(filled, form))
     )
 
 
@@ -147,6 +148,20 @@ def _headerless(filled: Sequence[tuple[int, str]], form: CsvFormat, wanted: Sequ
             f'frame, set layout = "blocks" and block_rows = {most // width} in [csv].'
         )
     return ""
+
+
+def _unnamed(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:
+    """Return the advice for rows of numbers without names, where the mapping has names."""
+    number, line = filled[min(form.skip_rows, len(filled) - 1)]
+    mark = max(DELIMITERS, key=lambda one: len(_cells(line, one)))
+    cells = _cells(line, mark)
+    if not form.header or len(cells) < 2 or not all(cell and _number(cell) for cell in cells):
+        return ""
+    found = ["header = false"] + ([f"delimiter = {DELIMITERS[mark]}"] if mark != form.delimiter else [])
+    return (
+        f"Line {number} holds {len(cells)} numbers and no names: set {' and '.join(found)} in [csv]; its columns are "
+        f'then "1" to "{len(cells)}".'
+    )
 
 
 def _blocks(lines: list[tuple[int, str]], form: CsvFormat) -> str:

@@ -18,7 +18,7 @@ from skincal.imports.columns_of import Columns, chosen
 from skincal.imports.frame_text import read_blocks, read_labelled
 from skincal.imports.layout_hints import layout_hint, units_row
 from skincal.imports.mapping_file import CsvFormat
-from skincal.imports.text_table import TextTable, read_text_table
+from skincal.imports.text_table import UTF_16, TextTable, read_text_table
 
 ARRAYS: Final[dict[bytes, Callable[[Path], Columns]]] = {
     b"\x89HDF\r\n\x1a\n": read_hdf5,
@@ -108,6 +108,10 @@ def _refused(path: Path, head: bytes, form: CsvFormat) -> tuple[str, str] | None
         return (
             ("a spreadsheet", "Save the sheet as CSV.") if office else ("a zip archive", "Unpack it first.")
         )
-    if b"\0" in head and not form.encoding.lower().replace("_", "-").startswith(("utf-16", "utf-32")):
+    if (
+        b"\0" in head
+        and not head.startswith(UTF_16)
+        and not form.encoding.lower().replace("_", "-").startswith(("utf-16", "utf-32"))
+    ):
         return f'a binary file of an unknown kind ("{path.suffix}")', "Export it as CSV, .mat or .npz."
     return None

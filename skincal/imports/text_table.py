@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections import Counter
 from collections.abc import Collection
@@ -23,6 +24,9 @@ Column = NDArray[Any]
 COMMENT = ("#", "%")
 
 ELEMENT = re.compile(r"(.+)\[\d+\]")
+
+UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+"""First bytes of text in UTF-16, as spreadsheets and data loggers export it."""
 
 MOST_LOG_BYTES = 1 << 30
 """Largest size of a text file, which is read at once [byte]."""
@@ -83,6 +87,12 @@ def read_text_table(
     if lines is None:
         return None
     names, kept = _header(path.name, form, lines, findings)
+    if form.header and (again := [number for number, text in kept if text == lines[0][1]]):
+        # A logger that was restarted goes on in the same file with another header.
+        findings.note(
+            path.name, "one header", f"the same line again, in line {', '.join(map(str, again[:SHOWN]))}"
+        )
+        kept = [(number, text) for number, text in kept if text != lines[0][1]]
     # The elements of a list in a cell are columns "name[0]", "name[1]", ….
     lists = {
         name: found[1] for name in numbers if name not in names and (found := ELEMENT.fullmatch(name))
@@ -131,9 +141,11 @@ def text_lines(
     path: Path, form: CsvFormat, findings: Findings, *, blank: bool = False
 ) -> list[tuple[int, str]] | None:
     """Return the lines that are not skipped, not comments and, unless ``blank``, not empty, with their numbers."""
-    encoding = "utf-8-sig" if form.encoding.lower() in ("utf-8", "utf8") else form.encoding
+    utf_8 = form.encoding.lower() in ("utf-8", "utf8")
     try:
-        text = read_bytes(path, MOST_LOG_BYTES).decode(encoding)
+        content = read_bytes(path, MOST_LOG_BYTES)
+        encoding = ("utf-16" if content.startswith(UTF_16) else "utf-8-sig") if utf_8 else form.encoding
+        text = content.decode(encoding)
     except UnreadableError as error:
         fix = "Cut it into several files, which are read one after the other."
         findings.error(path.name, error.expected, error.got, fix)

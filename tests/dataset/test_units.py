@@ -23,7 +23,7 @@ from skincal.dataset import (
     write_dataset,
 )
 from skincal.dataset.unit_checks import force_units, unit_of_ratio, value_step
-from skincal.dataset.word_checks import as_word, find_wrapped, swapped
+from skincal.dataset.word_checks import as_word, find_falls, find_wrapped, swapped
 
 Session = Callable[..., Dataset]
 ROOT = Path(__file__).parents[2]
@@ -141,6 +141,24 @@ def test_words_that_pass_their_top_among_others(tmp_path: Path, original: Datase
 
     dropped = np.random.default_rng(3).random(true.shape) < 0.03
     assert find_wrapped(np.where(dropped, 0, np.minimum(true, 255)), expected_load(original)) is None
+
+
+def test_words_that_pass_their_top_from_frame_to_frame():
+    """A sensor that rests at 9000 of 65535: what wrapped is higher than rest or lower, and no gap separates it."""
+    rng = np.random.default_rng(6)
+    share = np.concatenate([np.zeros(4), np.linspace(0.1, 1, 8), np.ones(5), np.linspace(1, 0.1, 8)])
+    press = np.concatenate([np.where(share > 0, k, -1) for k in range(20)])
+    force = np.tile(share, 20) * np.repeat(rng.uniform(1, 4, 20), len(share))
+    gain = rng.uniform(0, 22000, (20, 4)).repeat(len(share), axis=0)
+    true = np.rint(9000 + gain * force[:, None] + rng.normal(0, 5, gain.shape))
+    wrapped = find_falls(np.mod(true, 65536), press, force)
+    assert wrapped is not None and wrapped.bits == 16 and "less force" in wrapped.mend
+    # One that clips there, readings that drop out to a constant, and such that drop to rest, are none.
+    clipped = np.minimum(true, 65535)
+    assert find_falls(clipped, press, force) is None
+    lost = rng.random(true.shape) < 0.03
+    assert find_falls(np.where(lost, 0, clipped), press, force) is None
+    assert find_falls(np.where(lost, 9000 + rng.integers(-9, 9, true.shape), clipped), press, force) is None
 
 
 @pytest.mark.parametrize(("rest", "word"), [(20000.0, "uint16"), (600.0, "uint16"), (0.0, "int16")])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from skincal.fitting.errors import FitError
-from skincal.fitting.fit_findings import find
+from skincal.fitting.fit_findings import _rig, find
 from skincal.fitting.fit_options import GridSteps, SearchBox
 from skincal.fitting.law import LawSpread
 from skincal.fitting.problem import FitProblem, PressTable, pose_problem
@@ -187,6 +187,26 @@ def test_forces_whose_errors_go_with_the_force(fitted: FitResult, power: float, 
     assert told.code == code
     if power < 1:
         assert "power of 0.9" in told.text and "skincal diagnose" in told.advice
+
+
+def test_forces_that_saturation_bends_scatter_besides(fitted: FitResult) -> None:
+    """Contacts that spread over more taxels saturate less: some of what a response bends does not go with the force."""
+    rng = np.random.default_rng(2)
+    force = np.exp(rng.uniform(-0.4, 1.7, 60))
+    off = -0.2 * np.log(force) + rng.normal(0, 0.13, 60)
+
+    def code(off: np.ndarray, force: np.ndarray) -> str:
+        problem = replace(fitted.problem, force_n=force)
+        presses = replace(fitted.presses, force_off=off)
+        [told] = _rig(replace(fitted, problem=problem, force_low=0.05, presses=presses))
+        return told.code
+
+    assert code(off, force) == "response_bends"
+    # Measured forces that scatter alone: a force that is measured too high is implied too low.
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        true, error = rng.uniform(1, 4, 60), rng.normal(0, 0.25, 60)
+        assert code(-error, true * np.exp(error)) == "force_scatter"
 
 
 @pytest.mark.slow

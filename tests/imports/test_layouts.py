@@ -183,6 +183,7 @@ LONG = "t,zeile,spalte,wert\n" + "".join(
         ('t,F,px,py,skin\n0,1,2,3,"[1, 2]"\n', False, 'its elements are the columns "skin[0]"'),
         ("t,row,col,value\n0,0,0,5\n", False, 'one row per taxel ("row", "col")'),
         (LONG, False, 'one row per taxel ("zeile", "spalte")'),
+        ("\n".join(LINES[1:]).replace(",", "\t"), False, 'set header = false and delimiter = "\\t"'),
         ("x;y;z;", False, "expected "),
     ],
 )
@@ -191,6 +192,18 @@ def test_other_layouts_are_named(tmp_path: Path, text: str, counted: bool, advic
     by_number = mapping(PLANE, WEIGHTS, csv={"rate_hz": 50.0, "header": advice.startswith("Line")})
     content = by_number if counted else mapping(PLANE, ONE_FILE)
     assert advice in refused(tmp_path, tmp_path / "a.csv", content)
+
+
+def test_text_in_utf_16(tmp_path: Path):
+    (tmp_path / "a.csv").write_text(ALL.to_csv(index=False), encoding="utf-16")
+    assert len(bring(tmp_path, tmp_path / "a.csv", mapping(PLANE, ONE_FILE)).presses) == len(FOUND.force_n)
+
+
+def test_a_header_that_comes_again(tmp_path: Path):
+    """A logger that was restarted goes on in the same file."""
+    lines = ALL.to_csv(index=False).splitlines()
+    (tmp_path / "a.csv").write_text("\n".join([*lines[:300], lines[0], *lines[300:]]))
+    assert len(bring(tmp_path, tmp_path / "a.csv", mapping(PLANE, ONE_FILE)).presses) == len(FOUND.force_n)
 
 
 def test_rate_in_the_header_of_a_movie(tmp_path: Path):
@@ -261,6 +274,17 @@ def test_lines_of_names_and_values(tmp_path: Path):
     assert 'layout = "labelled"' in refused(tmp_path, file, content)
     content["csv"]["layout"] = "labelled"
     assert_weights(bring(tmp_path, file, content))
+
+
+def test_seconds_in_brackets_before_a_line(tmp_path: Path):
+    lines = [
+        f"[{t:9.3f}] {' '.join(f's{j}={v}' for j, v in enumerate(image, 1))}"
+        for t, image in zip(TIME, IMAGES, strict=True)
+    ]
+    (tmp_path / "serial.log").write_text("\n".join(lines))
+    content = mapping(PLANE, WEIGHTS, csv={"layout": "labelled"}, taxels={"columns": "s{j}"},
+                      columns={"time_s": {"column": "time", "unit": "s"}})  # fmt: skip
+    assert_weights(bring(tmp_path, tmp_path / "serial.log", content))
 
 
 def arrays() -> dict[str, np.ndarray]:
