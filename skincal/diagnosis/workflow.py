@@ -69,14 +69,19 @@ def diagnose(
     check_same_sensor(calibration, dataset)
     split, searched, again, drawn, pressed, audited, spelled, dealt = np.random.default_rng(seed).spawn(8)
     heard("noise floor and places")
+    checked = findings_of_check(dataset)
+    corrupted, order = is_corrupted(checked), find_taxel_order(dataset)
+    wrong = corrupted or order is not None
     observed = observe(dataset, calibration, split)
     fitter = observed.fitter
     base = base_fit(fitter, known=True)
     heard("what can be seen")
     audit = report_of(fitter, base.state, observed.floor, audited, calibrated=True, planned=False)
     heard("what is missing")
-    found = Search(fitter, base, observed.names, observed.covariates, searched, heard, null_sessions).run()
-    if found.open or found.doubtful:
+    # In wrong images no effect is looked for: what looks like one says nothing of the skin.
+    names = () if wrong else observed.names
+    found = Search(fitter, base, names, observed.covariates, searched, heard, null_sessions).run()
+    if not wrong and (found.open or found.doubtful):
         # About the best model: what an effect does to a taxel and its neighbours may look like a step about the base.
         assert observed.session.counts is not None
         spells = find_spells(fitter, found.fitted.state, observed.session.counts)
@@ -93,10 +98,7 @@ def diagnose(
     gap = gap_of(observed, found.base.state, found.fitted.state, again)
     named = bool(found.named)
     # What is left is more than chance, or presses that nobody has fitted are further off: no name is sure.
-    checked = findings_of_check(dataset)
-    corrupted, order = is_corrupted(checked), find_taxel_order(dataset)
-    wrong = corrupted or order is not None
-    doubt = gap.refutes or found.doubtful or wrong
+    doubt = gap.refutes or found.doubtful
     taken_back = tuple(n.name for n in found.named) if named and doubt else ()
     unexplained = (not named and found.open) or wrong
     verdict = "unknown" if taken_back or unexplained else "effects" if named else "none"
