@@ -15,7 +15,7 @@ from skincal.collect.press_options import CollectOptions
 from skincal.collect.senses import Sample
 from skincal.covariates import POSITION, TARGET, TIMES
 from skincal.dataset import HOLD, IDLE, LOAD, UNLOAD
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import FloatArray, as_floats
 from skincal.robot.description import joint_columns
 
 Arrays = dict[str, NDArray[Any]]
@@ -50,11 +50,11 @@ class Series:
     def of(cls, samples: Sequence[Sample]) -> Series:
         """Return the samples of a stretch of time as arrays."""
         states = [sample.state for sample in samples]
-        values = {name: np.array([getattr(sample, name) for sample in samples]) for name in OF_CONTACT}
-        values |= zip(POSITION, np.array([sample.point_m for sample in samples]).T, strict=True)
-        values |= {name: np.array([getattr(state, name) for state in states]) for name in OF_SKIN}
+        values = {name: as_floats([getattr(sample, name) for sample in samples]) for name in OF_CONTACT}
+        values |= zip(POSITION, as_floats([sample.point_m for sample in samples]).T, strict=True)
+        values |= {name: as_floats([getattr(state, name) for state in states]) for name in OF_SKIN}
         values |= joint_columns(states, OF_JOINTS)
-        return cls(np.array([sample.time_s for sample in samples]), values)
+        return cls(as_floats([sample.time_s for sample in samples]), values)
 
     def at(self, times_s: FloatArray) -> dict[str, FloatArray]:
         """Return the values at other times (M,), interpolated linearly."""

@@ -26,9 +26,8 @@ from skincal.imports.text_table import TextTable, text_lines
 # No part goes back over what another may have, and names have an end: a long line takes time as it is long, no more.
 NUMBER = r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?"
 _NAME = r"(?<![\w.\[\]-])([A-Za-z_][\w.\[\]-]{0,99})"
-LABEL_NUMBER = re.compile(rf"{_NAME}\s*+[:=,]?\s*+({NUMBER})(?![\w.:])")
-KEY_NUMBER = re.compile(rf"{_NAME}\s*+[:=]\s*+({NUMBER})(?![\w.:])")
-"""A name and a number: in the label of a block with or without a sign between them, in a line with one."""
+NAMED = re.compile(rf"{_NAME}\s*+[:=,]?\s*+({NUMBER})(?![\w.:])")
+PAIR = re.compile(rf"{_NAME}\s*+[:=]\s*+({NUMBER})(?![\w.:])")
 STAMP = re.compile(
     r"^\s*(?:\[\s*(\d++(?:\.\d++)?)\s*\]|\[?(\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?|\d{4}-\d{2}-\d{2}[T ][\d:.]+)\]?)"
     r"\s*(?:->|[,;|])?\s*"
@@ -75,7 +74,7 @@ def read_blocks(
     columns: dict[str, NDArray[Any]] = {str(i + 1): cells[:, i] for i in range(cells.shape[1])}
     columns["label"] = np.array([block.label for block in blocks], dtype=object)
     named_values = [
-        {name.lower(): float(value) for name, value in LABEL_NUMBER.findall(block.label)} for block in blocks
+        {name.lower(): float(value) for name, value in NAMED.findall(block.label)} for block in blocks
     ]
     for name in dict.fromkeys(key for values in named_values for key in values):
         columns.setdefault(name, np.array([values.get(name, np.nan) for values in named_values]))
@@ -101,7 +100,7 @@ def read_labelled(
     at: list[int] = []
     for number, line in lines:
         stamp = STAMP.match(line)
-        if pairs := KEY_NUMBER.findall(line[stamp.end() :] if stamp else line):
+        if pairs := PAIR.findall(line[stamp.end() :] if stamp else line):
             rows.append({"time": stamp[stamp.lastindex or 0] if stamp else "", **dict(pairs)})
             at.append(number)
     if not rows:

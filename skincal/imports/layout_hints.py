@@ -12,7 +12,7 @@ from typing import Final
 
 from skincal.bounded import UnreadableError, parse_csv
 from skincal.dataset.findings import Findings
-from skincal.imports.frame_text import KEY_NUMBER, NUMBER, blocks_of
+from skincal.imports.frame_text import NUMBER, PAIR, blocks_of
 from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.text_table import TextTable, text_lines
 
@@ -97,7 +97,7 @@ def _shape_line(filled: Sequence[tuple[int, str]], form: CsvFormat, *, counted: 
 
 
 def _labelled(filled: Sequence[tuple[int, str]]) -> str:
-    paired = sum(len(KEY_NUMBER.findall(line)) >= 2 for _, line in filled)
+    paired = sum(len(PAIR.findall(line)) >= 2 for _, line in filled)
     if paired > 0.8 * len(filled):
         return 'Its lines are pairs of name and value: set layout = "labelled" in [csv].'
     return ""
