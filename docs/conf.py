@@ -10,6 +10,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
+from sphinx.application import Sphinx
+
 import skincal
 
 HERE = Path(__file__).parent
@@ -109,3 +111,8 @@ napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 napoleon_use_rtype = False
+
+
+def setup(app: Sphinx) -> None:
+    """Says of an extension what it does not say itself: it copies files when the build is over."""
+    app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True
