@@ -14,7 +14,7 @@ from skincal.diagnosis.observed import NoiseFloor, Observed
 from skincal.diagnosis.spells import Spell
 from skincal.effects import EFFECTS
 from skincal.inference.fit import Fitted
-from skincal.inference.start import wild_presses
+from skincal.inference.start import out_of_proportion, raw_residual, wild_presses
 from skincal.model import TaxelLayout
 
 FEWEST, _PULLED = 4, 6.0
@@ -98,6 +98,18 @@ def _glitches(observed: Observed, base: Fitted, fit: Fitted) -> Iterator[Finding
             f"calibration"
         )
         yield Finding("glitch", "warning", text, _LOOK)
+    # At a single taxel a press may be as far off as none, while its others are dark, and as they are in all presses.
+    r = np.nan_to_num(np.abs(raw_residual(observed.fitter, fit.state)))
+    own = np.array([r[observed.fitter.press == p].max(axis=0) for p in range(observed.session.presses)])
+    off = np.setdiff1d(out_of_proportion(own.max(axis=1)), wild)
+    if len(off):
+        layout, numbers = observed.dataset.layout(), observed.dataset.presses.press
+        names = "; ".join(
+            f"press {numbers[p]}: {taxel_name(layout, int(own[p].argmax()))} reads {own[p].max():.0f} noises off"
+            for p in off
+        )
+        text = f"{names}; such readings count less, and no other press shows the like"
+        yield Finding("far_readings", "info", text, _LOOK)
 
 
 def _forces(observed: Observed, fit: Fitted) -> Iterator[Finding]:

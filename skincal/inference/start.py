@@ -100,7 +100,11 @@ def left_of(fitter: Fitter, state: State) -> FloatArray:
 
 def wild_presses(fitter: Fitter, state: State) -> IntArray:
     """Rows of presses whose images are out of all proportion to those of others, if they are few."""
-    left = left_of(fitter, state)
+    return out_of_proportion(left_of(fitter, state))
+
+
+def out_of_proportion(left: FloatArray) -> IntArray:
+    """Rows of presses that leave far more (P,) than others, if they are few; 0 is a press that is not seen."""
     known = left > 0
     if not known.any():
         return np.zeros(0, dtype=np.int64)
