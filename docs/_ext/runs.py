@@ -31,9 +31,13 @@ COLUMNS = 92
 _all = tempfile.TemporaryDirectory(prefix="skincal-docs-")
 
 
+def _folder(docname: str) -> Path:
+    return Path(_all.name, docname.replace("/", "-"))
+
+
 def folder(docname: str) -> Path:
     """The temporary folder of a page."""
-    own = Path(_all.name, docname.replace("/", "-"))
+    own = _folder(docname)
     if not own.exists():
         own.mkdir()
         (own / "data").symlink_to(ROOT / "data")
@@ -124,7 +128,7 @@ class Made(Figure):
 
 def forget(_app: Sphinx, _env: BuildEnvironment, docname: str) -> None:
     """A page that is read again starts with an empty folder."""
-    shutil.rmtree(folder(docname))
+    shutil.rmtree(_folder(docname), ignore_errors=True)
 
 
 def clean(_app: Sphinx, _error: Exception | None) -> None:

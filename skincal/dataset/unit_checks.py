@@ -182,13 +182,10 @@ def _check_words(dataset: Dataset, file: str, counts: FloatArray, findings: Find
     of_presses = counts is dataset.presses.counts
     wrapped = find_wrapped(counts, expected_load(dataset) if of_presses else None)
     if wrapped is None and not of_presses and dataset.frames is not None:
-        first, frames = (
-            slice(MOST_FRAMES),
-            dataset.frames,
-        )  # in a row: a fall is one from one frame to the next
-        wrapped = find_falls(
-            frames.counts_of(np.arange(len(frames))[first]), frames.press[first], frames.force_n[first]
-        )
+        # The first ones, none left out: a fall is one from one frame to the next.
+        rows = np.arange(min(len(dataset.frames), MOST_FRAMES))
+        frames = dataset.frames
+        wrapped = find_falls(frames.counts_of(rows), frames.press[rows], frames.force_n[rows])
     if wrapped is not None:
         size = 2**wrapped.bits
         mapping = f'[taxels] word = "{wrapped.word}"' if wrapped.word else ""

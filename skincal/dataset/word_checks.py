@@ -43,7 +43,9 @@ CHANCE: Final = 1e-3
 KEPT: Final = 0.9
 """Part of a force that is still the same one, with its noise (tolerance)."""
 
-UNTOLD: Final = "they came out low and cannot be told from others; press with less force, or leave values out"
+NO_WORD_MENDS: Final = (
+    "they came out low and cannot be told from others; press with less force, or leave values out"
+)
 """Correction where no type of word mends the readings."""
 
 
@@ -120,7 +122,7 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped 
             lost = _below_rest(counts, load, high / size) if load is not None else np.zeros_like(finite)
             if lost.any():
                 taxels = np.flatnonzero(lost.any(axis=0))
-                return Wrapped(bits, "", taxels, int(lost.sum()), apart=False, mend=UNTOLD)
+                return Wrapped(bits, "", taxels, int(lost.sum()), apart=False, mend=NO_WORD_MENDS)
     return None
 
 
@@ -152,7 +154,7 @@ def find_falls(counts: FloatArray, press: NDArray[np.int64], force_n: FloatArray
     presses = len(np.unique(press[1:][frame]))
     if presses < FEWEST_CELLS or len(np.unique(counts[1:][falls])) < FEWEST_CELLS:
         return None
-    return Wrapped(bits, "", np.unique(taxel), len(frame), apart=False, mend=UNTOLD)
+    return Wrapped(bits, "", np.unique(taxel), len(frame), apart=False, mend=NO_WORD_MENDS)
 
 
 def _below_rest(counts: FloatArray, load: FloatArray, filled: float) -> BoolArray:

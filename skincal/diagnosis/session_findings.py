@@ -50,6 +50,7 @@ def findings_of(
     return (
         *_noise(observed.floor, observed),
         *_glitches(observed, base, fit),
+        *far_readings(observed, fit),
         *_forces(observed, fit),
         *_taxels(observed, effects),
         *_spells(observed),
@@ -98,17 +99,22 @@ def _glitches(observed: Observed, base: Fitted, fit: Fitted) -> Iterator[Finding
             f"calibration"
         )
         yield Finding("glitch", "warning", text, _LOOK)
-    # At a single taxel a press may be as far off as none, while its others are dark, and as they are in all presses.
-    r = np.nan_to_num(np.abs(raw_residual(observed.fitter, fit.state)))
-    own = np.array([r[observed.fitter.press == p].max(axis=0) for p in range(observed.session.presses)])
-    off = np.setdiff1d(out_of_proportion(own.max(axis=1)), wild)
+
+
+def far_readings(observed: Observed, fit: Fitted) -> Iterator[Finding]:
+    """Yield the presses that are far off at one taxel, though their images as a whole are like those of others."""
+    press, pressed = observed.fitter.press, observed.fitter.press >= 0
+    residual = np.nan_to_num(np.abs(raw_residual(observed.fitter, fit.state)))
+    largest = np.zeros((observed.session.presses, residual.shape[1]))
+    np.maximum.at(largest, press[pressed], residual[pressed])
+    off = np.setdiff1d(out_of_proportion(largest.max(axis=1)), wild_presses(observed.fitter, fit.state))
     if len(off):
         layout, numbers = observed.dataset.layout(), observed.dataset.presses.press
         names = "; ".join(
-            f"press {numbers[p]}: {taxel_name(layout, int(own[p].argmax()))} reads {own[p].max():.0f} noises off"
-            for p in off
+            f"press {numbers[p]}: {taxel_name(layout, int(own.argmax()))} reads {own.max():.0f} noises off"
+            for p, own in zip(off, largest[off], strict=True)
         )
-        text = f"{names}; such readings count less, and no other press shows the like"
+        text = f"{names}; readings that are so far off have less weight in the fit"
         yield Finding("far_readings", "info", text, _LOOK)
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.dataset.model_objects import pose_of
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, array, number
 from skincal.envs.pinch import Pinch
@@ -162,10 +161,7 @@ class Grasp:
     def _grip(self, values: Values, angles_rad: FloatArray, objects: tuple[Placed, ...]) -> Grip:
         body = objects[0].body
         options, table = self._options, f"object.{body.kind}"
-        elasticity, pose = (
-            number(values, "skin.elasticity_pa_per_m"),
-            pose_of(self._pinch.description.meta.mount),
-        )
+        elasticity = number(values, "skin.elasticity_pa_per_m")
         return Grip(
             angles_rad=angles_rad,
             command_rad=angles_rad,
@@ -176,7 +172,7 @@ class Grasp:
             spinning_friction=number(values, f"{table}.spinning_friction"),
             rolling_friction=number(values, f"{table}.rolling_friction"),
             stiffness_n_per_m=self._pinch.surface.ball_stiffness(
-                pose, body.radius_m, elasticity, options.stiffness_at_n
+                self._pinch.pose, body.radius_m, elasticity, options.stiffness_at_n
             ),
             damping_ns_per_m=options.damping_ns_per_m,
         )

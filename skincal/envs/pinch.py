@@ -17,7 +17,7 @@ from skincal.dataset.kinds import SURFACES, named
 from skincal.dataset.model_objects import pose_of, surface_of
 from skincal.dataset.schema import Table, load_toml, read_table
 from skincal.dataset.schema_errors import Violation, report
-from skincal.model import Surface
+from skincal.model import SensorPose, Surface
 from skincal.model.arrays import FloatArray
 from skincal.robot import DEFAULT_HAND, HandDescription, read_hand
 from skincal.robot.urdf import MOVING, Urdf, read_urdf
@@ -87,9 +87,14 @@ class Pinch:
         return surface_of(self.description.meta.surface, {})
 
     @property
+    def pose(self) -> SensorPose:
+        """The sensor's nominal pose."""
+        return pose_of(self.description.meta.mount)
+
+    @property
     def radius_m(self) -> float:
         """The surface's distance from the finger's axis at the sensor's nominal centre [m]."""
-        radius = self.surface.arc_radius_at(pose_of(self.description.meta.mount))
+        radius = self.surface.arc_radius_at(self.pose)
         assert radius is not None
         return radius
 
@@ -100,7 +105,7 @@ class Pinch:
         They are the skin's outward normal (3,) at the sensor's nominal centre and that centre (1, 3) [m], both in the
         fingertip's frame, and the centre (1, 3) of the thumb's round end, in its tip's frame [m].
         """
-        centre, out = self.surface.wrap(pose_of(self.description.meta.mount), np.zeros((1, 2)))
+        centre, out = self.surface.wrap(self.pose, np.zeros((1, 2)))
         return out[0], centre, np.array([[0.0, self.thumb.length_m, 0.0]])
 
     def joints_of(self, which: slice) -> NDArray[np.int64]:

@@ -160,8 +160,7 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
                 "response_bends",
                 f"{scatter}, and {100 * part:.0f} % of its variance goes with the force: images grow as its power of "
                 f"{power:.2f} beyond what the skin's contact explains. A response that is no line, or a zero of the "
-                "force that is off, "
-                "does this; E and S may lie outside of their intervals.",
+                "force that is off, does this; E and S may lie outside of their intervals.",
                 "Check the zero of the force, and run `skincal diagnose`: it tells such causes apart.",
             )
         else:
@@ -182,12 +181,11 @@ def _power_of_force(result: FitResult) -> tuple[float, float]:
     force, off = np.log(result.problem.force_n), result.presses.force_off
     if len(off) < FEW_PRESSES or np.ptp(force) == 0 or np.ptp(off) == 0:
         return 1.0, 0.0
-    like = float(np.corrcoef(force, off)[0, 1])
-    slope = like * float(off.std() / force.std())
-    by_errors = -min(float(off.std() / force.std()), 1 - 1e-9) if like < 0 else 0.0
+    like, wide = float(np.corrcoef(force, off)[0, 1]), float(off.std() / force.std())
+    by_errors = -min(wide, 1 - 1e-9) if like < 0 else 0.0
     # Fisher's transformation makes a correlation normal, of this standard deviation.
     sigmas = (np.arctanh(like) - np.arctanh(by_errors)) * np.sqrt(len(off) - 3.0) * np.sign(like)
-    return 1.0 + slope, like**2 if ndtr(-sigmas) < CHANCE / 2 else 0.0
+    return 1.0 + like * wide, like**2 if ndtr(-sigmas) < CHANCE / 2 else 0.0
 
 
 def scatter_of_lit(result: FitResult) -> tuple[float, float]:

@@ -28,7 +28,7 @@ class Distribution:
         middle: its middle, which stands for it where it is not drawn.
         text: its figures in a few characters, for tables.
         positive: whether its figures have to lie above 0.
-        rising: figures of which none may be above the next.
+        rising: whether none of its figures may be above the next.
     """
 
     figures: tuple[str, ...]
@@ -36,7 +36,7 @@ class Distribution:
     middle: Callable[[Figures], FloatArray]
     text: str
     positive: bool = False
-    rising: tuple[str, ...] = ()
+    rising: bool = False
 
 
 def _uniform(f: Figures, rng: np.random.Generator, size: int) -> FloatArray:
@@ -51,11 +51,7 @@ def _log_uniform(f: Figures, rng: np.random.Generator, size: int) -> FloatArray:
 
 DISTRIBUTIONS: Final = {
     "uniform": Distribution(
-        ("low", "high"),
-        _uniform,
-        lambda f: (f["low"] + f["high"]) / 2,
-        "{low:g} … {high:g}",
-        rising=("low", "high"),
+        ("low", "high"), _uniform, lambda f: (f["low"] + f["high"]) / 2, "{low:g} … {high:g}", rising=True
     ),
     "log_uniform": Distribution(
         ("low", "high"),
@@ -63,7 +59,7 @@ DISTRIBUTIONS: Final = {
         lambda f: np.sqrt(f["low"] * f["high"]),
         "log {low:g} … {high:g}",
         positive=True,
-        rising=("low", "high"),
+        rising=True,
     ),
     "normal": Distribution(
         ("mean", "sigma"),
@@ -247,7 +243,7 @@ def _order_problems(parameter: Parameter, place: str) -> list[Problem]:
     if len(sizes) > 1:
         return [Problem(place, "lists of one length", f"lengths {sorted(sizes)}")]
     figures, found, of = parameter.arrays, list[Problem](), DISTRIBUTIONS[parameter.distribution]
-    for low, high in pairwise(of.rising):
+    for low, high in pairwise(of.figures if of.rising else ()):
         if np.any(figures[low] > figures[high]):
             got = f"{low} = {getattr(parameter, low)}, {high} = {getattr(parameter, high)}"
             found.append(Problem(f"{place} {low}", f"not above {high}", got))

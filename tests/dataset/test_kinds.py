@@ -69,9 +69,7 @@ def test_an_indenter_is_made_and_its_compiled_form_is_its_own(name: str) -> None
 
 
 @pytest.mark.parametrize("table", ["surface", "indenter"])
-def test_a_new_kind_is_refused_on_a_hand_until_it_is_allowed(
-    table: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_hands_refuse_a_new_kind(table: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     hand = bundled_hand()
     kinds, like = (SURFACES, "cylinder") if table == "surface" else (INDENTERS, "sphere")
     new = Kind(kinds[like].model, kinds[like].numbers)
@@ -88,9 +86,7 @@ def test_a_new_kind_is_refused_on_a_hand_until_it_is_allowed(
         Kinematics(replace(hand, meta=replace(hand.meta, **{table: shape})))
 
 
-def test_a_new_kind_of_surface_is_refused_in_tasks_until_it_is_allowed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tasks_refuse_a_new_kind_of_surface(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(SURFACES, "cone", replace(SURFACES["cylinder"], in_tasks=False))
     folder = tmp_path / "hand"
     shutil.copytree(bundled_hand().urdf.parent, folder)

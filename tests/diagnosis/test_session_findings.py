@@ -8,30 +8,38 @@ import numpy as np
 from inference.made import made
 from report.diagnosis_cases import calibration
 
+from skincal.calibration import Finding
 from skincal.dataset import Dataset
-from skincal.diagnosis.observed import observe
-from skincal.diagnosis.session_findings import _glitches
+from skincal.diagnosis.observed import Observed, observe
+from skincal.diagnosis.session_findings import far_readings
 from skincal.inference.start import base_fit
 
 
-def told(data: Dataset) -> list[str]:
-    """What is said of single presses."""
-    observed = observe(data, replace(calibration(), sensor=data.meta.sensor), np.random.default_rng(0))
-    base = base_fit(observed.fitter, known=True)
-    return [f"{one.code}: {one.text}" for one in _glitches(observed, base, base)]
+def observed(data: Dataset) -> Observed:
+    return observe(data, replace(calibration(), sensor=data.meta.sensor), np.random.default_rng(0))
 
 
-def test_a_press_that_is_off_at_one_taxel_is_told():
-    """Its other taxels are dark, so that over all of them it is like the others."""
+def found(data: Dataset) -> list[Finding]:
+    session = observed(data)
+    return list(far_readings(session, base_fit(session.fitter, known=True)))
+
+
+def test_a_press_that_is_far_off_at_one_taxel():
+    """Its other taxels are dark, so that over all of them it is like the others; of one press no force is known."""
     data = made(rest=40.0)
     assert data.frames is not None
-    seed = np.random.default_rng(0)
-    held = observe(data, replace(calibration(), sensor=data.meta.sensor), seed).held
-    row = int(np.flatnonzero(~held)[8])
-    number = data.presses.press[row]
-    lit = int(data.presses.counts[row].argmax())
+    force, of_frames = data.presses.force_n.copy(), data.frames.force_n.copy()
+    force[3], of_frames[data.frames.press == data.presses.press[3]] = np.nan, np.nan
+    data = replace(
+        data, presses=replace(data.presses, force_n=force), frames=replace(data.frames, force_n=of_frames)
+    )
+    # One that lights several taxels: no other place of the contact would explain it.
+    lit_taxels = np.where(observed(data).held, 0, (data.presses.counts > 45.0).sum(axis=1))
+    row = int(lit_taxels.argmax())
+    number, lit = data.presses.press[row], int(data.presses.counts[row].argmax())
     counts = data.frames.counts.copy()
     counts[data.frames.press == number, lit] = 40.0
-    assert not told(data)
-    (text,) = told(replace(data, frames=replace(data.frames, counts=counts)))
-    assert text.startswith("far_readings") and f"press {number}: " in text
+    assert not found(data)
+    (one,) = found(replace(data, frames=replace(data.frames, counts=counts)))
+    assert one.code == "far_readings"
+    assert one.text.startswith(f"press {number}: taxel_{lit // 4}_{lit % 4} reads ")

@@ -112,7 +112,7 @@ def test_a_missing_parameter_is_named_and_described(tmp_path: Path, path: str) -
         (
             '[skin.alpha_deg]\ndistribution = "uniform"',
             '[skin.alpha_deg]\ndistribution = "even"',
-            r'\[skin.alpha_deg\] distribution: expected one of "uniform", "log_uniform"',
+            r'\[skin.alpha_deg\] distribution: expected one of "uniform", "log_uniform", "normal", "constant"',
         ),
     ],
 )
