@@ -30,16 +30,15 @@ def test_a_press_that_is_far_off_at_one_taxel():
     assert data.frames is not None
     force, of_frames = data.presses.force_n.copy(), data.frames.force_n.copy()
     force[3], of_frames[data.frames.press == data.presses.press[3]] = np.nan, np.nan
-    data = replace(
-        data, presses=replace(data.presses, force_n=force), frames=replace(data.frames, force_n=of_frames)
-    )
+    frames = replace(data.frames, force_n=of_frames)
+    data = replace(data, presses=replace(data.presses, force_n=force), frames=frames)
     # One that lights several taxels: no other place of the contact would explain it.
     lit_taxels = np.where(observed(data).held, 0, (data.presses.counts > 45.0).sum(axis=1))
     row = int(lit_taxels.argmax())
     number, lit = data.presses.press[row], int(data.presses.counts[row].argmax())
-    counts = data.frames.counts.copy()
-    counts[data.frames.press == number, lit] = 40.0
+    counts = frames.counts.copy()
+    counts[frames.press == number, lit] = 40.0
     assert not found(data)
-    (one,) = found(replace(data, frames=replace(data.frames, counts=counts)))
+    (one,) = found(replace(data, frames=replace(frames, counts=counts)))
     assert one.code == "far_readings"
     assert one.text.startswith(f"press {number}: taxel_{lit // 4}_{lit % 4} reads ")
