@@ -51,7 +51,7 @@ def _draw_overlaps(figure: Figure, axes: Axes, report: AuditReport) -> None:
     cosines = np.full((len(names), len(names)), np.nan)
     for i, effect in enumerate(report.effects.values()):
         if effect.distance > 0:
-            cosines[i] = [effect.overlaps.get(other, 1.0) for other in names]
+            cosines[i] = [effect.overlaps.get(other, np.nan) for other in names]
     shown = axes.imshow(cosines, vmin=0, vmax=1, cmap=SEQUENTIAL)
     for i, effect in enumerate(report.effects.values()):
         for other in effect.consistent_with[1:]:
