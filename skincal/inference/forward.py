@@ -489,13 +489,15 @@ class _Near:
     def by_contact(self) -> FloatArray:
         """(K, J, 3) slopes by power, blur and radius.
 
-        What is spread goes with a number as with E: in the proportion in which all else does.
+        What is spread goes with a number as with E: in the proportion in which all else does. Of a press between taxels
+        nothing else is felt, and no proportion is known; so what is spread counts against it.
         """
         parts = list[FloatArray]()
         for step in (np.array([_POWER, 0, 0, 0]), np.array([0, 0, _RADIUS, 0])):
             more, less = (self.loads(law=self._law + side * step) for side in (1, -1))
             by = (more - less) / (2 * step.sum())
-            alike = (by * self._by_e).sum(axis=1) / np.maximum((self._by_e**2).sum(axis=1), 1e-300)
+            felt = (self._by_e**2 + self._spread_by_e**2).sum(axis=1)
+            alike = (by * self._by_e).sum(axis=1) / np.maximum(felt, 1e-300)
             parts.append(by + alike[:, None] * self._spread_by_e)
         return np.stack([parts[0], self._of(self._blur, slid=False), parts[1]], axis=-1)
 

@@ -77,6 +77,18 @@ def test_slopes_by_elasticity_and_contact_law_are_what_differences_say():
         assert off < 0.01, (name, off)
 
 
+def test_a_press_between_taxels_has_no_slope_out_of_all_proportion():
+    # On a hard skin a ball meets what no taxel feels, but where that is spread.
+    fitter = seen("nothing").fitter
+    start, rng = fitter.before.start, np.random.default_rng(22)
+    move = start.move.copy()
+    move[:, :2] = rng.uniform(-1.2e-3, 1.2e-3, (len(move), 2))
+    law = np.array([-0.6, -0.3, -0.15, 0.0])
+    felt = fitter.forward.see(replace(start, law=law, log_e=start.log_e + 4, move=move))
+    columns = fitter.forward.base_columns(felt)
+    assert np.abs(columns[..., 6:]).max() < 3 * felt.values.max()
+
+
 def test_the_others_go_where_a_number_at_its_bound_leaves_them():
     fitter = seen("nothing").fitter
     state = replace(fitter.before.start, law=np.zeros(len(LAW)))
