@@ -23,6 +23,7 @@ class BaselineDrift(SignalEffect):
     name = "baseline_drift"
     stage = Stage.CONVERTER
     zero_error = 0.0
+    errs_over = "session"
     meaning = "the level at rest moves over the session"
     parameters = (
         per_taxel(

@@ -20,6 +20,7 @@ from skincal.effects.setting import Setting
 
 class Cover(InputEffect):
     name = "cover"
+    errs_over = "place"
     meaning = "a glove carries part of the force before the skin feels it"
     parameters = (
         strength("carried_n", "N", 0.0, 0.0, 3.0, "the most that the glove carries", typical=0.4),

@@ -21,6 +21,7 @@ from skincal.model.arrays import FloatArray
 class Crosstalk(SignalEffect):
     name = "crosstalk"
     stage = Stage.CROSSTALK
+    errs_over = "place"
     meaning = "a taxel leaks into its nearest neighbours"
     parameters = (
         strength("leak", "-", 0.0, -0.2, 0.5, "c: part that each neighbour gets", typical=0.08),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from enum import IntEnum
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -68,6 +68,8 @@ class Effect(ABC):
             are known, as in an environment, it does not apply.
         equation_error: relative error that its equation may have against a real skin, one standard deviation; 0 where
             the effect is what its equation says.
+        errs_over: what its equation is a function of, and so its error: force and what a taxel feels, where each taxel
+            lies to the contact, the time of the session, or all that was before, as with memory and friction.
         zero_error: how far scale and stiffness of the base model may lie from where its equation does nothing, in parts
             of what it does, relative, in the mean over a press; 0 where all equations of it agree about that.
         shows: presses that show it best in a picture, by their names in ``docs/_ext/signatures.py``; empty: over
@@ -88,6 +90,7 @@ class Effect(ABC):
     has_memory: ClassVar[bool] = False
     of_rig: ClassVar[bool] = False
     equation_error: ClassVar[float] = 0.2
+    errs_over: ClassVar[Literal["load", "place", "session", "history"]] = "load"
     zero_error: ClassVar[float] = 0.3
     shows: ClassVar[str] = ""
     replaces_range: ClassVar[str] = ""
@@ -218,6 +221,7 @@ class MemoryEffect(Effect):
 
     stage = Stage.MEMORY
     has_memory = True
+    errs_over: ClassVar[Literal["load", "place", "session", "history"]] = "history"
 
     @abstractmethod
     def run(

@@ -21,6 +21,7 @@ from skincal.model.arrays import FloatArray
 class FirstCycle(SignalEffect):
     name = "first_cycle"
     stage = Stage.TRANSFER
+    errs_over = "session"
     meaning = "the first touch of a site answers otherwise than later ones"
     parameters = (
         strength("amplitude", "-", 0.0, -0.8, 2.0, "a: change at the first touch", typical=0.2),

@@ -22,6 +22,7 @@ from skincal.effects.setting import Setting
 
 class ForceBias(InputEffect):
     name = "force_bias"
+    errs_over = "history"
     meaning = "the measured force is off: offset, or a scale that depends on the hand's pose"
     parameters = (
         strength("offset_n", "N", 0.0, -1.0, 1.0, "F_0: to be added to the measured force", typical=0.25),

@@ -23,6 +23,7 @@ REFERENCE_C = 25.0
 class GainDrift(SignalEffect):
     name = "gain_drift"
     stage = Stage.TRANSFER
+    errs_over = "session"
     meaning = "the sensitivity moves over the session (wear, temperature)"
     parameters = (
         strength(

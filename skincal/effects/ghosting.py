@@ -20,6 +20,7 @@ from skincal.model.arrays import FloatArray
 class Ghosting(SignalEffect):
     name = "ghosting"
     stage = Stage.CROSSTALK
+    errs_over = "place"
     meaning = "a taxel leaks along its row and column, and a little everywhere"
     parameters = (
         strength("row_leak", "-", 0.0, -0.2, 0.5, "r: part of each taxel in the row", typical=0.06),

@@ -27,6 +27,7 @@ _LEAST_N = 0.1
 
 class Shear(InputEffect):
     name = "shear"
+    errs_over = "place"
     meaning = "a tangential force moves or changes the image"
     parameters = (
         strength("shift_m_per_n", "m/N", 0.0, -6e-3, 6e-3, "s: shift for a little Q, at 1 N", typical=0.6e-3),

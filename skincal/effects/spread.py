@@ -30,6 +30,7 @@ _LEAST_TAIL = 0.02
 class Spread(SpreadEffect):
     name = "spread"
     zero_error = 0.0
+    errs_over = "place"
     meaning = "a cover spreads the pressure sideways before it reaches the taxels"
     parameters = (
         strength("width_m", "m", 0.0, 0.0, 6e-3, "standard deviation of the kernel", typical=0.9e-3),

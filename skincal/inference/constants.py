@@ -13,6 +13,7 @@ class Constants:
     image: float = 0.01  # P  relative error of a press's image, taxel by taxel: mounting, contact law, cells
     force: float = 0.02  # P  relative error of a press's force
     equation: float = 0.2  # P  relative error of an effect's equation in each phase of a press
+    parts: int = 4  # T  of force, image and session in which an equation errs by one factor each
     law_power: float = 0.22  # M  how far the exponent of the stress lies from 1 that fits elastic layers
     law_blur: float = 0.2  # M  the same of a spreading beyond that, in steps of 0.25 mm, squared
     law_radius: float = 0.06  # M  the same of the indenter's radius, relative

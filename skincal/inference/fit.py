@@ -130,7 +130,7 @@ class Fitter:
         s = forward.session
         self.press, self.phase, self.frames = s.press, s.phase, s.frames
         force = np.where(s.press >= 0, forward.mean @ np.nan_to_num(forward.samples.contacts.force_n), 0.0)
-        self._force = np.maximum(force, 0.0)
+        self.force = np.maximum(force, 0.0)
         held = s.held()
         # All of a hold is at one level, with one error of rounding.
         self._alike = np.where(held, np.bincount(s.press[held], minlength=s.presses + 1)[s.press], 1.0)
@@ -148,7 +148,7 @@ class Fitter:
         expected, slope, variance = self.expected(seen, moves)
         if noise.force_n:
             by_force = f.mean @ (slope * moves[..., 2])
-            per_n = by_force / np.maximum(self._force, 5 * noise.force_n)[:, None]
+            per_n = by_force / np.maximum(self.force, 5 * noise.force_n)[:, None]
             variance = variance + (per_n * noise.force_n) ** 2 / self.frames[:, None]
         sd = np.sqrt(variance)
         ok = np.isfinite(self.counts)

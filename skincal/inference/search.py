@@ -270,8 +270,9 @@ class Search:
         begin = n + np.cumsum([0, *(len(c.columns) for c in found)])
         alone = full_step(linear.blocks, np.arange(n), linear.prior, linear.pull)
         pressed = self.fitter.press >= 0
-        cells = np.stack([self.fitter.press[pressed], self.fitter.phase[pressed]])
-        cells = np.unique(cells, axis=1, return_inverse=True)[1].ravel()
+        each_phase = np.stack([self.fitter.press[pressed], self.fitter.phase[pressed]])
+        each_phase = np.unique(each_phase, axis=1, return_inverse=True)[1].ravel()
+        cells = self._alike_in(fit)
         best: dict[str, tuple[Score, int]] = {}
         for k, each in enumerate(self._gains(linear, found, linear.blocks.b[:, :, None], linear.pull)):
             s, name = Score(each[:, 0]), found[k].name
@@ -286,7 +287,10 @@ class Search:
             way = np.zeros(len(w.columns))
             way[own] = step
             way[:n] -= alone
-            bar = owed(errors, cells, self._beyond_presses(linear.blocks, w, way)) if errors else 0.0
+            bar = 0.0
+            if errors:
+                new = self._beyond_presses(linear.blocks, w, way)
+                bar = owed(errors, cells, beyond(errors, each_phase, new))
             least, p = self._null.limit(name), self._null.p_value(name, s.total)
             at = self.fitter.moved(linear, step, own)
             out.append(
@@ -306,6 +310,24 @@ class Search:
         base = np.linalg.solve(h[:NB, :NB] + np.diag(prior), h[:NB, NB:])
         ways = np.vstack([-base, np.eye(w.own.shape[2])]).T
         return [self._beyond_presses(b, plain, way) for way in ways]
+
+    def _alike_in(self, fit: Fitted) -> list[IntArray]:
+        """(M, J) of each effect whose equation may err: equal where all that it is a function of is alike.
+
+        Of what was before no two moments have the same, and of places no two taxels of any two images.
+        """
+        pressed, f = self.fitter.press >= 0, self.fitter.forward
+        felt = np.maximum(f.mean @ fit.seen.values, 0.0)[pressed]
+        felt /= np.maximum(felt.max(axis=1, keepdims=True), 1e-12)
+        force = self.fitter.force[pressed][:, None]
+        moment, none = np.arange(len(force))[:, None], np.zeros(felt.shape, dtype=np.int64)
+        cells = {
+            "load": _part(force / force.max()) * C.parts + _part(felt),
+            "place": moment * felt.shape[1] + np.arange(felt.shape[1]),
+            "session": _part(moment / len(moment)) + none,
+            "history": moment + none,
+        }
+        return [cells[effect(n).errs_over] for n in fit.seen.state.effects if effect(n).equation_error]
 
     def _beyond_presses(self, blocks: Blocks, w: Whitened, step: FloatArray) -> FloatArray:
         """(M, J) what a step changes in presses, less what each press's place, force and image take up."""
@@ -498,20 +520,34 @@ def _added(named: tuple[Named, ...], own: Named) -> tuple[Named, ...]:
     return tuple(replace(n, gain=n.gain + own.gain) if n is again else n for n in named)
 
 
-def owed(errors: Sequence[FloatArray], cells: IntArray, new: FloatArray) -> float:
+def owed(errors: Sequence[FloatArray], cells: Sequence[IntArray], new: FloatArray) -> float:
     """What an effect may gain by what the equations of others err by [nats].
 
-    The shape of an equation's error is not known. In each phase of each press each taxel may be off by the part of
-    what an effect does that its equation may err by, by two standard deviations, all in the sense in which they are
-    like the new one.
+    An equation errs as a function of what it is a function of: it may be off by one factor wherever that is alike, by
+    the part that it may err by, two standard deviations of it, all in the sense in which it is like the new one.
 
     Args:
         errors: (M, J) of each.
-        cells: (M,) number of the press and phase.
+        cells: (M, J) of each: equal where all that its equation is a function of is alike.
         new: (M, J) what the new one does that the model does not follow.
     """
-    along = sum(float(np.abs(_summed(cells, new * one)).sum()) ** 2 for one in errors)
+    along = 0.0
+    for one, alike in zip(errors, cells, strict=True):
+        along += float(np.abs(np.bincount(alike.ravel(), (new * one).ravel())).sum()) ** 2
     return 0.5 * C.alike**2 * along / max(float((new**2).sum()), 1e-300)
+
+
+def beyond(errors: Sequence[FloatArray], each: IntArray, new: FloatArray) -> FloatArray:
+    """(M, J) what errors of equations (M, J) do not follow, by a factor of each in each phase of a press (M,)."""
+    u = np.stack(errors, axis=-1)
+    h = _summed(each, np.einsum("mja,mjb->mab", u, u)) + np.eye(len(errors))
+    follow = np.linalg.solve(h, _summed(each, np.einsum("mja,mj->ma", u, new))[..., None])[..., 0]
+    return new - np.einsum("mja,ma->mj", u, follow[each])
+
+
+def _part(x: FloatArray) -> IntArray:
+    """Which of even parts from 0 to 1 numbers lie in."""
+    return np.minimum((C.parts * x).astype(np.int64), C.parts - 1)
 
 
 def _summed(of: IntArray, values: FloatArray) -> FloatArray:

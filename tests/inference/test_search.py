@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.search import Named, Search, owed
+from skincal.inference.search import Named, Search, beyond, owed
 
 
 class Endless(Search):
@@ -70,13 +70,26 @@ def test_what_is_named_is_beyond_its_limit_when_its_fit_is_settled(settled: floa
     assert bool(search._best(before, [tried])) is named
 
 
-@pytest.mark.parametrize(("rows", "share"), [(slice(0, 6), 1.0), (slice(6, 12), 0.0)])
-def test_what_an_equation_errs_by_bars_what_is_like_it_and_nothing_else(rows: slice, share: float):
-    """Twelve values of three presses; what is named acts on the first six, what is looked for on some of them."""
-    cells = 2 * np.repeat(np.arange(3), 4) + np.tile([0, 1], 6)  # press and phase
-    errors, new = np.zeros((12, 2)), np.zeros((12, 2))
-    errors[:6], new[rows] = 0.5, 7.0
-    assert owed([errors], cells, new) == pytest.approx(share * 0.5 * C.alike**2 * float((errors**2).sum()))
+def test_what_an_equation_errs_by_bars_what_is_like_it_and_nothing_else():
+    """Four values of two taxels, two of them at one force and two at another."""
+    does, cells = np.full((4, 2), 3.0), np.repeat([[0, 0], [1, 1]], 2, axis=0)
+    bent = np.repeat([[2.0, 2.0], [-1.0, -1.0]], 2, axis=0)  # by the force
+    error = C.alike * does * np.sign(bent)
+    assert owed([does], [cells], bent) == pytest.approx(0.5 * (bent * error).sum() ** 2 / (bent**2).sum())
+    of_taxels = np.tile([1.0, -1.0], (4, 1))
+    assert owed([does], [cells], of_taxels) == 0
+
+
+def test_errors_of_an_equation_follow_by_one_factor_in_each_phase_of_a_press():
+    rng, phases = np.random.default_rng(3), np.repeat(np.arange(3), 4)
+    does = 100 * rng.standard_normal((12, 2))
+    like = does * rng.standard_normal(3)[phases][:, None]
+    other = rng.standard_normal((12, 2))
+    for p in range(3):
+        own = phases == p
+        other[own] -= does[own] * (other[own] * does[own]).sum() / (does[own] ** 2).sum()
+    assert np.abs(beyond([does], phases, like)).max() < 1e-3 * np.abs(like).max()
+    assert beyond([does], phases, other) == pytest.approx(other)
 
 
 class Lumpy(Settling):
