@@ -66,10 +66,11 @@ class ContactOffset(InputEffect):
     def starts(self, scene: Scene) -> tuple[Start, ...]:
         poses = scene.poses if scene.poses > 1 else 0
         ways = ("pose_across_m", "pose_along_m")
-        offsets = [point for way in ways for point in each_of(way, 2e-4, poses)]
-        warps = [{"stretch_across": 0.03}, {"stretch_along": 0.03}, {"skew": 0.03}]
-        yields = [{"across_m_per_n": 5e-5}, {"along_m_per_n": 5e-5}]
-        return tuple(start(*own) for own in (offsets, warps, yields) if own)
+        # Steps so small that images go along as they do with a press's own place: what bends would tell against them.
+        offsets = [point for way in ways for point in each_of(way, 1e-5, poses)]
+        warps = [{"stretch_across": 1.5e-3}, {"stretch_along": 1.5e-3}, {"skew": 1.5e-3}]
+        yields = [{"across_m_per_n": 2.5e-6}, {"along_m_per_n": 2.5e-6}]
+        return tuple(start(*own, sigma=20.0) for own in (offsets, warps, yields) if own)
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
         place = (samples.contacts.points_m - setting.centre_m) @ setting.axes.T

@@ -101,8 +101,12 @@ def free_of(
         array = np.asarray(values[p.name])
         if p.role == "form" and array.ndim and first.alone is None:
             continue
-        sized = [np.abs(np.asarray(pt[p.name]) - p.neutral) for pt in first.points if p.name in pt]
-        scale = max((float(s.max()) for s in sized), default=0.0) or p.typical or 1.0
+        sized = [
+            sigma * float(np.abs(np.asarray(point[p.name]) - p.neutral).max())
+            for point, sigma in zip(first.points, first.sigma or (1.0,) * len(first.points), strict=True)
+            if p.name in point
+        ]
+        scale = max(sized, default=0.0) or p.typical or 1.0
         for i in range(array.size) if array.ndim else (None,):
             if array.ndim and first.alone is not None and i != first.alone:
                 continue

@@ -269,6 +269,10 @@ class Forward:
         off = self._within if felt.contacts.points_m is self.samples.contacts.points_m else self._off(felt)
         return felt, off
 
+    def shifted(self, state: State) -> FloatArray:
+        """(P, 2) how far effects of a state shift the contact of each press, across and along [m]."""
+        return self._middle(self._felt(self.skin(state))[1])
+
     def _middle(self, off: FloatArray) -> FloatArray:
         """(P, 2) mean of moves over each press, weighted by force."""
         w = np.where(self.row >= 0, np.maximum(np.nan_to_num(self.samples.contacts.force_n), 0.0), 0.0)

@@ -290,7 +290,8 @@ class Search:
             bar = 0.0
             if errors:
                 new = self._beyond_presses(linear.blocks, w, way)
-                bar = owed(errors, cells, beyond(errors, each_phase, new))
+                h = linear.blocks.products.between(own, own).sum(axis=0)
+                bar = owed(errors, cells, beyond(errors, each_phase, new), float(way[own] @ h @ way[own]))
             least, p = self._null.limit(name), self._null.p_value(name, s.total)
             at = self.fitter.moved(linear, step, own)
             out.append(
@@ -442,8 +443,12 @@ class Search:
         more = free_of(tried.name, values, tried.candidate.start, self.covariates)
         had = {(f.effect, f.parameter.name, f.index) for f in fit.free}
         free = (*fit.free, *(f for f in more if (f.effect, f.parameter.name, f.index) not in had))
-        # The base stays where it is, or goes along as far as its slopes say: whichever is nearer.
+        # The base stays where it is, with presses where they are or where their contacts were, or it goes along as far
+        # as its slopes say: whichever is nearer.
         at = [replace(x, effects={**x.effects, tried.name: values}) for x in (fit.state, tried.begin)]
+        shifted = self.fitter.forward.shifted
+        move = fit.state.move + np.pad(shifted(fit.state) - shifted(at[0]), ((0, 0), (0, 1)))
+        at.append(replace(at[0], move=move))
         return self.fitter.solve(min(at, key=self.fitter.loss_at), free, steps=C.joint_steps)
 
     def _settled(self, state: State, free: tuple[Free, ...]) -> Fitted:
@@ -520,7 +525,7 @@ def _added(named: tuple[Named, ...], own: Named) -> tuple[Named, ...]:
     return tuple(replace(n, gain=n.gain + own.gain) if n is again else n for n in named)
 
 
-def owed(errors: Sequence[FloatArray], cells: Sequence[IntArray], new: FloatArray) -> float:
+def owed(errors: Sequence[FloatArray], cells: Sequence[IntArray], new: FloatArray, curvature: float) -> float:
     """What an effect may gain by what the equations of others err by [nats].
 
     An equation errs as a function of what it is a function of: it may be off by one factor wherever that is alike, by
@@ -530,11 +535,12 @@ def owed(errors: Sequence[FloatArray], cells: Sequence[IntArray], new: FloatArra
         errors: (M, J) of each.
         cells: (M, J) of each: equal where all that its equation is a function of is alike.
         new: (M, J) what the new one does that the model does not follow.
+        curvature: of its gain: squares of that, and what it costs where the model follows.
     """
     along = 0.0
     for one, alike in zip(errors, cells, strict=True):
         along += float(np.abs(np.bincount(alike.ravel(), (new * one).ravel())).sum()) ** 2
-    return 0.5 * C.alike**2 * along / max(float((new**2).sum()), 1e-300)
+    return 0.5 * C.alike**2 * along / max(curvature, 1e-300)
 
 
 def beyond(errors: Sequence[FloatArray], each: IntArray, new: FloatArray) -> FloatArray:

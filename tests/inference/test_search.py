@@ -74,10 +74,11 @@ def test_what_an_equation_errs_by_bars_what_is_like_it_and_nothing_else():
     """Four values of two taxels, two of them at one force and two at another."""
     does, cells = np.full((4, 2), 3.0), np.repeat([[0, 0], [1, 1]], 2, axis=0)
     bent = np.repeat([[2.0, 2.0], [-1.0, -1.0]], 2, axis=0)  # by the force
-    error = C.alike * does * np.sign(bent)
-    assert owed([does], [cells], bent) == pytest.approx(0.5 * (bent * error).sum() ** 2 / (bent**2).sum())
+    error, curvature = C.alike * does * np.sign(bent), 30.0
+    gained = 0.5 * float((bent * error).sum()) ** 2 / curvature
+    assert owed([does], [cells], bent, curvature) == pytest.approx(gained)
     of_taxels = np.tile([1.0, -1.0], (4, 1))
-    assert owed([does], [cells], of_taxels) == 0
+    assert owed([does], [cells], of_taxels, curvature) == 0
 
 
 def test_errors_of_an_equation_follow_by_one_factor_in_each_phase_of_a_press():
