@@ -82,10 +82,6 @@ class SessionProgress(_Live):
 
     def __call__(self, progress: Progress) -> None:
         """Report the progress of the session."""
-        from rich.progress_bar import ProgressBar
-        from rich.table import Table
-        from rich.text import Text
-
         done, total = progress.done, progress.total
         if self._first is None:
             self._first = done
@@ -100,6 +96,10 @@ class SessionProgress(_Live):
             return
         if not self._due():
             return
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+        from rich.text import Text
+
         head = Table.grid(padding=(0, 2))
         head.add_row(f"press {done + 1} of {total}", ProgressBar(total, done, width=30), left)
         force = f"{progress.doing:9s} {progress.sample.force_n:6.2f} N of {progress.planned.force_n:.2f} N"

@@ -12,7 +12,7 @@ from skincal.errors import WorkError
 from skincal.hand.driver import HandState
 from skincal.hand.guard import GuardedHand
 from skincal.model.arrays import FloatArray
-from skincal.robot import Kinematics, contact_from_joints
+from skincal.robot import Kinematics, contact_from_joints, prepare_contacts
 
 LARGEST_TARE_N = 3.0
 """Largest force that torques at rest may correspond to; beyond, something touches, or a sensor is broken."""
@@ -52,6 +52,7 @@ class Senses:
         self._last: Sample | None = None
         self._shift_s = 0.0
         self.tare_nm: FloatArray = np.zeros(len(kinematics.description.joints))
+        prepare_contacts(kinematics)
 
     def start_clock(self, state: HandState, session_s: float) -> None:
         """Set the session's clock to ``session_s`` at a state."""
