@@ -38,6 +38,7 @@ class _Live(AbstractContextManager["_Live"]):
         from rich.console import Console
 
         self._console = Console(stderr=True)
+        self._is_terminal = self._console.is_terminal
         self._live: Live | None = None
         self._began = self._drawn = time.monotonic()
 
@@ -89,7 +90,7 @@ class SessionProgress(_Live):
                 say(f"skincal: going on after {done} finished presses")
         new = done - self._first
         left = f"{(time.monotonic() - self._began) / new * (total - done):.0f} s left" if new else ""
-        if not self._console.is_terminal:
+        if not self._is_terminal:
             if not (done % LINE_EVERY or done in (self._last_line, self._first, total)):
                 self._last_line = done
                 say(f"{done} of {total} presses, about {left}")
@@ -117,7 +118,7 @@ class RunProgress(_Live):
         """Report a state of the hand."""
         from rich.text import Text
 
-        if not self._console.is_terminal:
+        if not self._is_terminal:
             if stage != self._stage:
                 say(f"{state.time_s:7.2f} s  {stage}")
             self._stage = stage
@@ -134,7 +135,7 @@ class TrainingProgress(_Live):
         self._first: int | None = None
 
     def __enter__(self) -> Self:
-        if self._console.is_terminal:
+        if self._is_terminal:
             self._draw(0, "", "")
         return self
 
@@ -144,7 +145,7 @@ class TrainingProgress(_Live):
         figures = f"reward {row.reward:.3f}, error {1e3 * row.error_m:.2f} mm"
         now = time.monotonic()
         left_min = (now - self._began) / max(row.steps - self._first, 1) * (self._steps - row.steps) / 60
-        if self._console.is_terminal:
+        if self._is_terminal:
             self._draw(row.steps, figures, f"{left_min:.0f} min left")
         elif now - self._drawn >= LINE_EVERY_S:
             self._drawn = now

@@ -108,8 +108,8 @@ class Senses:
 def _frame_time(state: HandState) -> float:
     """Return the mean time at which the responding taxels were read [s]."""
     times = state.taxel_time_s
-    mean = float(times.mean())
-    if np.isfinite(mean):
+    mean = float(times.sum()) / len(times)
+    if math.isfinite(mean):
         return mean
     good = np.isfinite(times)
     return float(times[good].mean()) if good.any() else float("nan")
