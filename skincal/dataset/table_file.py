@@ -321,11 +321,14 @@ def _to_numpy(column: pa.ChunkedArray, sheet: Sheet, name: str) -> Column:
     if pa.types.is_integer(kind) and not column.null_count:
         return _plain(column).astype(np.int64, copy=False)
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
-        return _plain(column.cast(pa.float64(), safe=False)).astype(np.float64, copy=False)
+        # To cast what is of the type already would import Arrow's functions.
+        floats = column if kind == pa.float64() else column.cast(pa.float64(), safe=False)
+        return _plain(floats).astype(np.float64, copy=False)
     if pa.types.is_boolean(kind) and not column.null_count:
         return column.to_numpy()
     try:
-        return np.array([word or "" for word in column.cast(pa.string()).to_pylist()], dtype=object)
+        texts = column if kind == pa.string() else column.cast(pa.string())
+        return np.array([word or "" for word in texts.to_pylist()], dtype=object)
     except (pa.ArrowException, UnicodeDecodeError):
         sheet.findings.error(sheet.column(name), "single numbers or texts", kind, "Remove the column.")
         return np.full(len(column), "", dtype=object)
