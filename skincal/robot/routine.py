@@ -6,8 +6,9 @@ A chain is passed as the arrays of :class:`skincal.robot.chain.Chain` in the ord
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numba
 import numpy as np
@@ -30,14 +31,18 @@ _FADE_M = 1e-3
 """Error below which the damping fades [m], so that the last iterations are plain Newton steps."""
 _LONGEST_RAD = 0.2
 """Largest change of a joint per iteration [rad]."""
-
-
 _SETTINGS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-_device: Any = numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_SETTINGS)
+_CALLED: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **_SETTINGS}
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-@_device
-def turn(rotation: FloatArray, by: FloatArray) -> None:
+def called(function: _Function) -> _Function:
+    """Compile a function that only compiled functions call; inlining it would take several times as long to compile."""
+    return cast(_Function, numba.njit(**_CALLED)(function))
+
+
+@called
+def turn(rotation: FloatArray, by: FloatArray) -> None:  # pragma: no cover - compiled
     """Multiply a rotation (3, 3) by another from the right."""
     for i in range(3):
         x, y, z = rotation[i, 0], rotation[i, 1], rotation[i, 2]
@@ -45,21 +50,21 @@ def turn(rotation: FloatArray, by: FloatArray) -> None:
             rotation[i, k] = x * by[0, k] + y * by[1, k] + z * by[2, k]
 
 
-@_device
-def dot(matrix: FloatArray, i: int, x: float, y: float, z: float) -> float:
+@called
+def dot(matrix: FloatArray, i: int, x: float, y: float, z: float) -> float:  # pragma: no cover - compiled
     """Return the product of a matrix' row (3,) with a vector."""
     return matrix[i, 0] * x + matrix[i, 1] * y + matrix[i, 2] * z
 
 
-@_device
-def new_frame(chain: Any) -> Any:
+@called
+def new_frame(chain: Any) -> Any:  # pragma: no cover - compiled
     """Return arrays for the frame of a chain's tip."""
     joints = len(chain[0])
     return np.empty((3, 3)), np.empty(3), np.empty((joints, 3)), np.empty((joints, 3))
 
 
-@_device
-def place_tip(q: FloatArray, chain: Any, frame: Any) -> None:
+@called
+def place_tip(q: FloatArray, chain: Any, frame: Any) -> None:  # pragma: no cover - compiled
     """Write the frame of a chain's tip at angles (n,) [rad] of the whole hand."""
     columns, steps, constant, sine, cosine, directions, slides, end_rotation, end = chain
     rotation, origin, axes, pivots = frame
@@ -85,8 +90,10 @@ def place_tip(q: FloatArray, chain: Any, frame: Any) -> None:
     turn(rotation, end_rotation)
 
 
-@_device
-def velocity(frame: Any, slides: Any, j: int, point: FloatArray) -> tuple[float, float, float]:
+@called
+def velocity(
+    frame: Any, slides: Any, j: int, point: FloatArray
+) -> tuple[float, float, float]:  # pragma: no cover - compiled
     """Return the velocity of a point (3,) of a tip per velocity of its joint j [m/rad]."""
     axes, pivots = frame[2], frame[3]
     x, y, z = axes[j, 0], axes[j, 1], axes[j, 2]
@@ -96,7 +103,7 @@ def velocity(frame: Any, slides: Any, j: int, point: FloatArray) -> tuple[float,
     return y * c - z * b, z * a - x * c, x * b - y * a
 
 
-@_device
+@called
 def add_joints(
     frame: Any,
     slides: Any,
@@ -105,7 +112,7 @@ def add_joints(
     sign: float,
     square: FloatArray,
     right: Any,
-) -> None:
+) -> None:  # pragma: no cover - compiled
     """Add J J^T to a matrix (3, 3) and J times values (J,) to a vector (3,), J of a point (3,) of a tip."""
     for j in range(len(slides)):
         column = velocity(frame, slides, j, point)
@@ -115,8 +122,8 @@ def add_joints(
                 square[i, k] += column[i] * column[k]
 
 
-@_device
-def invert(a: FloatArray, out: FloatArray) -> bool:
+@called
+def invert(a: FloatArray, out: FloatArray) -> bool:  # pragma: no cover - compiled
     """Write the inverse of a symmetric matrix (3, 3); return False where rounding leaves none."""
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -132,10 +139,10 @@ def invert(a: FloatArray, out: FloatArray) -> bool:
     return True
 
 
-@_device
+@called
 def damped_step(
     frame: Any, slides: Any, free: FloatArray, error: FloatArray, distance: float, step: FloatArray
-) -> None:
+) -> None:  # pragma: no cover - compiled
     """Write a damped Newton step (J,) of the free joints that moves the tip's origin by an error (3,)."""
     square, inverse, pull = np.zeros((3, 3)), np.empty((3, 3)), np.empty(3)
     for j in range(len(free)):
