@@ -12,7 +12,8 @@ from skincal.errors import WorkError
 from skincal.hand.driver import HandState
 from skincal.hand.guard import GuardedHand
 from skincal.model.arrays import FloatArray
-from skincal.robot import Kinematics, contact_from_joints, prepare_contacts
+from skincal.robot import Kinematics, contact_from_joints
+from skincal.robot.contact import prepare_contacts
 
 LARGEST_TARE_N = 3.0
 """Largest force that torques at rest may correspond to; beyond, something touches, or a sensor is broken."""

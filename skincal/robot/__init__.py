@@ -1,7 +1,7 @@
 """The hand: its description, its kinematics, and the contact inferred from its joints."""
 
 from skincal.robot.chain import Chain, TipFrames
-from skincal.robot.contact import JointContact, contact_from_joints, joint_contact_force, prepare_contacts
+from skincal.robot.contact import JointContact, contact_from_joints, joint_contact_force
 from skincal.robot.description import (
     FingerDescription,
     HandDescription,
@@ -32,7 +32,6 @@ __all__ = [
     "hand_named",
     "joint_contact_force",
     "place_indenter",
-    "prepare_contacts",
     "read_hand",
     "urdf_with_sphere",
 ]
