@@ -38,6 +38,7 @@ class _Live(AbstractContextManager["_Live"]):
         from rich.console import Console
 
         self._console = Console(stderr=True)
+        self._is_terminal = self._console.is_terminal
         self._live: Live | None = None
         self._began = self._drawn = time.monotonic()
 
@@ -82,10 +83,6 @@ class SessionProgress(_Live):
 
     def __call__(self, progress: Progress) -> None:
         """Report the progress of the session."""
-        from rich.progress_bar import ProgressBar
-        from rich.table import Table
-        from rich.text import Text
-
         done, total = progress.done, progress.total
         if self._first is None:
             self._first = done
@@ -93,13 +90,17 @@ class SessionProgress(_Live):
                 say(f"skincal: going on after {done} finished presses")
         new = done - self._first
         left = f"{(time.monotonic() - self._began) / new * (total - done):.0f} s left" if new else ""
-        if not self._console.is_terminal:
+        if not self._is_terminal:
             if not (done % LINE_EVERY or done in (self._last_line, self._first, total)):
                 self._last_line = done
                 say(f"{done} of {total} presses, about {left}")
             return
         if not self._due():
             return
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+        from rich.text import Text
+
         head = Table.grid(padding=(0, 2))
         head.add_row(f"press {done + 1} of {total}", ProgressBar(total, done, width=30), left)
         force = f"{progress.doing:9s} {progress.sample.force_n:6.2f} N of {progress.planned.force_n:.2f} N"
@@ -117,7 +118,7 @@ class RunProgress(_Live):
         """Report a state of the hand."""
         from rich.text import Text
 
-        if not self._console.is_terminal:
+        if not self._is_terminal:
             if stage != self._stage:
                 say(f"{state.time_s:7.2f} s  {stage}")
             self._stage = stage
@@ -134,7 +135,7 @@ class TrainingProgress(_Live):
         self._first: int | None = None
 
     def __enter__(self) -> Self:
-        if self._console.is_terminal:
+        if self._is_terminal:
             self._draw(0, "", "")
         return self
 
@@ -144,7 +145,7 @@ class TrainingProgress(_Live):
         figures = f"reward {row.reward:.3f}, error {1e3 * row.error_m:.2f} mm"
         now = time.monotonic()
         left_min = (now - self._began) / max(row.steps - self._first, 1) * (self._steps - row.steps) / 60
-        if self._console.is_terminal:
+        if self._is_terminal:
             self._draw(row.steps, figures, f"{left_min:.0f} min left")
         elif now - self._drawn >= LINE_EVERY_S:
             self._drawn = now

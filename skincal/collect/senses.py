@@ -13,6 +13,7 @@ from skincal.hand.driver import HandState
 from skincal.hand.guard import GuardedHand
 from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics, contact_from_joints
+from skincal.robot.contact import prepare_contacts
 
 LARGEST_TARE_N = 3.0
 """Largest force that torques at rest may correspond to; beyond, something touches, or a sensor is broken."""
@@ -52,6 +53,7 @@ class Senses:
         self._last: Sample | None = None
         self._shift_s = 0.0
         self.tare_nm: FloatArray = np.zeros(len(kinematics.description.joints))
+        prepare_contacts(kinematics)
 
     def start_clock(self, state: HandState, session_s: float) -> None:
         """Set the session's clock to ``session_s`` at a state."""
@@ -107,8 +109,8 @@ class Senses:
 def _frame_time(state: HandState) -> float:
     """Return the mean time at which the responding taxels were read [s]."""
     times = state.taxel_time_s
-    mean = float(times.mean())
-    if np.isfinite(mean):
+    mean = float(times.sum()) / len(times)
+    if math.isfinite(mean):
         return mean
     good = np.isfinite(times)
     return float(times[good].mean()) if good.any() else float("nan")

@@ -216,8 +216,8 @@ def _arrow(column: Any) -> pa.Array:
 
     values = np.ascontiguousarray(column) if isinstance(getattr(column, "dtype", None), np.dtype) else column
     kind = values.dtype.kind if isinstance(values, np.ndarray) else ""
-    if kind == "O" and all(type(word) is str for word in values):
-        words = [word.encode() for word in values]
+    if kind == "U" or (kind == "O" and all(type(word) is str for word in values)):
+        words = [word.encode() for word in values.tolist()]
         ends = np.cumsum([0, *map(len, words)])
         if ends[-1] < 1 << 31:
             content = pa.py_buffer(ends.astype(np.int32)), pa.py_buffer(b"".join(words))
@@ -310,34 +310,55 @@ def _other_bytes(path: Path) -> str:
 
 def _to_numpy(column: pa.ChunkedArray, sheet: Sheet, name: str) -> Column:
     import pyarrow as pa
-    import pyarrow.compute as pc
 
     kind = column.type
     if pa.types.is_dictionary(kind):
         if str(kind.value_type) not in _TEXTS:
             return _to_numpy(column.cast(kind.value_type), sheet, name)
-        return column.to_pandas().astype(object).fillna("").to_numpy()
+        return _words(column)
     if pa.types.is_null(kind):
         return np.full(len(column), np.nan)
     if pa.types.is_integer(kind) and not column.null_count:
         return _plain(column).astype(np.int64, copy=False)
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
-        return _plain(column.cast(pa.float64(), safe=False)).astype(np.float64, copy=False)
+        # To cast what is of the type already would import Arrow's functions.
+        floats = column if kind == pa.float64() else column.cast(pa.float64(), safe=False)
+        return _plain(floats).astype(np.float64, copy=False)
     if pa.types.is_boolean(kind) and not column.null_count:
         return column.to_numpy()
     try:
-        return np.array(pc.fill_null(column.cast(pa.string()), "").to_pylist(), dtype=object)
+        texts = column if kind == pa.string() else column.cast(pa.string())
+        return np.array([word or "" for word in texts.to_pylist()], dtype=object)
     except (pa.ArrowException, UnicodeDecodeError):
         sheet.findings.error(sheet.column(name), "single numbers or texts", kind, "Remove the column.")
         return np.full(len(column), "", dtype=object)
 
 
+def _words(column: pa.ChunkedArray) -> Column:
+    """Return a column of texts that has a dictionary, '' where one is missing, without pandas."""
+    import pyarrow as pa
+
+    column = column.unify_dictionaries()
+    if not column.num_chunks:
+        return np.empty(0, dtype=object)
+    words = [*(word or "" for word in column.chunk(0).dictionary.to_pylist()), ""]
+    places = _plain(pa.chunked_array([chunk.indices for chunk in column.chunks]))
+    return np.array(words, dtype=object)[np.nan_to_num(places, nan=-1).astype(np.int64)]
+
+
 def _plain(column: pa.ChunkedArray) -> Column:
-    """Return a column of numbers; where none is missing without pandas, which ``to_numpy`` would import."""
-    if column.null_count or not len(column):
-        return column.to_numpy()
-    parts = [np.from_dlpack(chunk) for chunk in column.chunks]
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+    """Return a column of numbers, NaN where one is missing, without pandas, which ``to_numpy`` would import."""
+    parts = [_numbers(chunk) for chunk in column.chunks]
+    return parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else column.to_numpy()
+
+
+def _numbers(chunk: pa.Array) -> Column:
+    if not chunk.null_count:
+        return np.from_dlpack(chunk)
+    valid, values = chunk.buffers()
+    rows = slice(chunk.offset, chunk.offset + len(chunk))
+    present = np.unpackbits(np.frombuffer(valid, np.uint8), bitorder="little")[rows].astype(np.bool_)
+    return np.where(present, np.frombuffer(values, chunk.type.to_pandas_dtype())[rows], np.nan)
 
 
 def _quoted(name: str) -> str:

@@ -106,21 +106,25 @@ class _Table:
             own = MappingProxyType(value) if isinstance(value, dict) else value
             vars(self)[name] = _read_only(own) if isinstance(own, np.ndarray) else own
 
-    def to_pandas(self, taxels: Sequence[str]) -> pd.DataFrame:
-        """Return the table as a file has it: a column for each quantity, NaN or '' where nothing was measured.
+    def to_columns(self, taxels: Sequence[str]) -> dict[str, Any]:
+        """Return the columns as a file has them, one for each quantity, NaN or '' where nothing was measured.
 
         Args:
             taxels: names of the taxel columns, ``sensor.taxel_columns()``.
         """
-        import pandas as pd
-
         parts: dict[str, Any] = {}
         for name, own in self.names.items():
             if name == "phase":
                 parts[name] = np.array(PHASES, dtype=object)[getattr(self, name)]
             elif (value := getattr(self, name)) is not None:
                 parts |= zip(own or taxels, np.atleast_2d(value.T), strict=True)
-        return pd.DataFrame(parts | dict(self.columns))
+        return parts | dict(self.columns)
+
+    def to_pandas(self, taxels: Sequence[str]) -> pd.DataFrame:
+        """Return :meth:`to_columns` as a data frame."""
+        import pandas as pd
+
+        return pd.DataFrame(self.to_columns(taxels))
 
     @classmethod
     def of_pandas(cls, table: pd.DataFrame, taxels: Sequence[str]) -> Self:

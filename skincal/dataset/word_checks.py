@@ -163,8 +163,6 @@ def _below_rest(counts: FloatArray, load: FloatArray, filled: float) -> BoolArra
     Readings that passed the top of their words lie anywhere below the others, most of them among these; the few below
     rest show it.
     """
-    from scipy.stats import mannwhitneyu  # takes a moment, and few words are filled
-
     none = np.zeros(counts.shape, dtype=np.bool_)
     if filled < 1 - 4 * NEAR_END:
         return none
@@ -174,6 +172,8 @@ def _below_rest(counts: FloatArray, load: FloatArray, filled: float) -> BoolArra
     sunk = both & (counts < rest - SINKS * np.maximum(noise, 1.0))
     if sunk.sum() < FEWEST_CELLS:
         return none
+    from scipy.stats import mannwhitneyu  # takes a moment, and few words are filled
+
     lit = both & ~sunk
     return sunk if mannwhitneyu(load[sunk], load[lit], alternative="greater").pvalue < CHANCE else none
 

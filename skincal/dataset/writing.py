@@ -45,9 +45,9 @@ def write_dataset_files(
     """Write the files of a dataset into an existing folder."""
     write_meta(dataset.meta, folder / FILE)
     taxels = dataset.meta.sensor.taxel_columns()
-    write_table(folder / f"presses.{presses_as}", dataset.presses.to_pandas(taxels))
+    write_table(folder / f"presses.{presses_as}", dataset.presses.to_columns(taxels))
     if dataset.frames is not None:
-        write_table(folder / f"frames.{frames_as}", dataset.frames.to_pandas(taxels))
+        write_table(folder / f"frames.{frames_as}", dataset.frames.to_columns(taxels))
     if dataset.positions is not None:
         columns = position_columns(dataset.meta.sensor, dataset.positions)
         write_table(folder / str(dataset.meta.sensor.positions), columns)

@@ -13,7 +13,6 @@ change.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import roots_genlaguerre
 
 from skincal.effects.effect import SpreadEffect
 from skincal.effects.parameter import Values, form, start, strength
@@ -64,6 +63,8 @@ def _mixture(tail: float) -> tuple[FloatArray, FloatArray]:
     """Return relative variances and weights of the Gaussians: quadrature nodes of a gamma distribution."""
     if tail <= 0:
         return np.ones(1), np.ones(1)
+    from scipy.special import roots_genlaguerre  # takes a moment
+
     least = max(tail, _LEAST_TAIL)
     nodes, weights = roots_genlaguerre(_NODES, 1 / least - 1)
     part = tail / least

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import erf
 
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.layout import TaxelLayout
@@ -47,6 +46,8 @@ def gaussian_parts(
     Returns:
         The parts (m, n, J) at n places for m widths, and the place (N,) of each point.
     """
+    from scipy.special import erf  # takes a moment, and few skins have a cover
+
     places, which = np.unique(uv[:, axis], return_inverse=True)
     half = layout.sizes_m[:, axis] / 2
     lower, upper = (

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,21 +91,24 @@ class Chain:
         return cls(columns, np.array(steps), constant, sine, cosine, np.array(axes), np.array(slides), rotation,
                    origin)  # fmt: skip
 
+    @cached_property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """The attributes in their order, for :mod:`skincal.robot.routine`."""
+        return tuple(getattr(self, one.name) for one in fields(self))
+
     def frames(self, q_rad: FloatArray) -> TipFrames:
         """Return the frames of the tip for joint angles (K, n) of the whole hand [rad]."""
-        q = q_rad[:, self.columns]
-        sine, cosine = np.sin(q)[..., None, None], np.cos(q)[..., None, None]
-        turns = self.constant + sine * self.sine + cosine * self.cosine
-        moves = self.axes * (q * self.slides)[..., None] if self.slides.any() else None
-        rotation = np.broadcast_to(np.eye(3), (len(q), 3, 3))
-        origin = np.zeros((len(q), 3))
-        axes, pivots = np.empty((*q.shape, 3)), np.empty((*q.shape, 3))
-        for j in range(q.shape[1]):
-            step = self.steps_m[j] if moves is None else self.steps_m[j] + moves[:, j]
-            origin = origin + (rotation @ step[..., None])[..., 0]
-            axes[:, j], pivots[:, j] = rotation @ self.axes[j], origin
-            rotation = rotation @ turns[:, j]
-        return TipFrames(rotation @ self.end_rotation, origin + rotation @ self.end_m, axes, pivots)
+        from skincal.robot.routine import compiled
+
+        count, joints = len(q_rad), len(self.columns)
+        frames = (
+            np.empty((count, 3, 3)),
+            np.empty((count, 3)),
+            np.empty((count, joints, 3)),
+            np.empty((count, joints, 3)),
+        )
+        compiled().tip_frames(q_rad, self.arrays, *frames)
+        return TipFrames(*frames)
 
     def jacobian(self, frames: TipFrames, points_m: FloatArray) -> FloatArray:
         """Return the velocity of points (K, 3) fixed to the tip link per joint velocity, (K, 3, J) [m/rad]."""

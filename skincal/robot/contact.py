@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,9 +13,6 @@ from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray
 from skincal.robot.description import HandDescription, HandState
 from skincal.robot.kinematics import Kinematics
-
-_SINGULAR = 1e6
-"""Largest condition number of the normal equations for the force."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,27 +64,41 @@ def contact_from_joints(
         ValueError: shapes do not fit the hand.
         WorkError: the torques do not determine the force at these joint angles.
     """
-    tau = kinematics.angles(tau_nm)
-    q = kinematics.link_angles(q_rad, np.where(np.isfinite(tau), tau, 0.0))
-    skin, indenter = kinematics.frames(q)
-    centres = skin.to_tip(indenter.origins_m)
+    q, tau = kinematics.angles(q_rad), kinematics.angles(tau_nm)
     radius = kinematics.description.meta.indenter.radius_m if indenter_radius_m is None else indenter_radius_m
     assert radius is not None
-    points, normals, height = kinematics.surface.nearest(centres)
-    at = skin.to_root(points)
-    push, hold = kinematics.indenter.jacobian(indenter, at), kinematics.skin.jacobian(skin, at)
-    torques = (tau[:, kinematics.indenter.columns], tau[:, kinematics.skin.columns])
-    force = (_force(push, hold, *torques)[:, None] @ skin.rotations)[:, 0]
-    across = np.stack([normals[:, 2], np.zeros(len(q)), -normals[:, 0]], axis=1)
+    out, known = contact_rows(kinematics, q, tau)
+    if not known:
+        raise WorkError(
+            "contact force: expected fingers whose joints can push in all directions; got a stretched or folded "
+            "posture in which a force does not show in the torques. Choose another pose of the fingers."
+        )
     return JointContact(
-        points_m=points,
-        normals=normals,
-        force_n=-(force * normals).sum(axis=1),
-        shear_u_n=(force * across).sum(axis=1),
-        shear_v_n=force[:, 1],
-        gap_m=height - radius,
-        centres_m=centres,
+        points_m=out[:, :3],
+        normals=out[:, 3:6],
+        centres_m=out[:, 6:9],
+        gap_m=out[:, 9] - radius,
+        force_n=out[:, 10],
+        shear_u_n=out[:, 11],
+        shear_v_n=out[:, 12],
     )
+
+
+def contact_rows(kinematics: Kinematics, q_rad: FloatArray, tau_nm: FloatArray) -> tuple[FloatArray, bool]:
+    """Return contacts as rows (K, 13) of :func:`skincal.robot.routine.contacts`, and whether their forces are known."""
+    from skincal.robot.routine import SOUND, compiled
+
+    out = np.empty((len(q_rad), 13))
+    chains = kinematics.skin.arrays, kinematics.indenter.arrays
+    arc_radius_m = kinematics.surface.arc_radius_m or math.inf
+    status = compiled().contacts(q_rad, tau_nm, kinematics.give_rad_per_nm, *chains, arc_radius_m, out)
+    return out, status == SOUND
+
+
+def prepare_contacts(kinematics: Kinematics) -> None:
+    """Compile :func:`contact_from_joints`, or load it, before a hand is connected that has to be answered in time."""
+    nothing = np.empty((0, len(kinematics.description.joints)))
+    contact_from_joints(kinematics, nothing, nothing)
 
 
 def joint_contact_force(description: HandDescription) -> Callable[[HandState], float]:
@@ -95,6 +107,7 @@ def joint_contact_force(description: HandDescription) -> Callable[[HandState], f
     It is the full force, not only its normal part: a hand that presses sideways presses, too.
     """
     kinematics = Kinematics(description)
+    prepare_contacts(kinematics)
 
     def force_n(state: HandState) -> float:
         contact = contact_from_joints(kinematics, state.q_rad, state.tau_nm)
@@ -102,34 +115,3 @@ def joint_contact_force(description: HandDescription) -> Callable[[HandState], f
         return float(sum(part * part for part in parts) ** 0.5)
 
     return force_n
-
-
-def _force(push: FloatArray, hold: FloatArray, tau_push: FloatArray, tau_hold: FloatArray) -> FloatArray:
-    """Return the force on the skin (K, 3) [N], root frame: least squares of both fingers' torques."""
-    square = push @ np.swapaxes(push, 1, 2) + hold @ np.swapaxes(hold, 1, 2)
-    right = (push @ tau_push[..., None] - hold @ tau_hold[..., None])[..., 0]
-    known = np.asarray(np.isfinite(square).all(axis=(1, 2)))
-    if not known.all():
-        square = np.where(known[:, None, None], square, np.eye(3))
-        right = np.where(known[:, None], right, np.nan)
-    try:
-        inverse = np.asarray(np.linalg.inv(square), dtype=np.float64)
-    except np.linalg.LinAlgError as error:
-        raise _hidden() from error
-    # For eigenvalues l of a positive matrix, sum l times sum 1 / l bounds the ratio of the largest to the smallest.
-    # Rounding may give a singular matrix a negative eigenvalue.
-    spread = _trace(square) * _trace(inverse)
-    if not np.all((spread > 0) & (spread <= _SINGULAR)):
-        raise _hidden()
-    return (inverse @ right[..., None])[..., 0]
-
-
-def _trace(matrices: FloatArray) -> FloatArray:
-    return matrices[:, 0, 0] + matrices[:, 1, 1] + matrices[:, 2, 2]
-
-
-def _hidden() -> WorkError:
-    return WorkError(
-        "contact force: expected fingers whose joints can push in all directions; got a stretched or folded "
-        "posture in which a force does not show in the torques. Choose another pose of the fingers."
-    )

@@ -13,6 +13,7 @@ from skincal.errors import input_error
 from skincal.model import Contacts
 from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics
+from skincal.robot.contact import contact_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,20 +59,19 @@ def true_contact(
         q_rad: (n,) true angles [rad].
         force_root_n: (3,) force on the skin, root frame [N].
     """
-    skin, indenter = kinematics.frames(q_rad)
     indenter_radius_m = kinematics.description.meta.indenter.radius_m
-    point, normal, height = kinematics.surface.nearest(skin.to_tip(indenter.origins_m))
-    force = force_root_n @ skin.rotations[0]
-    across = np.array([normal[0, 2], 0.0, -normal[0, 0]])
     assert indenter_radius_m is not None
+    row = contact_rows(kinematics, q_rad[None], np.zeros((1, len(q_rad))))[0][0]
+    normal = row[3:6]
+    x, y, z = (force_root_n @ kinematics.skin_frames(q_rad).rotations[0]).tolist()
     return TrueContact(
         time_s=time_s,
-        point_m=point[0],
-        normal=normal[0],
-        force_n=max(0.0, -float(force @ normal[0])),
-        shear_u_n=float(force @ across),
-        shear_v_n=float(force[1]),
-        gap_m=float(height[0]) - indenter_radius_m,
+        point_m=row[:3],
+        normal=normal,
+        force_n=max(0.0, -float(x * normal[0] + y * normal[1] + z * normal[2])),
+        shear_u_n=float(x * normal[2] - z * normal[0]),
+        shear_v_n=y,
+        gap_m=float(row[9]) - indenter_radius_m,
         q_rad=q_rad,
     )
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -19,7 +20,7 @@ from hypothesis.extra import numpy as hnp
 from skincal.dataset import Dataset, Frames, Presses, dataset_hash, read_dataset, write_dataset
 from skincal.dataset.columns import repeated
 from skincal.dataset.findings import Findings
-from skincal.dataset.table_file import read_table, write_table
+from skincal.dataset.table_file import _plain, _words, read_table, write_table
 from skincal.errors import InputError
 
 Session = Callable[..., Dataset]
@@ -85,6 +86,29 @@ def test_columns_come_back_to_the_last_bit(
     np.testing.assert_array_equal(table.columns["number"], numbers)
     assert table.columns["pose"].tolist() == words
     np.testing.assert_array_equal(table.columns["whole"], wholes)
+
+
+def test_missing_values_of_slices_are_read() -> None:
+    words = pa.chunked_array(
+        [pa.array(["a", None, "b"]).dictionary_encode()[1:], pa.array(["c"]).dictionary_encode()]
+    )
+    assert _words(words).tolist() == ["", "b", "c"]
+    numbers = pa.chunked_array([pa.array([1.0, None, 3.0, None])[1:], pa.array([4.0])])
+    np.testing.assert_array_equal(_plain(numbers), [np.nan, 3.0, np.nan, 4.0])
+    whole = pa.chunked_array([pa.array([1, None, 3])[1:]])
+    np.testing.assert_array_equal(_plain(whole), [np.nan, 3.0])
+
+
+def test_a_session_is_written_and_read_without_pandas(session: Session, tmp_path: Path) -> None:
+    write_dataset(session(), tmp_path / "d")
+    code = (
+        "import sys; from pathlib import Path; from skincal.dataset import read_dataset, write_dataset\n"
+        f"data = read_dataset(Path({str(tmp_path / 'd')!r})); data.frames.force_n, data.frames.phase\n"
+        f"write_dataset(data, Path({str(tmp_path / 'e')!r}))\n"
+        "print({'pandas', 'scipy.stats'} & {*sys.modules})"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
 
 
 def test_an_existing_folder_is_refused(session: Session, tmp_path: Path) -> None:

@@ -69,6 +69,17 @@ def test_rows_are_independent_and_nan_stays_in_its_row() -> None:
     assert np.isnan(contact.gap_m[2])
 
 
+def test_any_layout_of_the_arrays_is_taken() -> None:
+    kinematics = Kinematics(bundled_hand())
+    q = np.random.default_rng(0).uniform(0.2, 0.4, (4, 6))
+    tau = np.full((4, 6), 0.1)
+    q.flags.writeable = False
+    usual = contact_from_joints(kinematics, q, tau)
+    by_columns = contact_from_joints(kinematics, np.asfortranarray(q), tau[:, ::-1])
+    np.testing.assert_array_equal(by_columns.force_n, usual.force_n)
+    np.testing.assert_array_equal(by_columns.points_m, usual.points_m)
+
+
 def test_the_give_of_the_drives_is_taken_off() -> None:
     hand = bundled_hand()
     tau = np.array([0.01, 0.2, -0.1, 0.05, -0.1, 0.2])

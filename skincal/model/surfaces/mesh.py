@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import KDTree
 
 from skincal.model.arrays import FloatArray, IntArray, floats, positive
 from skincal.model.contact import contact_rotations
@@ -50,6 +49,8 @@ class MeshSurface(Surface):
         self._outward = _outward_sign(self._mesh)
         self._walker = Walker(self._mesh, corner_normals(self._mesh, crease_rad), positive("step_m", step_m))
         centroids = self._mesh.vertices_m[self._mesh.faces].mean(axis=1)
+        from scipy.spatial import KDTree  # takes a moment, and few surfaces are meshes
+
         self._centroids = KDTree(centroids)
         corners = self._mesh.vertices_m[self._mesh.faces]
         self._face_reach_m = float(np.linalg.norm(corners - centroids[:, None], axis=2).max())

@@ -99,14 +99,6 @@ class Surface(ABC):
     def project(self, points_m: ArrayLike) -> FloatArray:
         """Return the points of the surface (K, 3) [m] nearest to ``points_m`` (K, 3) [m]."""
 
-    def nearest(self, points_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the nearest points of the surface to points (K, 3), its outward normals there, and heights above it.
-
-        Shapes are (K, 3) [m], (K, 3) and (K,) [m].
-        """
-        nearest, normals = self.project(points_m), self.normal_at(points_m)
-        return nearest, normals, np.einsum("ij,ij->i", points_m - nearest, normals)
-
     def ball_stiffness(
         self, pose: SensorPose, radius_m: float, elasticity_pa_per_m: float, force_n: float
     ) -> float:
