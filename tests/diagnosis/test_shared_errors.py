@@ -44,7 +44,7 @@ def test_smooth_errors_of_positions_widen_the_angle():
     assert low <= calibration().model.alpha_deg <= high
 
 
-def test_a_scale_of_forces_that_is_not_known_widens_the_stiffness():
+def test_unknown_force_scale_widens_the_stiffness():
     data = session(LOOP)
     found = refitted(replace(data, meta=replace(data.meta, force=ForceSpec(scale_sigma=0.1))))
     best = found.model.elasticity_pa_per_m

@@ -61,7 +61,7 @@ class Settling(Search):
 
 
 @pytest.mark.parametrize(("settled", "named"), [(16.0, False), (36.0, True)])
-def test_what_is_named_is_beyond_its_limit_when_its_fit_is_settled(settled: float, named: bool):
+def test_named_effect_is_beyond_its_limit_once_settled(settled: float, named: bool):
     none: Any = None
     before: Any = SimpleNamespace(each=0.0)
     search = Settling(none, none, (), frozenset(), np.random.default_rng(0))
@@ -71,7 +71,7 @@ def test_what_is_named_is_beyond_its_limit_when_its_fit_is_settled(settled: floa
 
 
 @pytest.mark.parametrize(("rows", "share"), [(slice(0, 6), 1.0), (slice(6, 12), 0.0)])
-def test_what_an_equation_errs_by_bars_what_is_like_it_and_nothing_else(rows: slice, share: float):
+def test_equation_error_bars_only_what_is_like_it(rows: slice, share: float):
     """Twelve values of three presses; what is named acts on the first six, what is looked for on some of them."""
     cells = 2 * np.repeat(np.arange(3), 4) + np.tile([0, 1], 6)  # press and phase
     errors, new = np.zeros((12, 2)), np.zeros((12, 2))
