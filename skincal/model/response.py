@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from skincal.errors import InputError, Problem
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, check_shape
@@ -103,6 +102,8 @@ class Pressures:
         Args:
             weights: (N, J) how much of a tactile point belongs to each region; 0 and 1 for taxels as they are.
         """
+        from scipy.sparse import csr_array  # takes half of the time that the package takes to load
+
         check_shape("weights", weights, (self.patch_points, None))
         shape = (len(self), self.patch_points)
         matrix = csr_array((self.load_n, self.points, self.starts), shape=shape)

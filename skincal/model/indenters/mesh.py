@@ -6,9 +6,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, QhullError
 
 from skincal.model.arrays import FloatArray, IntArray, as_floats
 from skincal.model.indenters.indenter import Indenter, RayHits
@@ -81,6 +78,9 @@ class MeshIndenter(Indenter):
     @cached_property
     def hulls(self) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
         """Its connected parts as ``skincal.model.press.casting.enclose`` takes them."""
+        from scipy.sparse import csr_array
+        from scipy.sparse.csgraph import connected_components
+
         vertices, edges = self.mesh.vertices_m, self.mesh.faces[:, [0, 1, 2]]
         ends = edges.ravel(), np.roll(edges, -1, axis=1).ravel()
         graph = csr_array((np.ones(edges.size), ends), shape=(len(vertices), len(vertices)))
@@ -96,6 +96,8 @@ class MeshIndenter(Indenter):
 
 def _hull(vertices: FloatArray) -> FloatArray:
     """Return the vertices of the convex hull; all of them where there is none, as the mesh is flat."""
+    from scipy.spatial import ConvexHull, QhullError
+
     try:
         return vertices[ConvexHull(vertices).vertices]
     except QhullError:

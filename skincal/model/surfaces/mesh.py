@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import KDTree
 
 from skincal.model.arrays import FloatArray, IntArray, floats, positive
 from skincal.model.contact import contact_rotations
@@ -44,6 +43,8 @@ class MeshSurface(Surface):
         Raises:
             ValueError: a mesh without any area, with NaN, with indices out of range, or wound both ways.
         """
+        from scipy.spatial import KDTree
+
         self._mesh = TriangleMesh("surface mesh", vertices_m, faces)
         self._mesh.check_winding()
         self._settings = step_m, crease_rad
