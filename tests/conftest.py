@@ -1,8 +1,14 @@
 """Fixtures that several parts of the tests share: small sessions in memory and on disk, and practice data."""
 
+# ruff: noqa: E402 - the number of threads is read when numpy is imported
 from __future__ import annotations
 
 import os
+
+# As in the processes of the command line. Threads for small matrices wait for each other longer than they compute.
+for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_threads, "1")
+
 import signal
 from collections.abc import Callable
 from functools import partial

@@ -107,7 +107,8 @@ def at_centre(dataset: Dataset, margin_m: float) -> Dataset:
     sides = np.ptp(dataset.layout().bounds_m, axis=0) + 2 * margin_m
     share = float(np.prod(sides)) / (np.pi * dataset.indenter_radii_m() ** 2)
     apart = float(np.linalg.norm(placed(presses.position_m) - centre, axis=1).max(initial=0.0))
-    meta = replace(dataset.meta, indenter=replace(indenter, radius_m=float(np.hypot(*sides)) / 2 + apart))
+    # Twice what covers the skin at its nominal place: wherever a fit looks for the sensor, the pressure stays even.
+    meta = replace(dataset.meta, indenter=replace(indenter, radius_m=float(np.hypot(*sides)) + apart))
     frames = dataset.frames
     if frames is not None:
         # One punch stands for the pressure of all frames; frames outside presses have no force.

@@ -13,8 +13,6 @@ from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from scipy.optimize import minimize_scalar
-from scipy.signal import fftconvolve
 
 from skincal.imports.clock import usual_step
 from skincal.imports.recording import FloatArray
@@ -158,7 +156,7 @@ def _length(time_s: FloatArray, values: FloatArray) -> float:
     step = common_step(time_s)
     even = np.interp(np.arange(time_s[0], time_s[-1], step), time_s, values)
     even = even - even.mean()
-    own = np.asarray(fftconvolve(even, even[::-1]), dtype=np.float64)[len(even) - 1 :]
+    own = convolved(even, even[::-1])[len(even) - 1 :]
     return step * max(int(np.argmax(own < own[0] / 2)), 1)
 
 
@@ -222,6 +220,13 @@ def relative(values: Any) -> FloatArray:
     return (values - values.min()) / max(float(np.ptp(values)), 1e-300)
 
 
+def convolved(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the full convolution (n + m - 1,) of two signals (n,) and (m,)."""
+    from scipy.signal import fftconvolve  # takes a second to load, which no import without an estimate needs
+
+    return np.asarray(fftconvolve(left, right), dtype=np.float64)
+
+
 def _correlations(
     a_s: FloatArray, a: FloatArray, b_s: FloatArray, b: FloatArray, step: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -230,18 +235,14 @@ def _correlations(
     y = np.interp(np.arange(b_s[0], b_s[-1] + step / 2, step), b_s, b)
     x, y = (x - x.mean()) / (x.std() or 1.0), (y - y.mean()) / (y.std() or 1.0)
     flipped = y[::-1]
-
-    def both(left: FloatArray, right: FloatArray) -> FloatArray:
-        return np.asarray(fftconvolve(left, right))
-
     ones_x, ones_y = np.ones(len(x)), np.ones(len(y))
-    count = np.maximum(np.rint(both(ones_x, ones_y)), 1.0)
-    sum_x, sum_y = both(x, ones_y), both(ones_x, flipped)
-    var_x = both(x**2, ones_y) - sum_x**2 / count
-    var_y = both(ones_x, flipped**2) - sum_y**2 / count
+    count = np.maximum(np.rint(convolved(ones_x, ones_y)), 1.0)
+    sum_x, sum_y = convolved(x, ones_y), convolved(ones_x, flipped)
+    var_x = convolved(x**2, ones_y) - sum_x**2 / count
+    var_y = convolved(ones_x, flipped**2) - sum_y**2 / count
     low = 1e-3 * count
     good = (count >= LEAST_OVERLAP * min(len(x), len(y))) & (var_x > low) & (var_y > low)
-    top = both(x, flipped) - sum_x * sum_y / count
+    top = convolved(x, flipped) - sum_x * sum_y / count
     found = np.divide(
         top, np.sqrt(np.maximum(var_x * var_y, 1e-300)), out=np.full(len(top), np.nan), where=good
     )
@@ -272,6 +273,7 @@ def _refined(
     a_s: FloatArray, a: FloatArray, b_s: FloatArray, b: FloatArray, start: float, reach: float
 ) -> tuple[float, float]:
     """Return the offset within ``reach`` of a start with the largest correlation, and that correlation."""
+    from scipy.optimize import minimize_scalar
 
     def lost(offset: float) -> float:
         inside = (a_s >= b_s[0] + offset) & (a_s <= b_s[-1] + offset)

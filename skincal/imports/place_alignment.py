@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from skincal.imports.alignment import (
     ALIKE,
@@ -23,6 +22,7 @@ from skincal.imports.alignment import (
     NoOffsetError,
     check_unique,
     common_step,
+    convolved,
     relative,
 )
 from skincal.imports.recording import FloatArray
@@ -124,7 +124,7 @@ def _explained(basis: FloatArray, places: FloatArray) -> FloatArray:
     """Return the part of the positions' variance that the basis explains, by lag; NaN for a short overlap."""
 
     def along(row: FloatArray, column: FloatArray) -> FloatArray:
-        return np.asarray(fftconvolve(row, column[::-1]))
+        return convolved(row, column[::-1])
 
     touched: FloatArray = (basis[0] > 0).astype(np.float64)
     count = np.rint(along(touched, np.ones_like(places[0])))

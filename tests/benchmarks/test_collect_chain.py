@@ -35,7 +35,7 @@ def test_the_true_force_is_near_the_measured_one(seen: Seen):
     assert np.abs(record["position_error_along_m"]).max() < 3e-3
 
 
-def test_the_told_truth_has_the_mean_error_of_all_contacts_in_the_pose(seen: Seen):
+def test_mean_contact_error_is_part_of_the_true_pose(seen: Seen):
     told = told_truth(seen, FitOptions())
     error = seen.dataset.presses.position_m[:, 1] - seen.true_point_m[:, 1]
     # On the way to the hold forces are smaller, and drives bend less.

@@ -28,7 +28,7 @@ from skincal.fitting.fit_options import FitOptions
 from skincal.fitting.grid import GridSlab
 from skincal.model import Cylinder, Plane
 from skincal.workers.processes import interrupt_afterwards, mapper
-from tests.fitting.conftest import FEW_DRAWS, QUICK
+from tests.fitting.conftest import QUICK, ROUGH
 
 
 @pytest.fixture(scope="module")
@@ -204,7 +204,7 @@ def test_why_presses_were_dropped_is_told_in_plain_words(session: Dataset) -> No
 
 
 def test_a_calibration_comes_back_from_its_folder(session: Dataset, tmp_path: Path) -> None:
-    outcome = calibrate(session, options=FEW_DRAWS, workers=1, checkpoint=tmp_path / "kept", command="test")
+    outcome = calibrate(session, options=ROUGH, workers=1, checkpoint=tmp_path / "kept", command="test")
     assert len(list((tmp_path / "kept").glob("turn-*.npz"))) == len(outcome.result.grid.grid.alpha_rad)
     write_calibration(outcome.calibration, tmp_path / "cal")
     back = read_calibration(tmp_path / "cal")
@@ -282,7 +282,7 @@ def test_a_mapper_keeps_the_order(workers: int) -> None:
 def test_taxels_in_another_order_are_named_and_give_no_interval(session: Dataset, tmp_path: Path) -> None:
     mirrored = session.presses.counts.reshape(-1, 4, 4)[:, :, ::-1].reshape(-1, 16)
     turned = replace(session, presses=replace(session.presses, counts=mirrored), frames=None)
-    found = calibrate(turned, options=FEW_DRAWS, workers=1).calibration
+    found = calibrate(turned, options=ROUGH, workers=1).calibration
     write_calibration(found, tmp_path / "cal")
     back = read_calibration(tmp_path / "cal")
     assert back.findings[0].code == "taxel_order"

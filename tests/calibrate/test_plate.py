@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,22 @@ from chambers import Chamber
 
 from skincal.calibrate import calibrate, choose_way
 from skincal.calibrate.checkpoint import Checkpoint
+from skincal.calibration import MARGIN_M
 from skincal.dataset import Dataset, IndenterSpec, SurfaceSpec, read_dataset
-from skincal.dataset.uniform_pressure import uniform_pressure
+from skincal.dataset.uniform_pressure import at_centre, uniform_pressure
 from skincal.errors import WorkError
 from skincal.fitting.fit_options import FitOptions, GridSteps
-from skincal.model import Contacts, Converter, Cylinder, FlatPunch, Patch, SensorPose, Skin, SkinParameters
+from skincal.model import (
+    Contacts,
+    Converter,
+    Cylinder,
+    FlatPunch,
+    Patch,
+    Plane,
+    SensorPose,
+    Skin,
+    SkinParameters,
+)
 from skincal.units import rad
 
 RADIUS, E, S = 0.0115, 5e8, 60.0
@@ -73,6 +85,17 @@ def test_only_what_is_uniform_is_uniform(chamber: Dataset, rolled: Dataset) -> N
     assert uniform_pressure(known)
     aside = np.tile([0.095, 0.0, 0.0], (len(known.presses), 1))
     assert not uniform_pressure(replace(known, presses=replace(known.presses, position_m=aside)))
+
+
+def test_pressure_is_even_wherever_the_sensor_is(chamber: Dataset) -> None:
+    placed = at_centre(chamber, MARGIN_M)
+    at, up, force = placed.presses.position_m[:1], np.array([[0.0, 0.0, 1.0]]), placed.presses.force_n[:1]
+    for x, y in product(*(getattr(chamber.meta.mount, name) for name in ("x_range_m", "y_range_m"))):
+        pose = SensorPose(y, rad(5.0), x_m=x)
+        skin = Skin(Patch.build(Plane(), placed.layout(), pose, 1e-3), SkinParameters(E, S))
+        loads = skin.loads(placed.indenter(), Contacts(at, up, force))
+        even = chamber.presses.force_n[0] * 2.5e-3**2 / (np.pi * 0.1**2)
+        assert loads == pytest.approx(np.full((1, 16), even), rel=1e-6)
 
 
 @pytest.mark.slow

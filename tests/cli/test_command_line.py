@@ -229,7 +229,7 @@ def test_a_standard_output_that_is_closed(more: str) -> None:
     assert done.stderr == "" and not done.returncode
 
 
-def test_an_error_stays_off_standard_output_when_its_own_stream_is_closed() -> None:
+def test_error_stays_off_stdout_when_stderr_is_closed() -> None:
     command = f"{sys.executable} -m skincal hand list --no-such-option --json 2>&-"
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
     assert done.stdout == "" and done.returncode == 2

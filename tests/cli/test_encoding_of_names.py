@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from calibrations import make_calibration
+from chambers import Chamber
 
 from skincal.calibration import write_calibration
 
@@ -50,11 +51,12 @@ def test_verbs_take_any_name(place: Path, words: str) -> None:
 
 
 def test_a_fit_writes_the_command_with_its_names(place: Path) -> None:
-    done = skincal(place, "fit", "данные", "--out", "новая")
+    Chamber.plain().write(place / "камера", frames=False)
+    done = skincal(place, "fit", "камера", "--out", "новая")
     assert done.returncode == 0, done.stderr
     content = tomllib.loads((place / "новая" / "calibration.toml").read_text(encoding="utf-8"))
-    assert content["provenance"]["command"].replace("'", "") == "skincal fit данные --out новая"
-    assert "данные" in (place / "новая" / "report.html").read_text(encoding="utf-8")
+    assert content["provenance"]["command"].replace("'", "") == "skincal fit камера --out новая"
+    assert "камера" in (place / "новая" / "report.html").read_text(encoding="utf-8")
 
 
 def test_an_error_names_the_file(place: Path) -> None:

@@ -106,7 +106,7 @@ def test_an_interrupted_verb_says_so_and_exits_with_130(
     assert capsys.readouterr().err.strip() == "skincal: interrupted"
 
 
-def test_a_further_signal_does_not_suppress_that_a_hand_was_not_stopped(
+def test_second_signal_keeps_the_not_stopped_message(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It may come at any moment: here while the message is composed."""
@@ -127,9 +127,7 @@ def test_a_further_signal_does_not_suppress_that_a_hand_was_not_stopped(
     assert "Cut the hand's power" in capsys.readouterr().err
 
 
-def test_what_cannot_be_saved_does_not_hide_that_the_power_must_be_cut(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_failed_save_keeps_the_cut_power_message(capsys: pytest.CaptureFixture[str]) -> None:
     def saved() -> str:
         assert "Cut the hand's power" in capsys.readouterr().err, "said before anything is saved"
         raise OSError(28, "No space left on device")

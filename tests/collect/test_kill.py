@@ -15,7 +15,7 @@ import pytest
 from skincal.collect import Plan, PlannedPress, write_plan
 from skincal.dataset import check_dataset
 
-PRESSES = 6
+PRESSES = 4
 PLAN = Plan(
     "killed",
     tuple(

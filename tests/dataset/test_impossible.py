@@ -32,7 +32,7 @@ def test_drop_outs_to_full_scale_and_nothing_else(seed: int) -> None:
     assert np.array_equal(impossible_readings(np.where(dropped, 4095.0, counts), force), dropped)
 
 
-def test_images_of_one_taxel_each_and_a_taxel_of_its_own_gain_are_possible() -> None:
+def test_one_taxel_images_with_unequal_gains_are_possible() -> None:
     rng = np.random.default_rng(0)
     force, counts = rng.uniform(1.0, 4.5, 60), rng.normal(30.0, 1.0, (60, 16))
     counts[np.arange(60), rng.integers(0, 16, 60)] += 200.0 * force

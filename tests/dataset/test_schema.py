@@ -102,7 +102,7 @@ def test_unknown_keys_are_kept_with_a_warning():
     )
 
 
-def test_wrong_values_read_as_placeholders_and_the_rest_is_checked():
+def test_wrong_values_do_not_hide_other_errors():
     bike, errors, _ = read(
         frame={"radius_m": "wide", "spokes": 20}, name=3, wheels=[{"radius_m": 0.1, "tyre": "knobby"}], lamp=1
     )

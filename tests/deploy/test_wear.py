@@ -36,7 +36,7 @@ def compare(rng: np.random.Generator, hands: int = 19, **now: object) -> object:
     return wear(rolled(rng, **now), [rolled(rng) for _ in range(hands)])  # type: ignore[arg-type]
 
 
-def test_the_factor_is_found_and_its_interval_holds_it_as_often_as_it_says() -> None:
+def test_wear_factor_and_coverage_of_its_interval() -> None:
     rng = np.random.default_rng(0)
     found = [wear(rolled(rng, factor=0.7), [rolled(rng) for _ in range(19)]) for _ in range(200)]
     assert np.median([one.factor for one in found]) == pytest.approx(0.7, rel=0.03)

@@ -29,7 +29,7 @@ def test_frames_of_the_end_are_those_of_the_fitted_skin(tmp_path: Path):
         assert frames[rows[1]].mean(axis=0) == pytest.approx(fitted[rows[0]].mean(axis=0), rel=0.01)
 
 
-def test_a_taxel_without_an_answer_has_a_start_and_stays_without_one(tmp_path: Path):
+def test_silent_taxel_has_a_start_and_stays_silent(tmp_path: Path):
     chamber = Chamber.plain()
     chamber.gain[3] = 0.0
     data = read_dataset(chamber.write(tmp_path / "chamber"))
@@ -42,7 +42,7 @@ def test_a_taxel_without_an_answer_has_a_start_and_stays_without_one(tmp_path: P
     assert new.scale_per_n == pytest.approx(cal.model.scale_per_n)
 
 
-def test_without_frames_noise_and_rest_are_what_the_plateaus_show(tmp_path: Path):
+def test_noise_and_rest_from_plateaus_without_frames(tmp_path: Path):
     chamber = Chamber.plain(plateaus=16)
     chamber.rest[:] = np.linspace(10.0, 20.0, 16)
     one = observed(tmp_path, chamber, frames=False)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from report.diagnosis_cases import LOOP, calibration, session, without_frames
+from report.diagnosis_cases import LOOP, calibration, refitted, refitted_loop, session, without_frames
 
 from skincal.dataset import HOLD
 from skincal.diagnosis.workflow import refitted_effects
@@ -14,9 +14,7 @@ from skincal.errors import InputError
 
 
 def test_effects_are_found_again_from_others():
-    data = session(LOOP)
-    start = {"hysteresis": {"height": 0.25, "width": 0.8}}
-    found = refitted_effects(data, calibration(), calibration(start))
+    found = refitted_loop()
     (one,) = found.effects
     assert one.name == "hysteresis"
     for name, true in LOOP["hysteresis"].items():
@@ -62,8 +60,7 @@ def test_a_press_that_shows_something_else_has_no_say():
     spoilt = replace(
         data, frames=replace(frames, counts=counts), presses=replace(data.presses, counts=images)
     )
-    start = calibration({"hysteresis": {"height": 0.25, "width": 0.8}})
-    clean, found = (refitted_effects(some, calibration(), start) for some in (data, spoilt))
+    clean, found = refitted_loop(), refitted(spoilt)
     assert found.slack is not None
     assert found.slack["press"][~found.slack["used"]].tolist() == [105]
     for name, value in clean.effects[0].parameters.items():

@@ -5,32 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
-from report.diagnosis_cases import LOOP, calibration, session
+from report.diagnosis_cases import LOOP, calibration, refitted, refitted_loop, session
 
 from skincal.calibration import Calibration
 from skincal.dataset import LOAD, UNLOAD, Dataset, ForceSpec
 from skincal.diagnosis.observed import observe
-from skincal.diagnosis.workflow import refitted_effects
 from skincal.inference.start import with_image_error
 from skincal.prediction import predict_dataset
 
-START = {"hysteresis": {"height": 0.25, "width": 0.8}}
 ANGLE, STIFFNESS, SCALE = "alpha_deg", "elasticity_pa_per_m", "scale_per_n"
-
-
-def refitted(data: Dataset) -> Calibration:
-    return refitted_effects(data, calibration(), calibration(START))
 
 
 def width(found: Calibration, name: str) -> float:
     low, high = found.intervals[name]
     return high - low
-
-
-@pytest.fixture(scope="module")
-def plain() -> Calibration:
-    return refitted(session(LOOP))
 
 
 def off(data: Dataset, error_m: np.ndarray) -> Dataset:
@@ -56,18 +44,19 @@ def test_smooth_errors_of_positions_widen_the_angle():
     assert low <= calibration().model.alpha_deg <= high
 
 
-def test_a_scale_of_forces_that_is_not_known_widens_the_stiffness(plain: Calibration):
+def test_unknown_force_scale_widens_the_stiffness():
     data = session(LOOP)
     found = refitted(replace(data, meta=replace(data.meta, force=ForceSpec(scale_sigma=0.1))))
     best = found.model.elasticity_pa_per_m
-    assert width(found, STIFFNESS) > 0.4 * best > width(plain, STIFFNESS)
+    assert width(found, STIFFNESS) > 0.4 * best > width(refitted_loop(), STIFFNESS)
 
 
-def test_the_scale_may_be_that_of_the_middle_of_a_loop(plain: Calibration):
+def test_the_scale_may_be_that_of_the_middle_of_a_loop():
     # By our equation the lower curve is the base model's, by others the middle between it and the upper one.
     data, state = session(LOOP), calibration(LOOP)
     loaded = predicted(state, data, LOAD) / predicted(calibration(), data, LOAD)
     unloaded = predicted(state, data, UNLOAD) / predicted(calibration(), data, UNLOAD)
+    plain = refitted_loop()
     low, high = plain.intervals[SCALE]
     middle = plain.model.scale_per_n * (1 + unloaded / loaded) / 2
     assert low < plain.model.scale_per_n < middle < high

@@ -87,6 +87,10 @@ QUICK = FitOptions(
 FEW_DRAWS = replace(QUICK, rounds=(3, 4), round_size=100, enough_draws=2)
 """For what needs no good interval: draws that are worth little do not start the ensemble of walkers."""
 
+ONE_LAW = replace(QUICK, law_spreads_m=(0.0,))
+ROUGH = replace(FEW_DRAWS, law_spreads_m=(0.0,))
+"""For what asks nothing of other contact laws either, each of which is another climb."""
+
 
 @pytest.fixture(scope="session")
 def truth() -> Truth:

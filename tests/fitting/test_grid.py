@@ -128,7 +128,7 @@ def test_presses_of_one_taxel_are_taken_where_others_are_few(truth: Truth) -> No
     assert len(problem) > len(paper) == len(problem.on_grid)
 
 
-def test_presses_of_one_taxel_leave_open_whether_images_tell_the_parameters(truth: Truth) -> None:
+def test_presses_of_one_taxel_leave_identifiability_open(truth: Truth) -> None:
     problem = pose_problem(rig(), make_session(truth, presses=40)[0], min_active=1)
     lit = problem.lit.sum(axis=1)
     chosen = np.isin(np.arange(len(lit)), [*np.flatnonzero(lit >= 3)[:6], *np.flatnonzero(lit == 1)[:5]])

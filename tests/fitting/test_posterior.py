@@ -131,9 +131,7 @@ def test_draws_have_what_presses_leave_open_whatever_they_are(problem: FitProble
     assert np.abs(told[:, 1:4]).max() == 0.0
 
 
-def test_gains_that_scatter_without_end_leave_a_scale_that_can_be_written(
-    problem: FitProblem, peak: Peak
-) -> None:
+def test_unbounded_gain_scatter_leaves_a_finite_scale(problem: FitProblem, peak: Peak) -> None:
     """Overflown words: no gains explain them, however different."""
     wild = np.concatenate([peak.macro, np.log(peak.sigmas)])
     wild[9] = np.log(40.0)
@@ -187,7 +185,7 @@ def test_a_press_that_lies_is_called_a_glitch_and_no_other(truth: Truth) -> None
     assert not glitches(honest, clean).any()
 
 
-def test_a_reading_that_dropped_out_is_left_out_and_its_press_is_not(truth: Truth) -> None:
+def test_dropped_reading_is_left_out_without_its_press(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=45, seed=4)
     unclipped = replace(rig(), readout=Readout(None, None, False))
     counts = presses.counts + 20.0
@@ -293,7 +291,7 @@ def test_contact_law_widens_elasticity_and_scale_only(problem: FitProblem, truth
     ).all()
 
 
-def test_taxels_that_feel_the_pressure_itself_have_room_in_e_and_s(peak: Peak) -> None:
+def test_bare_pressure_widens_e_and_s(peak: Peak) -> None:
     moved = replace(peak, macro=peak.macro + np.array([1e-4, 1e-4, 0.1, 0.03, -0.02]))
     law = weigh_laws(np.zeros(1), [peak]).with_bare(peak, moved)
     wide = law.shifted(np.zeros((2000, 5)), np.random.default_rng(0))

@@ -115,7 +115,7 @@ def test_smooth_errors_have_no_part_that_a_pose_takes_up() -> None:
     assert at_one_place.shape == (40, 0)
 
 
-def test_a_smooth_error_is_told_from_the_mean_of_all_presses_and_of_their_postures() -> None:
+def test_smooth_error_of_places_and_postures() -> None:
     rng = np.random.default_rng(1)
     places, force = rng.uniform(-7e-3, 7e-3, (60, 2)), rng.uniform(1.0, 4.0, 60)
     bent = np.where(np.arange(60) % 2, 0.2, -0.2) + 0.01 * rng.standard_normal(60)

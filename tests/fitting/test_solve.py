@@ -16,7 +16,7 @@ from skincal.fitting.problem import FitProblem, PressTable, pose_problem
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.solve import plan_fit, solve
 from skincal.fitting.valley import OPEN, POSE, at_one_place
-from tests.fitting.conftest import BOX, FEW_DRAWS, LAYOUT, QUICK, Truth, make_session, rig
+from tests.fitting.conftest import BOX, LAYOUT, ONE_LAW, QUICK, ROUGH, Truth, make_session, rig
 
 
 def _fit(
@@ -102,7 +102,7 @@ def test_a_seed_gives_one_result_for_any_workers_and_turns_kept(fitted: FitResul
 
 def test_the_papers_bound_gives_the_box_below_it(truth: Truth) -> None:
     problem = pose_problem(rig(), make_session(truth, seed=11)[0])
-    result = _fit(problem, options=replace(FEW_DRAWS, bound_counts2=25.0))
+    result = _fit(problem, options=replace(ROUGH, bound_counts2=25.0))
     grid, inside = result.grid.grid, result.grid.mse_counts2 <= 25.0
     assert result.bound == "fixed" and result.valley_mse_counts2 == 25.0
     y = grid.y_m[inside.any(axis=(0, 1, 2))]
@@ -116,7 +116,7 @@ def test_the_papers_bound_gives_the_box_below_it(truth: Truth) -> None:
 def test_a_range_that_leaves_out_the_truth_is_said(truth: Truth) -> None:
     problem = pose_problem(rig(), make_session(truth, seed=12)[0])
     box = replace(BOX, y_m=(0.0242, 0.0262))
-    result = _fit(problem, box)
+    result = _fit(problem, box, ONE_LAW)
     assert "range_edge" in _codes(result)
     told = next(f for f in result.findings if f.code == "range_edge")
     assert "lower end" in told.text and "Widen" in told.advice
@@ -127,7 +127,7 @@ def test_crosstalk_is_a_misfit(truth: Truth) -> None:
     table = make_session(truth, seed=11)[0]
     apart = np.linalg.norm(LAYOUT.centres_m[:, None] - LAYOUT.centres_m, axis=-1)
     leak = 0.05 * ((apart > 0) & (apart < 1.1 * 0.004))
-    result = _fit(pose_problem(rig(), replace(table, counts=table.counts + table.counts @ leak)))
+    result = _fit(pose_problem(rig(), replace(table, counts=table.counts + table.counts @ leak)), BOX, ROUGH)
     told = next(f for f in result.findings if f.code == "misfit")
     assert told.severity == "warning" and "diagnose" in told.advice
 
@@ -141,7 +141,7 @@ def test_too_few_presses_at_one_place_give_no_interval(truth: Truth) -> None:
     assert len(problem) >= 6
     problem = problem.subset(np.arange(len(problem)) < 6, "left out")
     assert problem.unknowns == 17 and problem.readings <= 17
-    result = _fit(problem)
+    result = _fit(problem, BOX, ROUGH)
     assert _codes(result) >= {"too_few_presses", "one_place"}
     assert not _codes(result) & {"few_presses", "not_identified", "range_edge"}
     assert set(result.intervals.values()) == {(-np.inf, np.inf)}
@@ -226,7 +226,7 @@ def test_few_presses_with_readings_to_spare_are_said(truth: Truth) -> None:
     keep = np.isin(np.arange(len(problem)), np.argsort(-problem.lit.sum(axis=1))[:6])
     few = problem.subset(keep, "left out")
     assert few.determined
-    result = _fit(few)
+    result = _fit(few, BOX, ONE_LAW)
     assert "few_presses" in _codes(result) and "too_few_presses" not in _codes(result)
     assert np.isfinite(list(result.intervals.values())).all()
     once = find(replace(result, effective_draws=1.2), dropped=0)
@@ -279,7 +279,7 @@ def test_a_per_taxel_scale_finds_a_weak_taxel(truth: Truth) -> None:
     weak = PressTable(
         presses.press, presses.across_m, presses.along_m, presses.force_n, counts, presses.indenter
     )
-    result = _fit(pose_problem(rig(), weak), options=replace(FEW_DRAWS, per_taxel=True))
+    result = _fit(pose_problem(rig(), weak), options=replace(ROUGH, per_taxel=True))
     scales = result.scale_per_taxel_per_n
     assert scales is not None
     others = np.delete(scales, 6)
@@ -289,7 +289,7 @@ def test_a_per_taxel_scale_finds_a_weak_taxel(truth: Truth) -> None:
 
 def test_a_turned_sensor_is_found_turned(truth: Truth) -> None:
     turned = replace(truth, alpha_rad=math.radians(12.0))
-    result = _fit(pose_problem(rig(), make_session(turned, seed=15)[0]))
+    result = _fit(pose_problem(rig(), make_session(turned, seed=15)[0]), BOX, ONE_LAW)
     low, high = result.intervals["alpha_rad"]
     assert low <= math.radians(12.0) <= high
 

@@ -7,11 +7,11 @@ import pytest
 from skincal.hand.resend import LONGEST_S, SHORTEST_S, ResendTimer
 
 
-def test_a_link_that_has_not_been_timed_is_given_the_longest_time() -> None:
+def test_untimed_link_is_given_the_longest_time() -> None:
     assert ResendTimer().wait_s == LONGEST_S
 
 
-def test_a_steady_link_is_waited_for_a_little_longer_than_it_takes() -> None:
+def test_steady_link_is_given_little_more_than_it_takes() -> None:
     timer = ResendTimer()
     for _ in range(30):
         timer.answered(0.04)

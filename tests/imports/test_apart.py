@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -61,6 +63,14 @@ def test_results_and_errors_come_back(tmp_path: Path):
     assert caught.value.problems[0].got == "none"
     with pytest.raises(UnreadableError, match="expected an array; got none"):
         apart(find_no_array, tmp_path)
+
+
+def test_a_reading_process_loads_little():
+    heavy = {"skincal.imports.apart": {"pandas", "scipy"}, "skincal.imports.bag_source": {"scipy.signal"}}
+    for name, unneeded in heavy.items():
+        loaded = f"import sys, {name}; print(*sys.modules)"
+        done = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True)
+        assert not unneeded & set(done.stdout.split())
 
 
 @pytest.mark.parametrize(

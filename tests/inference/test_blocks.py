@@ -67,7 +67,7 @@ def test_they_are_what_the_whole_covariance_says():
         assert found.loss[k] - found.chi[k] == pytest.approx(log_det + 2 * w.log_sd[rows].sum(), rel=1e-8)
 
 
-def test_drawn_sessions_leave_as_many_squares_as_they_have_values():
+def test_drawn_sessions_leave_one_square_a_value():
     w, press, phase, at = case()
     rng = np.random.default_rng(0)
     draws = rng.standard_normal((*w.residual.shape, 4000))

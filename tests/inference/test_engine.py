@@ -59,7 +59,7 @@ def test_intervals_of_an_effect_hold_what_was_hidden(kind: str):
         assert low - 0.5 * (high - low) <= true <= high + 0.5 * (high - low), name
 
 
-def test_a_weak_effect_is_named_beside_a_strong_one_whose_equation_is_exact():
+def test_weak_effect_is_named_beside_a_strong_one():
     levels = {"offset_counts": np.linspace(-12.0, 12.0, 16)}
     hidden = {"taxel_offset": levels, "hysteresis": {"height": 0.15, "width": 1.5}}
     data = made(hidden, rest=40.0)

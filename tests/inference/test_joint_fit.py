@@ -58,7 +58,7 @@ def test_a_turn_is_what_differences_say():
     assert np.sqrt(np.mean((column - apart) ** 2)) < 0.05 * np.sqrt(np.mean(apart**2))
 
 
-def test_slopes_by_elasticity_and_contact_law_are_what_differences_say():
+def test_slopes_by_elasticity_and_law_match_differences():
     # Anywhere between laws: a harder skin and a larger ball do nearly alike, so each must be right by itself.
     fitter = seen("nothing").fitter
     forward = fitter.forward
@@ -176,7 +176,7 @@ def misfit(fitter: Fitter, state) -> np.ndarray:  # type: ignore[no-untyped-def]
     )
 
 
-def test_an_equation_that_errs_everywhere_alike_widens_what_depends_on_it():
+def test_common_equation_error_widens_what_depends_on_it():
     observed = seen("saturation")
     fitter, effects = observed.fitter, KINDS["saturation"]["effects"]
     values = {k: np.asarray(v) for k, v in effects["saturation"].items()}  # type: ignore[index]
@@ -190,7 +190,7 @@ def test_an_equation_that_errs_everywhere_alike_widens_what_depends_on_it():
     assert alone[1] == pytest.approx(alone[0])
 
 
-def test_a_step_that_is_too_long_for_some_presses_is_shortened_for_them_alone():
+def test_too_long_step_is_shortened_press_by_press():
     fitter = seen("nothing").fitter
     at = fitter.linear(fitter.before.start, ())
     # Half of the presses would go where they should, the others far beyond.
@@ -207,7 +207,7 @@ def test_a_step_that_is_too_long_for_some_presses_is_shortened_for_them_alone():
     assert as_promised.mean() > 0.6
 
 
-def test_a_fit_that_stops_short_is_not_credited_with_what_its_slopes_promise():
+def test_unfinished_fit_gets_no_credit_for_its_slopes():
     fitter = seen("nothing").fitter
     end = fitter.solve(fitter.before.start, steps=12)
     short = fitter.linear(replace(end.state, log_s=end.state.log_s + 0.05), ())

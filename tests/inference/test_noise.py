@@ -50,7 +50,7 @@ def test_a_clipped_level_reads_what_its_frames_do_on_average():
 
 @pytest.mark.parametrize("spread", [0.1, 1.0, 3.0])
 @pytest.mark.parametrize("level", [16.0, 19.0, 61.0])
-def test_a_level_known_within_a_spread_reads_what_a_staircase_makes_of_it(level: float, spread: float):
+def test_reading_of_an_uncertain_level_on_a_staircase(level: float, spread: float):
     rng = np.random.default_rng(3)
     noise = Noise(np.ones(1), 0.02, 8.0, 0.0, 255.0, rest=16.0)
     levels = level + spread * rng.standard_normal((40_000, 1))
@@ -67,7 +67,7 @@ def test_a_level_known_within_a_spread_reads_what_a_staircase_makes_of_it(level:
 
 
 @pytest.mark.parametrize("sigma", [0.8, 1.2])
-def test_the_noise_at_rest_is_that_which_makes_frames_fall_where_they_do(sigma: float):
+def test_noise_at_rest_explains_the_frames(sigma: float):
     counts, hold = frames(sigma, 4.0, 0.0, 0.0, low=-np.inf)
     idle = 4 * np.rint(sigma * np.random.default_rng(6).standard_normal((1500, 16)) / 4)
     both = np.concatenate([counts, idle]) + 25.0
@@ -90,7 +90,7 @@ def test_steps_need_not_begin_at_zero():
 
 
 @pytest.mark.parametrize("rest", [20.0, 23.0])
-def test_the_noise_is_that_of_levels_which_lie_anywhere_on_a_staircase(rest: float):
+def test_noise_of_levels_anywhere_on_a_staircase(rest: float):
     # At the edge of a step frames at rest change all the time, in its middle never.
     counts, hold = frames(1.0, 8.0, rest, 0.0)
     found = noise_of(
@@ -99,7 +99,7 @@ def test_the_noise_is_that_of_levels_which_lie_anywhere_on_a_staircase(rest: flo
     assert found.frame == pytest.approx(1.0, abs=0.35)
 
 
-def test_the_level_of_a_mean_is_known_as_well_as_its_step_lets_it():
+def test_level_of_a_mean_is_limited_by_its_step():
     noise = Noise(np.ones(1), 0.0, 8.0, 0.0, 255.0, rest=20.0)
     edge, within = noise.level_of(float(noise.written(np.array([20.5]))[0][0]), 2000.0)
     assert edge == pytest.approx(20.5, abs=0.2) and within < 0.2

@@ -61,7 +61,7 @@ class Settling(Search):
 
 
 @pytest.mark.parametrize(("settled", "named"), [(16.0, False), (36.0, True)])
-def test_what_is_named_is_beyond_its_limit_when_its_fit_is_settled(settled: float, named: bool):
+def test_named_effect_is_beyond_its_limit_once_settled(settled: float, named: bool):
     none: Any = None
     before: Any = SimpleNamespace(each=0.0)
     search = Settling(none, none, (), frozenset(), np.random.default_rng(0))
@@ -70,7 +70,7 @@ def test_what_is_named_is_beyond_its_limit_when_its_fit_is_settled(settled: floa
     assert bool(search._best(before, [tried])) is named
 
 
-def test_what_an_equation_errs_by_bars_what_is_like_it_and_nothing_else():
+def test_equation_error_bars_only_what_is_like_it():
     """Four values of two taxels, two of them at one force and two at another."""
     does, cells = np.full((4, 2), 3.0), np.repeat([[0, 0], [1, 1]], 2, axis=0)
     bent = np.repeat([[2.0, 2.0], [-1.0, -1.0]], 2, axis=0)  # by the force

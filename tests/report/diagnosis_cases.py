@@ -14,7 +14,7 @@ from diagnosis.diagnose_data import moving
 from skincal.calibration import Calibration, Effect, ModelParameters
 from skincal.dataset import HOLD, Dataset, Presses
 from skincal.diagnosis.diagnosis import Diagnosis
-from skincal.diagnosis.workflow import diagnose
+from skincal.diagnosis.workflow import diagnose, refitted_effects
 from skincal.prediction import predict_dataset
 
 TRUTH = ModelParameters(0.0235, degrees(0.05), 4e8, 70.0, beta_deg=degrees(0.2))
@@ -55,6 +55,21 @@ def _read(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def without_frames(data: Dataset) -> Dataset:
     """The hold means of a session, and nothing else."""
     return replace(data, frames=None, presses=replace(data.presses, columns={}))
+
+
+START = {"hysteresis": {"height": 0.25, "width": 0.8}}
+"""Where refits of the loop begin."""
+
+
+def refitted(data: Dataset) -> Calibration:
+    """The loop fitted again to a session."""
+    return refitted_effects(data, calibration(), calibration(START))
+
+
+@cache
+def refitted_loop() -> Calibration:
+    """The loop fitted again to the session that has it."""
+    return refitted(session(LOOP))
 
 
 @cache

@@ -94,7 +94,7 @@ def test_touches_are_felt_where_they_are_and_the_same_again() -> None:
     assert np.median(np.linalg.norm(bright - one.places_m, axis=2)[one.inside]) < 2.5e-3
 
 
-def test_the_one_that_comes_along_is_as_good_as_it_says_and_better_than_centroids(bundled: Estimator) -> None:
+def test_bundled_estimator_is_as_good_as_it_says(bundled: Estimator) -> None:
     touches = draw_touches(ranges_for("marble", None), PINCH, 30, 40, np.random.default_rng(99))
     found = judge(bundled, touches, 30)
     assert found.median_m == pytest.approx(bundled.quality.median_m, rel=0.25)

@@ -16,7 +16,7 @@ def _says(_: int) -> tuple[int, bool]:
     return os.getpid(), compiling.on_compile is not None
 
 
-def test_this_process_shares_the_work_and_alone_says_that_it_compiles(monkeypatch: pytest.MonkeyPatch):
+def test_first_process_works_too_and_alone_says_it_compiles(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(compiling, "on_compile", lambda: None)
     with mapper(2) as spread:
         ((worker, says),) = spread(_says, [0])  # it has begun
