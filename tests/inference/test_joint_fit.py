@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,6 +89,33 @@ def test_a_press_between_taxels_has_no_slope_out_of_all_proportion():
     felt = fitter.forward.see(replace(start, law=law, log_e=start.log_e + 4, move=move))
     columns = fitter.forward.base_columns(felt)
     assert np.abs(columns[..., 6:]).max() < 3 * felt.values.max()
+
+
+def test_small_steps_of_positions_change_images_in_proportion():
+    # Presses follow such a step; what they cannot follow is what bends, and would tell against it.
+    fitter = seen("nothing").fitter
+    forward, state = fitter.forward, fitter.before.start
+    at = forward.see(state)
+    scene: Any = SimpleNamespace(poses=1)
+    for start in effect("contact_offset").starts(scene):
+        for point in start.points:
+            whole, half = (
+                forward.with_effects(at, {"contact_offset": {k: part * v for k, v in point.items()}}) - at.values
+                for part in (1.0, 0.5)
+            )
+            assert np.abs(whole).max() > 0
+            assert np.sqrt(np.mean((whole - 2 * half) ** 2) / np.mean(whole**2)) < 5e-3
+
+
+def test_presses_moved_back_by_what_an_effect_shifts_read_as_before():
+    fitter = seen("nothing").fitter
+    forward, state = fitter.forward, fitter.before.start
+    other = replace(state, effects={"contact_offset": {"stretch_along": np.array(0.05)}})
+    back = state.move.copy()
+    back[:, :2] -= forward.shifted(other)
+    was, moved, is_back = (forward.see(x).values for x in (state, other, replace(other, move=back)))
+    assert np.abs(moved - was).max() > 5
+    assert np.abs(is_back - was).max() < 0.5
 
 
 def test_the_others_go_where_a_number_at_its_bound_leaves_them():
