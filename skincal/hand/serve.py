@@ -83,9 +83,10 @@ class HandServer:
         self._zmq = zmq_module()
         self._bind = checked_address(bind, keys=keys is not None, what="--bind")
         self._make, self._keys, self._options = make, keys, options or ServeOptions()
-        self._contact_force = contact_force
         self._driver: HandDriver | None = make()
         self._description = self._driver.description
+        # Now, as it may have to compile: clients wait for less than that.
+        self._force = None if contact_force is None else contact_force(self._description)
         check_limits(self._description, beyond=self._options.guard.beyond_limits)
         self._session: Session | None = None
         self._authenticator: Any = None
@@ -205,10 +206,9 @@ class HandServer:
         except (SkincalError, CallTimeoutError, CallExitError) as error:
             self._refuse(client, message, text_of(error) or f"the driver was not created within {MAKE_S:g} s")
             return
-        force = None if self._contact_force is None else self._contact_force(description)
         self.sessions += 1
         replies = Outbox(self._replies, self._context, self._zmq)
-        self._session = Session(message.session, driver, self._options, force, replies)
+        self._session = Session(message.session, driver, self._options, self._force, replies)
         self._session.request(client, message)
 
     def _made(self) -> HandDriver:

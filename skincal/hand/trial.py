@@ -59,8 +59,9 @@ class Trial:
 
     def connect(self) -> None:
         """Connect the driver."""
-        self.call(self.driver.connect, timeout_s=CONNECT_S)
+        # First, as it may have to compile, and a connected hand is not to wait.
         force = self.options.contact_force(self.driver.description)
+        self.call(self.driver.connect, timeout_s=CONNECT_S)
         self._check_state = StateCheck(self.driver, self.options.guard, force)
         self._check_command = CommandCheck(self.driver)
 

@@ -96,8 +96,9 @@ def contact_rows(kinematics: Kinematics, q_rad: FloatArray, tau_nm: FloatArray) 
 
 
 def prepare_contacts(kinematics: Kinematics) -> None:
-    """Compile :func:`contact_from_joints`, or load it, before a hand is connected that has to be answered in time."""
+    """Compile what states are read with, or load it, before a hand is connected that has to be answered in time."""
     nothing = np.empty((0, len(kinematics.description.joints)))
+    kinematics.frames(nothing)
     contact_from_joints(kinematics, nothing, nothing)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription, HandState, Kinematics, contact_from_joints
+from skincal.robot.contact import prepare_contacts
 from skincal.sim.bullet import Fingers
 from skincal.sim.drives import DriveParameters, Drives
 from skincal.sim.position_error import position_error, surface_error
@@ -56,6 +57,7 @@ class SimulatedHand:
         self._skin = ReferenceSkin(self._kinematics, truth, skin_rng)
         # A driver's guard gives observe() little time, and compilation takes seconds.
         self._skin.prepare()
+        prepare_contacts(self._kinematics)
         self._skin.remember([look.contact for look in past])
         stiffness = contact_stiffness(
             self._kinematics, truth.elasticity_pa_per_m, options.contact_depth_force_n
