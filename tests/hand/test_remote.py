@@ -33,6 +33,7 @@ from skincal.hand.messages import REPLIES, VERSION, Message, decode, encode
 from skincal.hand.remote import RemoteDriver
 from skincal.hand.serve import HandServer, ServeOptions
 from skincal.hand.sockets import checked_address, client_keys, hand_keys, make_keys
+from skincal.robot import HandDescription, HandState
 
 zmq = pytest.importorskip("zmq")
 
@@ -184,6 +185,18 @@ def test_the_force_is_limited_at_the_hands_side() -> None:
         ):
             drive(hand, 2)
         assert hands.last.stopped_at is not None
+
+
+def test_no_client_waits_for_a_force_check_that_is_slow_to_make() -> None:
+    def force(description: HandDescription) -> Callable[[HandState], float]:
+        del description
+        time.sleep(1.5)  # as long as it may take to compile
+        return lambda state: 0.0
+
+    hands = Hands()
+    with served(hands, contact_force=force) as server, GuardedHand(RemoteDriver(server.address)) as hand:
+        drive(hand, 2)
+    assert hands.last.stopped_at is not None
 
 
 def test_a_driver_that_hangs_there_is_stopped_there() -> None:
