@@ -93,7 +93,7 @@ class Chain:
 
     @cached_property
     def arrays(self) -> tuple[NDArray[Any], ...]:
-        """The attributes in their order, for :mod:`skincal.robot.routine`."""
+        """The attributes in their order, for ``skincal.robot.routine``."""
         return tuple(getattr(self, one.name) for one in fields(self))
 
     def frames(self, q_rad: FloatArray) -> TipFrames:

@@ -85,7 +85,7 @@ def contact_from_joints(
 
 
 def contact_rows(kinematics: Kinematics, q_rad: FloatArray, tau_nm: FloatArray) -> tuple[FloatArray, bool]:
-    """Return contacts as rows (K, 13) of :func:`skincal.robot.routine.contacts`, and whether their forces are known."""
+    """Return contacts as rows (K, 13) of ``skincal.robot.routine.contacts``, and whether their forces are known."""
     from skincal.robot.routine import SOUND, compiled
 
     out = np.empty((len(q_rad), 13))
