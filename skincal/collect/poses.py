@@ -67,8 +67,10 @@ def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tu
     columns = fingers.kinematics.skin.columns
     low, high = hand.limits.lower_rad[columns], hand.limits.upper_rad[columns]
     sites = _corners(plan.sites_m())
+    from scipy.stats.qmc import Halton  # takes a second to import
+
     tried: list[tuple[float, FloatArray]] = []
-    for share in _halton(TRIED, len(columns)):
+    for share in Halton(len(columns), scramble=False).random(TRIED):
         skin = low + (0.1 + 0.8 * share) * (high - low)
         reach = _reach(fingers, sites, skin, plan, options)
         if reach is not None and reach.margin_rad > MARGIN_RAD and reach.torque_share < options.reserve:
@@ -88,18 +90,6 @@ def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tu
         ]
         chosen.append(tried[int(np.argmax(apart))][1])
     return [tuple(round(float(a), 4) for a in skin) for skin in chosen]
-
-
-def _halton(points: int, dimensions: int) -> FloatArray:
-    """Return the first points of the Halton sequence (points, dimensions); scipy's takes a second to import."""
-    primes = (n for n in itertools.count(2) if all(n % m for m in range(2, n)))
-    found = np.zeros((points, dimensions))
-    for d, base in enumerate(itertools.islice(primes, dimensions)):
-        left, share = np.arange(points), 1 / base
-        while left.any():
-            found[:, d] += share * (left % base)
-            left, share = left // base, share / base
-    return found
 
 
 def check_reach(plan: Plan, fingers: Fingers, options: CollectOptions) -> None:

@@ -109,7 +109,7 @@ class Senses:
 def _frame_time(state: HandState) -> float:
     """Return the mean time at which the responding taxels were read [s]."""
     times = state.taxel_time_s
-    mean = float(times.sum()) / len(times)
+    mean = float(times.mean())
     if math.isfinite(mean):
         return mean
     good = np.isfinite(times)

@@ -74,10 +74,14 @@ def gains(
     return out
 
 
-def full_step(blocks: Blocks, columns: IntArray, prior: FloatArray, pull: FloatArray) -> FloatArray:
-    """The step (n,) of some columns by all blocks; ``prior`` and ``pull`` (n,) are theirs."""
-    h = blocks.products.between(columns, columns).sum(axis=0) + np.diag(prior)
-    return _inverse(h) @ (blocks.b[:, columns].sum(axis=0) - pull)
+def whole(blocks: Blocks, columns: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Curvature (n, n) and slope (n,) of some columns by all blocks."""
+    return blocks.products.between(columns, columns).sum(axis=0), blocks.b[:, columns].sum(axis=0)
+
+
+def full_step(h: FloatArray, b: FloatArray, prior: FloatArray, pull: FloatArray) -> FloatArray:
+    """The step (n,) by a curvature (n, n) and a slope (n,); ``prior`` and ``pull`` (n,) are of the same columns."""
+    return _inverse(h + np.diag(prior)) @ (b - pull)
 
 
 def _inverse(h: FloatArray) -> FloatArray:

@@ -26,13 +26,14 @@ import numpy as np
 from skincal.effects import effect
 from skincal.effects.samples import Samples
 from skincal.effects.starts import Scene
-from skincal.inference.blocks import Blocks, Whitened
+from skincal.inference.blocks import Whitened
 from skincal.inference.check import left
 from skincal.inference.columns import Candidate, Free, begun, candidates, free_of, starts_of
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.fit import NB, Fitted, Fitter, law_widths
+from skincal.inference.equation_errors import EquationErrors
+from skincal.inference.fit import Fitted, Fitter, law_widths
 from skincal.inference.forward import LAW, Effects, Seen, State
-from skincal.inference.gains import full_step, gains
+from skincal.inference.gains import full_step, gains, whole
 from skincal.inference.null import Null, drawn_residuals, law_residuals
 from skincal.inference.score import Score, folds_of
 from skincal.inference.slopes import Slopes
@@ -265,14 +266,11 @@ class Search:
     def _round(self, fit: Fitted, named: Sequence[Named]) -> list[Tried]:
         """What every effect that is not in the model would gain, best first."""
         found, w, shared = self._linear(fit)
-        linear, errors = self.fitter.built(fit.seen, fit.free, w, shared), self._errors(fit, w)
+        linear = self.fitter.built(fit.seen, fit.free, w, shared)
+        errors = EquationErrors.of(self.fitter, fit, w)
         n = len(linear.prior)
         begin = n + np.cumsum([0, *(len(c.columns) for c in found)])
-        alone = full_step(linear.blocks, np.arange(n), linear.prior, linear.pull)
-        pressed = self.fitter.press >= 0
-        each_phase = np.stack([self.fitter.press[pressed], self.fitter.phase[pressed]])
-        each_phase = np.unique(each_phase, axis=1, return_inverse=True)[1].ravel()
-        cells = self._alike_in(fit)
+        alone = full_step(*whole(linear.blocks, np.arange(n)), linear.prior, linear.pull)
         best: dict[str, tuple[Score, int]] = {}
         for k, each in enumerate(self._gains(linear, found, linear.blocks.b[:, :, None], linear.pull)):
             s, name = Score(each[:, 0]), found[k].name
@@ -283,62 +281,18 @@ class Search:
             c = found[k]
             own = np.append(np.arange(n), np.arange(begin[k], begin[k + 1]))
             prior = np.append(linear.prior, 1 / np.array(c.start.sigma) ** 2)
-            step = full_step(linear.blocks, own, prior, np.append(linear.pull, np.zeros(len(c.columns))))
+            h, b = whole(linear.blocks, own)
+            step = full_step(h, b, prior, np.append(linear.pull, np.zeros(len(c.columns))))
             way = np.zeros(len(w.columns))
             way[own] = step
             way[:n] -= alone
-            bar = 0.0
-            if errors:
-                new = self._beyond_presses(linear.blocks, w, way)
-                h = linear.blocks.products.between(own, own).sum(axis=0)
-                bar = owed(errors, cells, beyond(errors, each_phase, new), float(way[own] @ h @ way[own]))
+            bar = errors.owed(linear.blocks, way, float(way[own] @ h @ way[own])) if errors else 0.0
             least, p = self._null.limit(name), self._null.p_value(name, s.total)
             at = self.fitter.moved(linear, step, own)
             out.append(
                 Tried(name, s.total, s.error, s.sure, least, max(least, bar), p, c, step[n:], s.shared, at)
             )
         return sorted(out, key=lambda t: -t.gain)
-
-    def _errors(self, fit: Fitted, w: Whitened) -> list[FloatArray]:
-        """(M, J) what the equation of each effect in the model may err by, less what base and presses take up."""
-        if not w.own.shape[2]:
-            return []
-        columns = np.concatenate([w.columns.dense[..., :NB], w.own], axis=2)
-        plain = replace(w, columns=Slopes.of(columns), own=w.own[..., :0])
-        b = self.fitter.blocks(plain, fit.state.move)
-        h = b.h.sum(axis=0)
-        prior, _ = self.fitter.prior(fit.state, ())
-        base = np.linalg.solve(h[:NB, :NB] + np.diag(prior), h[:NB, NB:])
-        ways = np.vstack([-base, np.eye(w.own.shape[2])]).T
-        return [self._beyond_presses(b, plain, way) for way in ways]
-
-    def _alike_in(self, fit: Fitted) -> list[IntArray]:
-        """(M, J) of each effect whose equation may err: equal where all that it is a function of is alike.
-
-        Of what was before no two moments have the same, and of places no two taxels of any two images.
-        """
-        pressed, f = self.fitter.press >= 0, self.fitter.forward
-        felt = np.maximum(f.mean @ fit.seen.values, 0.0)[pressed]
-        felt /= np.maximum(felt.max(axis=1, keepdims=True), 1e-12)
-        force = self.fitter.force[pressed][:, None]
-        moment, none = np.arange(len(force))[:, None], np.zeros(felt.shape, dtype=np.int64)
-        cells = {
-            "load": _part(force / force.max()) * C.parts + _part(felt),
-            "place": moment * felt.shape[1] + np.arange(felt.shape[1]),
-            "session": _part(moment / len(moment)) + none,
-            "history": moment + none,
-        }
-        return [cells[effect(n).errs_over] for n in fit.seen.state.effects if effect(n).equation_error]
-
-    def _beyond_presses(self, blocks: Blocks, w: Whitened, step: FloatArray) -> FloatArray:
-        """(M, J) what a step changes in presses, less what each press's place, force and image take up."""
-        pressed = self.fitter.press >= 0
-        press, signal = self.fitter.press[pressed], w.signal[pressed]
-        x = w.columns.times(step)[pressed]
-        x -= np.einsum("njk,nk->nj", w.press[pressed], (blocks.moves[1] @ step)[press])
-        square = np.maximum(_summed(press, signal**2), 1e-12)
-        part = (1 - 1 / np.sqrt(1 + self.fitter.before.image**2 * square)) / square
-        return x - signal * (part * _summed(press, signal * x))[press]
 
     def _linear(self, fit: Fitted) -> tuple[list[Candidate], Whitened, int]:
         """Candidates, the linearisation with their columns behind the model's, and how many of these are errors.
@@ -443,12 +397,12 @@ class Search:
         more = free_of(tried.name, values, tried.candidate.start, self.covariates)
         had = {(f.effect, f.parameter.name, f.index) for f in fit.free}
         free = (*fit.free, *(f for f in more if (f.effect, f.parameter.name, f.index) not in had))
-        # The base stays where it is, with presses where they are or where their contacts were, or it goes along as far
-        # as its slopes say: whichever is nearer.
+        # The base stays where it is, or goes along as far as its slopes say: whichever is nearer. What shifts contacts
+        # may have been followed by presses already: they then are where they were before.
         at = [replace(x, effects={**x.effects, tried.name: values}) for x in (fit.state, tried.begin)]
-        shifted = self.fitter.forward.shifted
-        move = fit.state.move + np.pad(shifted(fit.state) - shifted(at[0]), ((0, 0), (0, 1)))
-        at.append(replace(at[0], move=move))
+        back = self.fitter.forward.shifted(fit.state) - self.fitter.forward.shifted(at[0])
+        if back.any():
+            at.append(replace(at[0], move=fit.state.move + np.pad(back, ((0, 0), (0, 1)))))
         return self.fitter.solve(min(at, key=self.fitter.loss_at), free, steps=C.joint_steps)
 
     def _settled(self, state: State, free: tuple[Free, ...]) -> Fitted:
@@ -523,44 +477,6 @@ def _added(named: tuple[Named, ...], own: Named) -> tuple[Named, ...]:
     if again is None:
         return (*named, own)
     return tuple(replace(n, gain=n.gain + own.gain) if n is again else n for n in named)
-
-
-def owed(errors: Sequence[FloatArray], cells: Sequence[IntArray], new: FloatArray, curvature: float) -> float:
-    """What an effect may gain by what the equations of others err by [nats].
-
-    An equation errs as a function of what it is a function of: it may be off by one factor wherever that is alike, by
-    the part that it may err by, two standard deviations of it, all in the sense in which it is like the new one.
-
-    Args:
-        errors: (M, J) of each.
-        cells: (M, J) of each: equal where all that its equation is a function of is alike.
-        new: (M, J) what the new one does that the model does not follow.
-        curvature: of its gain: squares of that, and what it costs where the model follows.
-    """
-    along = 0.0
-    for one, alike in zip(errors, cells, strict=True):
-        along += float(np.abs(np.bincount(alike.ravel(), (new * one).ravel())).sum()) ** 2
-    return 0.5 * C.alike**2 * along / max(curvature, 1e-300)
-
-
-def beyond(errors: Sequence[FloatArray], each: IntArray, new: FloatArray) -> FloatArray:
-    """(M, J) what errors of equations (M, J) do not follow, by a factor of each in each phase of a press (M,)."""
-    u = np.stack(errors, axis=-1)
-    h = _summed(each, np.einsum("mja,mjb->mab", u, u)) + np.eye(len(errors))
-    follow = np.linalg.solve(h, _summed(each, np.einsum("mja,mj->ma", u, new))[..., None])[..., 0]
-    return new - np.einsum("mja,ma->mj", u, follow[each])
-
-
-def _part(x: FloatArray) -> IntArray:
-    """Which of even parts from 0 to 1 numbers lie in."""
-    return np.minimum((C.parts * x).astype(np.int64), C.parts - 1)
-
-
-def _summed(of: IntArray, values: FloatArray) -> FloatArray:
-    """Sums of rows that have the same number."""
-    out = np.zeros((int(of.max(initial=-1)) + 1, *values.shape[1:]))
-    np.add.at(out, of, values)
-    return out
 
 
 def left_by(fit: Fitted) -> FloatArray:

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats.qmc import Halton
 
 from skincal.collect import FullProtocol, PaperProtocol, Plan, PlannedPress, full_plan, paper_plan
-from skincal.collect.poses import _halton
 from skincal.collect.protocols import patch_grid
 from skincal.errors import InputError
 from skincal.model import TaxelLayout
@@ -133,7 +131,3 @@ def test_same_press_looks_at_everything_but_the_kind():
         {"indenter_radius_m": 4e-3},
     ):
         assert not press.same_press(replace(press, **change))
-
-
-def test_poses_are_tried_along_the_halton_sequence() -> None:
-    np.testing.assert_array_equal(_halton(200, 4), Halton(4, scramble=False).random(200))

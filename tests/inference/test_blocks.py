@@ -9,7 +9,7 @@ import pytest
 
 from skincal.inference.blocks import Whitened, blocks
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.gains import full_step, gains
+from skincal.inference.gains import full_step, gains, whole
 from skincal.inference.score import held_out
 from skincal.inference.slopes import Slopes
 
@@ -139,4 +139,4 @@ def test_gains_are_those_of_fits_with_and_without():
         step = np.linalg.solve(
             h[:, k][:, :, k].sum(axis=0) + np.diag(all_prior), found.b[:, k].sum(axis=0) - all_pull
         )
-        assert full_step(found, k, all_prior, all_pull) == pytest.approx(step)
+        assert full_step(*whole(found, k), all_prior, all_pull) == pytest.approx(step)

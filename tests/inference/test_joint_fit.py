@@ -100,7 +100,8 @@ def test_small_steps_of_positions_change_images_in_proportion():
     for start in effect("contact_offset").starts(scene):
         for point in start.points:
             whole, half = (
-                forward.with_effects(at, {"contact_offset": {k: part * v for k, v in point.items()}}) - at.values
+                forward.with_effects(at, {"contact_offset": {k: part * v for k, v in point.items()}})
+                - at.values
                 for part in (1.0, 0.5)
             )
             assert np.abs(whole).max() > 0

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hands import other_hand
 
+from skincal.dataset.kinds import SURFACES
 from skincal.errors import WorkError
 from skincal.robot import Kinematics, bundled_hand, contact_from_joints, place_indenter, read_hand
 
@@ -67,6 +68,18 @@ def test_rows_are_independent_and_nan_stays_in_its_row() -> None:
     assert np.isnan(contact.force_n[1:]).all()
     assert np.isfinite(contact.gap_m[:2]).all()
     assert np.isnan(contact.gap_m[2])
+
+
+@pytest.mark.parametrize("kind", [name for name, kind in SURFACES.items() if kind.on_hand])
+def test_contacts_lie_on_every_surface_of_a_hand(kind: str) -> None:
+    # The compiled routine has surfaces of its own: one that is allowed on a hand and missing there would be a plane.
+    hand = bundled_hand()
+    surface = replace(hand.meta.surface, kind=kind)
+    kinematics = Kinematics(replace(hand, meta=replace(hand.meta, surface=surface)))
+    q = np.random.default_rng(0).uniform(0.2, 0.4, (4, 6))
+    found = contact_from_joints(kinematics, q, np.zeros((4, 6)))
+    np.testing.assert_allclose(found.points_m, kinematics.surface.project(found.centres_m), atol=1e-12)
+    np.testing.assert_allclose(found.normals, kinematics.surface.normal_at(found.centres_m), atol=1e-12)
 
 
 def test_any_layout_of_the_arrays_is_taken() -> None:

@@ -43,14 +43,14 @@ class MeshSurface(Surface):
         Raises:
             ValueError: a mesh without any area, with NaN, with indices out of range, or wound both ways.
         """
+        from scipy.spatial import KDTree  # takes a moment, and few surfaces are meshes
+
         self._mesh = TriangleMesh("surface mesh", vertices_m, faces)
         self._mesh.check_winding()
         self._settings = step_m, crease_rad
         self._outward = _outward_sign(self._mesh)
         self._walker = Walker(self._mesh, corner_normals(self._mesh, crease_rad), positive("step_m", step_m))
         centroids = self._mesh.vertices_m[self._mesh.faces].mean(axis=1)
-        from scipy.spatial import KDTree  # takes a moment, and few surfaces are meshes
-
         self._centroids = KDTree(centroids)
         corners = self._mesh.vertices_m[self._mesh.faces]
         self._face_reach_m = float(np.linalg.norm(corners - centroids[:, None], axis=2).max())
