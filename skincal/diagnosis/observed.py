@@ -99,7 +99,7 @@ class Observed:
         return Fitter(self.fitter.forward, self.session.counts, self.fitter.before)
 
     def without(self, spells: tuple[Spell, ...]) -> Observed:
-        """The same with spells taken off; nothing of what was found about them stays."""
+        """The same with more spells taken off; nothing of what was found about them stays."""
         session, old = without_spells(self.session, spells), self.fitter
         f = old.forward
         assert session.counts is not None
@@ -108,9 +108,16 @@ class Observed:
         )
         shown = np.where(np.isfinite(old.counts), session.counts, np.nan)
         uniform = uniform_pressure(self.dataset)
-        before = beforehand(self.dataset, old.before.start, 1.0, session, uniform=uniform)
+        start, stuck = old.before.start, [one.taxel for one in spells if one.stuck]
+        if start.log_s.ndim:
+            # A calibration that took what sticks for a reading says nothing of that taxel.
+            own = np.isin(np.arange(len(start.log_s)), stuck)
+            start = replace(start, log_s=np.where(own, np.median(start.log_s[~own]), start.log_s))
+        before = beforehand(self.dataset, start, 1.0, session, uniform=uniform)
         before = replace(before, base=old.before.base)
-        return replace(self, session=session, fitter=Fitter(forward, shown, before), spells=spells)
+        return replace(
+            self, session=session, fitter=Fitter(forward, shown, before), spells=(*self.spells, *spells)
+        )
 
 
 def resolution_of(layout: TaxelLayout, surface: Surface) -> tuple[float, Rule]:

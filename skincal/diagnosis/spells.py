@@ -1,11 +1,13 @@
 """Faults of single taxels that come and go: a level that steps and steps back, a taxel that sticks for a while.
 
 Both are looked for about the best model, where that leaves more than chance, in a taxel's series of holds and rests.
-A taxel sticks in a run of presses in which it reads one value while the model has it move. A step is a changepoint: the
-window of presses in which a level of its own explains most of what the taxel's own curve leaves. The curve is whatever
-effects can do smoothly: a nonlinear response, the same while the load falls, and slow drifts of level and gain. The
-likelihood ratio, with the variance that the curve itself leaves, is asked to pass a bound for all windows and taxels
-together.
+A taxel sticks in a run of presses in which it reads one value while the model has it move. One that sticks away from
+its level at rest, and answers again or stands at the end of the converter, is looked for beforehand, about the
+calibration: a few of them draw every fit after them, and a level of its own would explain one. A step is a changepoint:
+the window of presses in which a level of its own explains most of what the taxel's own curve leaves. The curve is
+whatever effects can do smoothly: a nonlinear response, the same while the load falls, and slow drifts of level and
+gain. The likelihood ratio, with the variance that the curve itself leaves, is asked to pass a bound for all windows and
+taxels together.
 """
 
 from __future__ import annotations
@@ -73,25 +75,40 @@ def without_spells(session: GapSession, spells: Sequence[Spell]) -> GapSession:
     return replace(session, counts=counts)
 
 
-def find_spells(fitter: Fitter, state: State, counts: FloatArray) -> tuple[Spell, ...]:
+def find_spells(
+    session: GapSession, fitter: Fitter, state: State, *, first: bool = False
+) -> tuple[Spell, ...]:
     """All spells of a session, about a fit.
 
     Args:
-        fitter: of the session.
+        session: all that was read, in presses that are kept for the end as well.
+        fitter: of it.
         state: the fit.
-        counts: (N, J) all that was read, of presses that are kept for the end as well.
+        first: whether the fit is a calibration's; of taxels that stick away from their level at rest alone.
     """
-    session, forward = fitter.forward.session, fitter.forward
+    forward = fitter.forward
+    assert session.counts is not None
     # Forces as measured: those that fit best take up a part of what is looked for.
     state = replace(state, move=state.move * np.array([1.0, 1.0, 0.0]))
+    if first:
+        # One that sticks has next to no scale by a calibration that took it for dead.
+        state = replace(state, log_s=np.maximum(state.log_s, np.median(state.log_s)))
     level = forward.see(state).values + state.rest
     expected = forward.mean @ forward.noise.written(level)[0]
     variance = forward.noise.variance(forward.mean @ level, fitter.frames)
-    return spells_in(session, counts, expected, variance, state.rest)
+    ends = forward.noise.low, forward.noise.high
+    return spells_in(session, session.counts, expected, variance, state.rest, ends, first=first)
 
 
 def spells_in(
-    session: GapSession, counts: FloatArray, expected: FloatArray, variance: FloatArray, rest: float
+    session: GapSession,
+    counts: FloatArray,
+    expected: FloatArray,
+    variance: FloatArray,
+    rest: float,
+    ends: tuple[float, float] = (-np.inf, np.inf),
+    *,
+    first: bool = False,
 ) -> tuple[Spell, ...]:
     """All spells, about what a model expects.
 
@@ -101,6 +118,8 @@ def spells_in(
         expected: (N, J) what a model expects.
         variance: (N, J) of the noise.
         rest: level at rest that all taxels share.
+        ends: of the converter.
+        first: whether the model is a calibration's; of taxels that stick away from their level at rest alone.
     """
     keys = block_keys(session.press)
     starts = np.flatnonzero(np.diff(keys, prepend=keys[0] - 1))
@@ -119,9 +138,12 @@ def spells_in(
     found: list[Spell] = []
     counts = counts.copy()
     for j in range(counts.shape[1]):
-        for begin, end, at in _stuck(counts[:, j], expected[:, j], np.sqrt(variance[:, j]), keys, starts):
+        sd = np.sqrt(variance[:, j])
+        for begin, end, at in _stuck(counts[:, j], expected[:, j], sd, keys, starts, ends, first=first):
             found.append(spell(j, begin, end, at, stuck=True))
             counts[np.isin(keys, found[-1].blocks), j] = np.nan
+    if first:
+        return tuple(found)
     series = _series(session, counts, expected, variance, rest, starts)
     for j in range(counts.shape[1]):
         for begin, end, height in _steps(series, j, keys[starts] >= 0):
@@ -130,36 +152,51 @@ def spells_in(
 
 
 def _stuck(
-    y: FloatArray, expected: FloatArray, sd: FloatArray, keys: IntArray, starts: IntArray
+    y: FloatArray,
+    expected: FloatArray,
+    sd: FloatArray,
+    keys: IntArray,
+    starts: IntArray,
+    ends: tuple[float, float],
+    *,
+    first: bool,
 ) -> list[tuple[int, int, float]]:
     """Runs of blocks [begin, end) in which a taxel reads one value and should not, with that value."""
-    ends = np.append(starts[1:], len(y))
+    stops = np.append(starts[1:], len(y))
     flat = FLAT * float(np.median(sd))
     far = max(FAR * float(np.median(sd)), LIT * float(np.ptp(expected)))
     pressed = keys[starts] >= 0
     found, begin = list[tuple[int, int, float]](), 0
     while begin < len(starts):
-        low, high, end = np.inf, -np.inf, begin
+        low, top, end = np.inf, -np.inf, begin
         while end < len(starts):
-            part = y[starts[end] : ends[end]]
+            part = y[starts[end] : stops[end]]
             least, most = (
                 min(low, np.nanmin(part, initial=np.inf)),
-                max(high, np.nanmax(part, initial=-np.inf)),
+                max(top, np.nanmax(part, initial=-np.inf)),
             )
             if most - least > flat:
                 break
-            low, high, end = least, most, end + 1
-        level = 0.5 * (low + high)
-        away = [
-            pressed[b] and float(np.abs(expected[starts[b] : ends[b]] - level).max()) > far
-            for b in range(begin, end)
-        ]
+            low, top, end = least, most, end + 1
+        level, run = 0.5 * (low + top), slice(starts[begin], stops[max(end - 1, begin)])
+        off = np.abs(expected - level) > far
+        away = sum(pressed[b] and off[starts[b] : stops[b]].any() for b in range(begin, end))
         # A taxel that reads its level at rest may be one that was missed: that needs one press more.
         missed = abs(level - float(expected.min())) <= flat
         later = starts[end] if end < len(starts) else len(y)
         answers = bool(pressed[end:].any()) and bool(np.isfinite(y[later:]).any())
-        if sum(away) >= _LEAST_BLOCKS + missed and answers:
-            found.append((begin, end, level))
+        # What stands at an end of the converter is not read at all; elsewhere it may have died, which is an effect.
+        ended = answers or (not missed and min(abs(level - x) for x in ends) < flat)
+        if (
+            away >= _LEAST_BLOCKS + missed
+            and np.ptp(expected[run]) > far
+            and ended
+            and not (first and missed)
+        ):
+            # A press in which it begins or ends to stick is read in part.
+            there = off & (np.abs(y - level) <= flat)
+            earlier = begin - (begin > 0 and bool(there[starts[begin] - 1]))
+            found.append((earlier, end + (end < len(starts) and bool(there[later])), level))
         begin = max(end, begin + 1)
     return found
 
@@ -204,6 +241,8 @@ def _series(
 def _steps(s: _Series, taxel: int, pressed: BoolArray) -> list[tuple[int, int, float]]:
     """Windows of blocks [begin, end) in which a taxel's level is another one, and by how much."""
     use = np.flatnonzero(np.isfinite(s.y[:, taxel]))
+    if not len(use):
+        return []
     y, x = s.y[use, taxel], s.x[use, taxel] / max(float(np.nanmax(s.x[:, taxel], initial=0.0)), 1e-12)
     weight = 1 / np.sqrt(np.maximum(s.variance[use, taxel], 1e-12))
     basis = _curves(x, s.falling[use], use / max(len(s.y) - 1, 1)) * weight[:, None]

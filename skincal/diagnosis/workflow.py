@@ -74,6 +74,9 @@ def diagnose(
     wrong = corrupted or order is not None
     observed = observe(dataset, calibration, split)
     fitter = observed.fitter
+    if not wrong and (stuck := find_spells(observed.session, fitter, fitter.before.start, first=True)):
+        observed = observed.without(stuck)
+        fitter = observed.fitter
     base = base_fit(fitter, known=True)
     heard("what can be seen")
     audit = report_of(fitter, base.state, observed.floor, audited, calibrated=True, planned=False)
@@ -83,8 +86,7 @@ def diagnose(
     found = Search(fitter, base, names, observed.covariates, searched, heard, null_sessions).run()
     if not wrong and (found.open or found.doubtful):
         # About the best model: what an effect does to a taxel and its neighbours may look like a step about the base.
-        assert observed.session.counts is not None
-        spells = find_spells(fitter, found.fitted.state, observed.session.counts)
+        spells = find_spells(observed.session, fitter, found.fitted.state)
         if spells:
             other = observed.without(spells)
             base = base_fit(other.fitter, known=True)
