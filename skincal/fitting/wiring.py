@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares, linear_sum_assignment
+from scipy.special import gammaln
 
 from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.presses import solve_small
@@ -217,9 +218,9 @@ class _Search:
         found += [self._free(order, pose, names) for order, pose in seeds]
         # The order of the data has as good a chance of its best pose as its rivals have.
         own = orders[0]
-        near = [starts[s] for s in np.argsort(costs[:, 0])[1:_NAMED]]
-        near += [one.pose for one in sorted(found, key=self.score)[-2:]]
-        again = [self._refined(own, 0.0, pose, names) for pose in near]
+        poses = [starts[s] for s in np.argsort(costs[:, 0])[1:_NAMED]]
+        poses += [one.pose for one in sorted(found, key=self.score)[-2:]]
+        again = [self._refined(own, 0.0, pose, names) for pose in poses]
         again += [one for one in found if (one.order == own).all()]
         rivals = [one for one in found if (one.order != own).any()]
         return [max(again, key=self.score), *rivals]
@@ -468,6 +469,6 @@ def _cycles(order: Ints) -> list[Ints]:
 
 
 def _freedom(order: Ints) -> float:
-    """Logarithm of the number of permutations that move as many taxels."""
-    moved = int((order != np.arange(len(order))).sum())
-    return moved * float(np.log(max(len(order), 2)))
+    """Logarithm of the number of permutations that move as many taxels, and of those that move fewer of them."""
+    taxels, moved = len(order), int((order != np.arange(len(order))).sum())
+    return float(gammaln(taxels + 1) - gammaln(taxels - moved + 1))
