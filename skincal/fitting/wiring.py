@@ -124,32 +124,30 @@ def find_order(
         return None  # a place that is not known predicts no trace
     if len(presses.force_n) > MOST_PRESSES:
         presses = _thinned(presses)
-    order, best = np.arange(layout.taxels), None
-    for _ in range(_ROUNDS):
+    whole = _Search(presses, layout, box, noise)
+    if whole.lit < 2 * _POSE:
+        return None  # they tell a pose at most
+    names = named_orders(layout.rows, layout.cols)
+    nominal, *tried = whole.candidates(names)
+    for _ in range(_ROUNDS - 1):
         # From an order that is nearly right, the rest is found with a better pose.
-        ordered = replace(presses, values=presses.values[:, order], weight=presses.weight[:, order])
-        found = _better(_Search(ordered, layout, box, noise))
-        if found is None:
+        near = min(tried, key=lambda one: one.squares, default=nominal)
+        if near.squares > (1 - _EXPLAINED) * nominal.squares:
             break
-        nominal, one, odds = found
-        first = nominal if best is None else best[0]
-        order, best = order[one.order], (first, one, odds)
-    if best is None or (order == np.arange(len(order))).all():
+        order = near.order
+        ordered = replace(presses, values=presses.values[:, order], weight=presses.weight[:, order])
+        found = _Search(ordered, layout, box, noise).candidates(names)
+        further = [replace(one, order=order[one.order]) for one in found]
+        tried += [replace(one, rivals=_rivals(one.order, names)) for one in further]
+        if min(further, key=lambda one: one.squares).order.tolist() == order.tolist():
+            break
+    one = max(tried, key=whole.score, default=nominal)
+    odds = whole.score(one) - whole.score(nominal) - _NATS
+    if odds <= 0 or (one.order == nominal.order).all() or not whole.explains(nominal, one):
         return None
-    nominal, one, odds = best
     lit = max(int((presses.values * (presses.weight > 0) > 0).sum()), 1)
     before, after = (float(np.sqrt(c.squares / lit)) for c in (nominal, one))
-    return TaxelOrder(order, mapping_of(order, layout.rows, layout.cols), before, after, odds)
-
-
-def _better(search: _Search) -> tuple[_Candidate, _Candidate, float] | None:
-    """The order as it is, one that explains the images better, and by how much; None where there is none."""
-    if search.lit < 2 * _POSE:
-        return None  # they tell a pose at most
-    nominal, *others = search.candidates(named_orders(search.layout.rows, search.layout.cols))
-    one = max(others, key=search.score, default=nominal)
-    odds = search.score(one) - search.score(nominal) - _NATS
-    return (nominal, one, odds) if odds > 0 and search.explains(nominal, one) else None
+    return TaxelOrder(one.order, mapping_of(one.order, layout.rows, layout.cols), before, after, odds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,10 +199,9 @@ class _Search:
         orders = np.stack([one.order for one in names])
         costs = np.stack([_cost(m, orders) for m in matrices])  # (starts, orders)
         least = costs.min(axis=0)
-        few = np.log(max(len(names), 1))
         tried: list[int] = [0, *(np.argsort(least[1:])[:_NAMED] + 1).tolist()]
         where: list[int] = costs.argmin(axis=0).tolist()
-        found = [self._refined(orders[n], few if n else 0.0, starts[where[n]], names) for n in tried]
+        found = [self._refined(orders[n], starts[where[n]], names) for n in tried]
         bound = [float(_pairs(m).min(axis=0).sum()) for m in matrices]
         near: list[int] = [*(where[n] for n in tried), *np.argsort(bound)[:_ASSIGNED].tolist()]
         assigned = {s: _assigned(matrices[s]) for s in dict.fromkeys(near)}
@@ -220,7 +217,7 @@ class _Search:
         own = orders[0]
         poses = [starts[s] for s in np.argsort(costs[:, 0])[1:_NAMED]]
         poses += [one.pose for one in sorted(found, key=self.score)[-2:]]
-        again = [self._refined(own, 0.0, pose, names) for pose in poses]
+        again = [self._refined(own, pose, names) for pose in poses]
         again += [one for one in found if (one.order == own).all()]
         rivals = [one for one in found if (one.order != own).any()]
         return [max(again, key=self.score), *rivals]
@@ -250,7 +247,7 @@ class _Search:
             if (order == last).all():
                 break
         order = self._only_what_matters(order, self._matrices(pose, slack))
-        return self._refined(order, _freedom(order), pose, names)
+        return self._refined(order, pose, names)
 
     def _only_what_matters(self, order: Ints, matrices: tuple[Floats, Floats]) -> Ints:
         """The order without those exchanges that change the images by less than they cost."""
@@ -269,10 +266,8 @@ class _Search:
                 kept[cycle] = order[cycle]
         return kept
 
-    def _refined(self, order: Ints, rivals: float, pose: Floats, names: list[Order]) -> _Candidate:
-        """Pose, places and score of an order; one that has a name costs no more than the names."""
-        if any((one.order == order).all() for one in names):
-            rivals = min(rivals, np.log(len(names)))
+    def _refined(self, order: Ints, pose: Floats, names: list[Order]) -> _Candidate:
+        """Pose, places and score of an order."""
         slack = np.zeros((len(self.observed), 2))
         for _ in range(_ROUNDS):
             pose = self._posed(order, pose, slack)
@@ -280,7 +275,7 @@ class _Search:
         off = self._differences(self._predicted(pose, slack), order)
         sigma = max(self.presses.sigma_m, 1e-9)
         moved = float((slack**2).sum()) / sigma**2 + float(((pose[_POSE:] / self.field_sigma) ** 2).sum())
-        return _Candidate(order, rivals, pose, slack, float((off**2).sum()), moved)
+        return _Candidate(order, _rivals(order, names), pose, slack, float((off**2).sum()), moved)
 
     def _starts(self) -> list[Floats]:
         span = self.high[:3] - self.low[:3]
@@ -466,6 +461,12 @@ def _cycles(order: Ints) -> list[Ints]:
             left.discard(following)
         cycles.append(np.array(cycle, dtype=np.intp))
     return cycles
+
+
+def _rivals(order: Ints, names: list[Order]) -> float:
+    """Logarithm of the number of orders that were open to one; one that has a name costs no more than the names."""
+    named = any((one.order == order).all() for one in names)
+    return min(_freedom(order), float(np.log(len(names)))) if named else _freedom(order)
 
 
 def _freedom(order: Ints) -> float:
