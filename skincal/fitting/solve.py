@@ -449,6 +449,9 @@ def _weigh_laws(
     peaks = [peak, *mapper(run_climb, [*wide, *bare, *lines])]
     progress("contact law", 1, 1)
     peaks, straight_peaks = peaks[: -len(lines)], peaks[-len(lines) :]
+    # The first straightens nothing. All others begin anew at the peak, too; none may win by the places that this finds.
+    if straight_peaks[0].log_evidence > peak.log_evidence:
+        peak = peaks[0] = straight_peaks[0]
     comparable = peaks if len(bare) == 1 else peaks[: len(spreads)]
     bend = weigh_bends(comparable, straight_peaks, [jacobian for _, jacobian in straight])
     law = weigh_laws(np.array(spreads), peaks[: len(spreads)])

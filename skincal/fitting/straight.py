@@ -24,8 +24,8 @@ from skincal.fitting.problem import FitProblem
 BENDS = ((0.0, 1), (-0.3, 1), (0.3, 1), (1.0, 1), (1.0, 3))
 """Values of b and q that are tried: the largest reading becomes 0.7, 1.3, and twice what it is; evenly, or at once.
 
-The first straightens nothing: a climb that starts anew may find better places for some presses (13 in log evidence in a
-session in steps of eight times the noise), and no bend may win by that.
+The first straightens nothing: a climb that begins anew may find better places for some presses (13 in log evidence in a
+session in steps of eight times the noise), and neither a bend nor a contact law may win by that.
 """
 
 
@@ -62,7 +62,7 @@ def weigh_bends(plain: Sequence[Peak], straight: Sequence[Peak], log_jacobians: 
         straight: peaks of the readings straightened by each of ``BENDS``.
         log_jacobians: of each.
     """
-    found, least = [Bend()], float(np.nanmax([one.log_evidence for one in (*plain, straight[0])]))
+    found, least = [Bend()], float(np.nanmax([one.log_evidence for one in plain]))
     for (part, _), one, jacobian in zip(BENDS, straight, log_jacobians, strict=True):
         rise = one.log_evidence + jacobian - least
         if np.isfinite(rise) and np.isfinite(one.macro).all():
