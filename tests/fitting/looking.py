@@ -15,9 +15,10 @@ from skincal.fitting.seen import Images, to_patch
 
 @compiled
 def looked_up(tables: Any, kind: Any, row: Any, macro: Any, uv: Any, log_ratio: Any) -> Any:
-    out, room = np.empty((len(uv), 7, tables.plane.shape[1] + len(tables.centres))), room_for(tables)
+    out, room = np.zeros((len(uv), 7, tables.plane.shape[1] + len(tables.centres))), room_for(tables)
+    near = np.empty(out.shape[2], dtype=np.int64)
     for i in range(len(uv)):
-        look_up(tables, kind[i], row[i], macro[i], uv[i, 0], uv[i, 1], log_ratio[i], room, out[i])
+        look_up(tables, kind[i], row[i], macro[i], uv[i, 0], uv[i, 1], log_ratio[i], room, near, out[i])
     return out
 
 
