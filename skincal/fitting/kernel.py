@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.fitting.lookup import compiled, inlined
+from skincal.fitting.lookup import allocating, inlined
 from skincal.fitting.types import Floats
 from skincal.model import Contacts, Indenter, SensorPose, Surface, TaxelLayout
 
@@ -192,7 +192,7 @@ def _edges(width: float, low: Any, part: Any) -> None:  # pragma: no cover - com
             part[end, i] = at - low[end, i]
 
 
-@compiled
+@allocating
 def box_shares(
     load: Any, width_u: float, width_v: float, factor: float, out: Any
 ) -> None:  # pragma: no cover - compiled

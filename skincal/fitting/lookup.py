@@ -25,10 +25,11 @@ _SETTINGS: dict[str, Any] = {
     "no_cfunc_wrapper": True,
     "error_model": "numpy",
     "fastmath": {"reassoc", "contract", "nsz", "arcp"},
+    "_nrt": False,
 }
-_INLINED: dict[str, Any] = {"forceinline": True, "no_cpython_wrapper": True, "_nrt": False, **_SETTINGS}
-"""Without numba's run time nothing can be allocated, and no references to arrays are counted: counting takes as long as
+"""Without numba's run time nothing can be allocated, and no references to arrays are counted, which takes as long as
 all the rest of a look-up."""
+_INLINED: dict[str, Any] = {"forceinline": True, "no_cpython_wrapper": True, **_SETTINGS}
 _STAMP = hashlib.sha256(inspect.getsource(sys.modules[__name__]).encode()).hexdigest()[:16]
 """A digest of this module, whose functions are compiled into those of others."""
 
@@ -36,6 +37,11 @@ _STAMP = hashlib.sha256(inspect.getsource(sys.modules[__name__]).encode()).hexdi
 def compiled(function: _Function) -> _Function:
     """Compile a function of the fit; the compilation is cached for all processes after the first."""
     return cast(_Function, cached(function, f"{function.__name__}_{_STAMP}", _SETTINGS))
+
+
+def allocating(function: _Function) -> _Function:
+    """Compile as :func:`compiled` does, for a function that makes arrays."""
+    return cast(_Function, cached(function, f"{function.__name__}_{_STAMP}", {**_SETTINGS, "_nrt": True}))
 
 
 def inlined(function: _Function) -> _Function:
@@ -77,7 +83,7 @@ def taps(plane: Any, rows: Any, cols: Any) -> Any:  # pragma: no cover - compile
     return value, by_row, by_col
 
 
-@compiled
+@allocating
 def cubic(planes: Any, plane: Any, row: Any, col: Any) -> Any:  # pragma: no cover - compiled
     """Look up values.
 
@@ -320,9 +326,8 @@ def look_up(
     return _in_kernels(tables, kind, u, v, macro[2], log_ratio, near, out)
 
 
-@compiled
-def room_for(tables: Any) -> Any:  # pragma: no cover - compiled
-    """Room for the work of :func:`look_up`."""
+def room_for(tables: Tables) -> tuple[Floats, ...]:
+    """Return room for the work of :func:`look_up`."""
     channels = tables.images.shape[3]
     turn, level = np.empty((2, len(tables.turn_knots))), np.empty((2, len(tables.level_knots)))
     return np.empty((3, channels)), np.empty((3, channels)), np.empty((3, 16)), turn, level

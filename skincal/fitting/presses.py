@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.residuals import Found, Presses, search
+from skincal.fitting.residuals import Found, Presses, room_to_search, search
 from skincal.fitting.seen import Images
 from skincal.fitting.types import Floats, Ints
 from skincal.model.press.jit import telling
@@ -150,8 +150,9 @@ def _searched(
     shapes = (3,), (), (3, 3), (2,), (taxels,), (taxels,), (taxels, 5), (taxels, 3), (taxels,)
     found = Found(*(np.empty((0 if brief and n > 2 else count, *shape)) for n, shape in enumerate(shapes)))
     given = _plain(macro), _plain(sigmas), _whole(press), _plain(start), bound
+    tables = images.tables()
     with telling():
-        search(images.tables(), known, *given, _MAX_STEP, iterations, to_rest, found)
+        search(tables, known, *given, _MAX_STEP, iterations, to_rest, found, room_to_search(tables, taxels))
     return PressStates(*found)
 
 

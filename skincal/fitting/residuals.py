@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skincal.fitting.lookup import compiled, inlined, look_up, room_for
+from skincal.fitting.lookup import Tables, compiled, inlined, look_up, room_for
 from skincal.fitting.types import Floats, Ints
 
 _DESCENTS = 6
@@ -222,11 +222,20 @@ def _step(hessian: Any, g: Any, damping: float, most: Any, out: Any) -> float:  
     return longest
 
 
-@inlined
-def _search(
+def room_to_search(tables: Tables, taxels: int) -> tuple[Any, ...]:
+    """Return room for the work of :func:`search`."""
+    looked = room_for(tables), np.empty(taxels, dtype=np.int64), np.empty((7, taxels))
+    return np.empty((3, taxels)), *looked, *np.empty((5, 3)), np.empty((3, 3))
+
+
+@compiled
+def search(
     tables: Any,
     presses: Any,
-    given: Any,
+    macro: Any,
+    sigmas: Any,
+    press: Any,
+    start: Any,
     bound: Any,
     most: Any,
     iterations: int,
@@ -234,8 +243,26 @@ def _search(
     found: Any,
     room: Any,
 ) -> None:  # pragma: no cover - compiled
-    """Do what :func:`search` does, with room for its work."""
-    macro, sigmas, press, start = given
+    """Gauss-Newton over the nuisance of n pairs of a macro draw and a press; the best point seen is kept.
+
+    Full steps, not only downhill ones: the images hold a press on a thin curved sheet, and a step along it first
+    leaves the sheet and is brought back by the next. Where the measured value is beyond what any place reaches, the
+    residual does not vanish, and full steps go to and fro across the place; Levenberg's, downhill only, follow there.
+
+    Args:
+        tables: :class:`skincal.fitting.lookup.Tables`.
+        presses: :class:`Presses`.
+        macro: (n, 5) macro variables.
+        sigmas: (n, 6) in the order of ``HYPER``, not their logarithms.
+        press: (n,) which press.
+        start: (n, 3) nuisance to start from.
+        bound: (3,) of the nuisance.
+        most: (3,) longest step of each.
+        iterations: full steps at most; 0: only what is at the start.
+        to_rest: whether Levenberg's steps follow.
+        found: :class:`Found`, filled.
+        room: of :func:`room_to_search`.
+    """
     dark, looked, near, seen, x, best, step, g, best_g, best_hessian = room
     whole = len(found.residual) > 0
     for i in range(len(press)):
@@ -281,43 +308,3 @@ def _search(
             last, known = True, count if better else -1
             for a in range(3):
                 x[a] = best[a]
-
-
-@compiled
-def search(
-    tables: Any,
-    presses: Any,
-    macro: Any,
-    sigmas: Any,
-    press: Any,
-    start: Any,
-    bound: Any,
-    most: Any,
-    iterations: int,
-    to_rest: bool,
-    found: Any,
-) -> None:  # pragma: no cover - compiled
-    """Gauss-Newton over the nuisance of n pairs of a macro draw and a press; the best point seen is kept.
-
-    Full steps, not only downhill ones: the images hold a press on a thin curved sheet, and a step along it first
-    leaves the sheet and is brought back by the next. Where the measured value is beyond what any place reaches, the
-    residual does not vanish, and full steps go to and fro across the place; Levenberg's, downhill only, follow there.
-
-    Args:
-        tables: :class:`skincal.fitting.lookup.Tables`.
-        presses: :class:`Presses`.
-        macro: (n, 5) macro variables.
-        sigmas: (n, 6) in the order of ``HYPER``, not their logarithms.
-        press: (n,) which press.
-        start: (n, 3) nuisance to start from.
-        bound: (3,) of the nuisance.
-        most: (3,) longest step of each.
-        iterations: full steps at most; 0: only what is at the start.
-        to_rest: whether Levenberg's steps follow.
-        found: :class:`Found`, filled.
-    """
-    taxels = presses.taxels.shape[1]
-    looked, near = room_for(tables), np.empty(taxels, dtype=np.int64)
-    steps = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    room = np.empty((3, taxels)), looked, near, np.empty((7, taxels)), *steps, np.empty((3, 3))
-    _search(tables, presses, (macro, sigmas, press, start), bound, most, iterations, to_rest, found, room)

@@ -141,8 +141,8 @@ def descend(
     return best
 
 
-@inlined
-def _place(
+@compiled
+def place(
     tables: Any,
     images: Any,
     lattice: Any,
@@ -153,7 +153,19 @@ def _place(
     found: Any,
     room: Any,
 ) -> None:  # pragma: no cover - compiled
-    """Do what :func:`place` does, with room for its work."""
+    """Place every press (K,) for every centre (X, Y) of the sensor.
+
+    Args:
+        tables: planes (K, M, N, N) at this turn and E, sizes (J,), centres (J, 2), lattice, as for :func:`at_level`.
+        images: weights of the readings (K, J), and weighted images (K, J).
+        lattice: contacts from the sensor's centre across (K, P) and along (K, Q), falling centre first [m].
+        at_zero: contacts from the centre at slack zero, across (K, X) and along (K, Y) [m].
+        window: slacks (W,) and (V,) of the lattice's nodes round a centre [m].
+        stride: nodes from centre to centre, across and along.
+        how: cosine and sine of alpha, and settings as for :func:`descend`.
+        found: slacks (K, X, Y, 2) [m] and weighted load shares there (K, X, Y, J), filled.
+        room: (P, Q), twice (Y, P), and (3, J), for work.
+    """
     planes, size_of, centres, step_and_half = tables
     (weight, observed), (across, along), (grid_across, grid_along) = images, lattice, at_zero
     (wide, long), (turn, settings), (slack, shares) = window, how, found
@@ -186,25 +198,3 @@ def _place(
                 descend(
                     one, weight[k], observed[k], at, turn, settings, own, image, shares[k, x, y]
                 )  # fmt: skip
-
-
-@compiled
-def place(
-    tables: Any, images: Any, lattice: Any, at_zero: Any, window: Any, stride: Any, how: Any, found: Any
-) -> None:  # pragma: no cover - compiled
-    """Place every press (K,) for every centre (X, Y) of the sensor.
-
-    Args:
-        tables: planes (K, M, N, N) at this turn and E, sizes (J,), centres (J, 2), lattice, as for :func:`at_level`.
-        images: weights of the readings (K, J), and weighted images (K, J).
-        lattice: contacts from the sensor's centre across (K, P) and along (K, Q), falling centre first [m].
-        at_zero: contacts from the centre at slack zero, across (K, X) and along (K, Y) [m].
-        window: slacks (W,) and (V,) of the lattice's nodes round a centre [m].
-        stride: nodes from centre to centre, across and along.
-        how: cosine and sine of alpha, and settings as for :func:`descend`.
-        found: slacks (K, X, Y, 2) [m] and weighted load shares there (K, X, Y, J), filled.
-    """
-    (across, along), taxels = lattice, images[0].shape[1]
-    nodes, best = (across.shape[1], along.shape[1]), (at_zero[1].shape[1], across.shape[1])
-    room = np.empty(nodes), np.empty(best), np.empty(best), np.empty((3, taxels))
-    _place(tables, images, lattice, at_zero, window, stride, how, found, room)

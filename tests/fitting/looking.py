@@ -8,17 +8,22 @@ from typing import Any
 import numpy as np
 
 from skincal.fitting import lookup
-from skincal.fitting.lookup import compiled, look_up, room_for
+from skincal.fitting.lookup import Tables, compiled, look_up, room_for
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.seen import Images, to_patch
 
 
 @compiled
-def looked_up(tables: Any, kind: Any, row: Any, macro: Any, uv: Any, log_ratio: Any) -> Any:
-    out, room = np.zeros((len(uv), 7, tables.plane.shape[1] + len(tables.centres))), room_for(tables)
-    near = np.empty(out.shape[2], dtype=np.int64)
+def _look_up(
+    tables: Any, kind: Any, row: Any, macro: Any, uv: Any, log_ratio: Any, room: Any, near: Any, out: Any
+) -> None:
     for i in range(len(uv)):
         look_up(tables, kind[i], row[i], macro[i], uv[i, 0], uv[i, 1], log_ratio[i], room, near, out[i])
+
+
+def looked_up(tables: Tables, *given: Any) -> np.ndarray:
+    out = np.zeros((len(given[3]), 7, tables.plane.shape[1] + len(tables.centres)))
+    _look_up(tables, *given, room_for(tables), np.empty(out.shape[2], dtype=np.int64), out)
     return out
 
 

@@ -19,17 +19,8 @@ from tests.fitting.conftest import Truth, make_session, rig
 SETTINGS = MicroSettings(0.5, 1e-3, 2e-3)
 
 
-@compiled
-def mismatch_at(tables: Any, weight: Any, observed: Any, at: Any, turn: Any, out: Any) -> None:
-    mismatches(tables, weight, observed, np.array([at[0]]), np.array([at[1]]), turn, out)
-
-
-@compiled
-def descended(
-    tables: Any, weight: Any, observed: Any, at: Any, turn: Any, settings: Any, slack: Any
-) -> float:
-    image, shares = np.empty((3, len(weight))), np.empty(len(weight))
-    return float(descend(tables, weight, observed, at, turn, settings, slack, image, shares))
+mismatched: Any = compiled(mismatches.py_func)  # type: ignore[attr-defined]
+descended: Any = compiled(descend.py_func)  # type: ignore[attr-defined]
 
 
 def test_span_holds_both_ends_and_is_no_coarser_than_asked() -> None:
@@ -65,8 +56,8 @@ def test_gauss_newton_stays_in_the_slack_and_descends(truth: Truth) -> None:
             np.empty((1, 1)),
             np.zeros(2),
         )
-        mismatch_at(*given, before)
-        q = descended(*given, settings, slack)
+        mismatched(*given[:3], np.array(at[:1]), np.array(at[1:]), turn, before)
+        q = descended(*given, settings, slack, np.empty((3, layout.taxels)), np.empty(layout.taxels))
         assert np.abs(slack).max() <= 0.5e-3
         # The lattice is read at its nearest node.
         assert q <= 4.0 * before[0, 0] * 1.05 + 1.0
