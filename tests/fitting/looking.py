@@ -21,9 +21,17 @@ def _look_up(
         look_up(tables, kind[i], row[i], macro[i], uv[i, 0], uv[i, 1], log_ratio[i], room, near, out[i])
 
 
-def looked_up(tables: Tables, *given: Any) -> np.ndarray:
-    out = np.zeros((len(given[3]), 7, tables.plane.shape[1] + len(tables.centres)))
-    _look_up(tables, *given, room_for(tables), np.empty(out.shape[2], dtype=np.int64), out)
+def looked_up(
+    tables: Tables,
+    kind: np.ndarray,
+    row: np.ndarray,
+    macro: np.ndarray,
+    uv: np.ndarray,
+    log_ratio: np.ndarray,
+) -> np.ndarray:
+    out = np.zeros((len(uv), 7, tables.plane.shape[1] + len(tables.centres)))
+    room, near = room_for(tables), np.empty(out.shape[2], dtype=np.int64)
+    _look_up(tables, kind, row, macro, uv, log_ratio, room, near, out)
     return out
 
 
