@@ -86,9 +86,11 @@ def fit(
         if effects is None:
             return found
         from skincal.diagnosis.workflow import refitted_effects
+        from skincal.workers.processes import one_blas_thread
 
         update("effects", 0, 1)
-        both = refitted_effects(dataset, found.calibration, effects, seed)
+        with one_blas_thread():
+            both = refitted_effects(dataset, found.calibration, effects, seed)
         update("effects", 1, 1)
         return replace(found, calibration=both)
 
@@ -132,10 +134,15 @@ def diagnose(
         WorkError: too few presses.
     """
     from skincal.diagnosis.workflow import diagnose as run
+    from skincal.workers.processes import one_blas_thread
 
-    return run(
-        dataset, calibration, seed, (lambda stage: print(stage, flush=True)) if progress else (lambda _: None)
-    )
+    with one_blas_thread():
+        return run(
+            dataset,
+            calibration,
+            seed,
+            (lambda stage: print(stage, flush=True)) if progress else (lambda _: None),
+        )
 
 
 def export_ranges(

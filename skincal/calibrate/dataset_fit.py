@@ -33,7 +33,7 @@ from skincal.fitting.solve import LEAST_TO_FIT, Progress, default_steps, plan_fi
 from skincal.fitting.tasks import Mapper
 from skincal.fitting.wiring import TaxelOrder, order_of_problem
 from skincal.shown import Shown
-from skincal.workers.processes import mapper
+from skincal.workers.processes import mapper, one_blas_thread
 
 PRESS_MORE = (
     "Press harder or nearer the taxels, so that more of them answer, or lower --active-counts or --min-active; "
@@ -63,6 +63,7 @@ class Outcome(Shown):
         return f"<Outcome {self.calibration!r}>"
 
 
+@one_blas_thread()
 def calibrate(
     dataset: Dataset,
     *,

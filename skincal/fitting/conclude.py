@@ -19,6 +19,7 @@ from skincal.fitting.problem import FitProblem
 from skincal.fitting.result import PARAMETERS, FitResult, GridResult, PressFit, Sigmas
 from skincal.fitting.sampling import Draws
 from skincal.fitting.seen import Images
+from skincal.fitting.straight import Bend
 from skincal.fitting.types import Bools, Floats
 from skincal.fitting.valley import OPEN, POSE, at_one_place, choose, interval, valley_loss
 
@@ -35,6 +36,7 @@ class Evidence:
         images: simulated images round the peak.
         draws: from the posterior.
         law: what is not known of the contact law.
+        bend: how far the response bends.
         grid_mse_counts2: the grid's loss at the best point, of all presses that went into the grid [counts²].
     """
 
@@ -45,6 +47,7 @@ class Evidence:
     images: Images
     draws: Draws
     law: LawSpread
+    bend: Bend
     grid_mse_counts2: float
 
 
@@ -86,6 +89,7 @@ def conclude(
         sigmas=Sigmas(*sigmas.tolist()),
         law_spread_m=found.law.best_m,
         law_rise=found.law.rise,
+        bend=found.bend,
         effective_draws=found.draws.effective,
         force_low=float(np.exp(np.quantile(chosen[:, 6], 0.025))),
         misfit_low=float(np.exp(np.quantile(chosen[:, 8], 0.025))),

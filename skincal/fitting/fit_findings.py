@@ -39,6 +39,10 @@ MISFIT_PART = 0.05
 above; set by eye. In six blind sessions with nothing hidden it is 0.2 % at most, and where noise grows by 3 % of the
 signal it is that; 3 to 15 % where two effects are hidden, or one that the catalogue does not have."""
 
+BENT_NATS = 6.0
+"""Log evidence by which a straightened response must beat the one as it is to be told: odds of 1 to 100, with four
+of them tried."""
+
 SPREAD_NATS = 10.0
 """Log evidence by which the widest spread of the contact law must beat none to be told: odds of 1 to 20000. It is 3 at
 most in sessions of the foundation, and the widest is not the best on elastic layers of 1 to 2.5 mm."""
@@ -150,7 +154,18 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
             "rig is further off than the bound allows, and the intervals of the pose are too narrow.",
             "Raise [position] slack_m to three times what the rig can be off, a constant error included.",
         )
-    if result.force_low > FORCES_OFF:
+    if result.bend.rise > BENT_NATS:
+        bends = "less" if result.bend.grows > 1 else "more"
+        yield _warn(
+            "response_bends",
+            "Images do not grow with the force as they should: with readings straightened, so that the largest one is "
+            f"{result.bend.grows:.1f} times as large, presses at all places and forces agree better (log evidence "
+            f"{result.bend.rise:.0f}). The sensor seems to answer {bends} the more it is pressed; E and S may lie "
+            "outside of their intervals.",
+            "Check the converter's range and the zero of the force, and run `skincal diagnose`: it tells such causes "
+            "apart.",
+        )
+    elif result.force_low > FORCES_OFF:
         power, part = _power_of_force(result)
         scatter = (
             f"Measured forces scatter by {100 * result.sigmas.force:.1f} % around those that the images imply"

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import KDTree
 
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.presses import solve_small
@@ -153,6 +152,8 @@ class LocalPlaces:
 
 def _arcs(laid_m: Floats, uv_m: Floats, points_m: Floats) -> Floats:
     """Patch coordinates (M, 2) of points (M, 3): from the nearest laid points, to first order between them."""
+    from scipy.spatial import KDTree  # takes a moment
+
     found = KDTree(laid_m).query(points_m, k=4)
     distance, near = np.asarray(found[0], dtype=np.float64), np.asarray(found[1], dtype=np.intp)
     # Weights that are exact for points in the plane of the four: affine, with the nearest as origin.

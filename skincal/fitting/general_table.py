@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import convolve1d, maximum_filter
 from scipy.special import ive
 
 from skincal.fitting.general_skin import RESOLUTION_M
@@ -118,6 +117,8 @@ def levels_of(reach: TableReach) -> Floats:
 
 def lit_nodes(shares: Floats) -> Bools:
     """Nodes (P, N, N) within reach of whose taps anything is not zero."""
+    from scipy.ndimage import maximum_filter  # takes a moment, and few fits have such tables
+
     return maximum_filter(np.abs(shares[..., :-2]).max(axis=-1), size=(1, 5, 5)) > _SILENT
 
 
@@ -130,6 +131,8 @@ def smoothed(shares: Floats, variance: Floats) -> Floats:
         shares: on the lattice.
         variance: (2,) along u and v, in squared lattice steps.
     """
+    from scipy.ndimage import convolve1d
+
     for axis, square in enumerate(variance, start=1):
         if square <= 0:
             continue

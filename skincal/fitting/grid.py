@@ -168,24 +168,21 @@ def place_presses(
     """Slacks (K, X, Y, 2) [m] of every press under every centre, and its weighted load shares there (K, X, Y, J)."""
     weight = np.where(problem.saturated, 0.0, problem.weight)
     shape = (len(problem), len(grid.across_m), len(grid.y_m))
-    slack, shares = np.zeros((*shape, 2)), np.empty((*shape, problem.rig.layout.taxels))
+    taxels, nodes = problem.rig.layout.taxels, (search.across_m.shape[1], search.along_m.shape[1])
+    slack, shares = np.zeros((*shape, 2)), np.empty((*shape, taxels))
+    room = np.empty(nodes), *np.empty((2, len(grid.y_m), nodes[0])), np.empty((3, taxels))
+    how = 1.0 / settings.sigma_counts**2, settings.stiffness, settings.slack_m
     with telling():
         place(
-            level.planes,
-            images.size_of,
-            problem.rig.layout.centres_m.copy(),  # read-only in one process and not in another: two types to compile
-            images.lattice,
-            weight,
-            problem.values * weight,
-            search.across_m,
-            search.along_m,
-            problem.across_m[:, None] - grid.across_m,
-            problem.along_m[:, None] - grid.y_m,
+            # Centres are read-only in one process and not in another: two types to compile.
+            (level.planes, images.size_of, problem.rig.layout.centres_m.copy(), images.lattice),
+            (weight, problem.values * weight),
+            (search.across_m, search.along_m),
+            (problem.across_m[:, None] - grid.across_m, problem.along_m[:, None] - grid.y_m),
             (search.slack_across_m, search.slack_along_m),
             search.stride,
-            (float(np.cos(alpha_rad)), float(np.sin(alpha_rad))),
-            (1.0 / settings.sigma_counts**2, settings.stiffness, settings.slack_m),
-            slack,
-            shares,
+            ((float(np.cos(alpha_rad)), float(np.sin(alpha_rad))), how),
+            (slack, shares),
+            room,
         )
     return slack, shares

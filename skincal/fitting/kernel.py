@@ -21,9 +21,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
-from skincal.fitting.lookup import compiled, inlined
+from skincal.fitting.lookup import allocating, inlined
 from skincal.fitting.types import Floats
 from skincal.model import Contacts, Indenter, SensorPose, Surface, TaxelLayout
 
@@ -87,13 +86,14 @@ def build_table(
         The table. Its lattice is just large enough for the largest contact.
     """
     ratios = np.exp(log_ratios)
-    reach = max(_reach(pickle.dumps((surface, one, float(ratios[-1])))) for one in indenters) + 3 * spread_m
+    reach = max(contact_reach(surface, one, float(ratios[-1])) for one in indenters) + 3 * spread_m
     half = reach + float(np.max(taxel_sizes_m)) / 2
     step = max(step_m, 2 * half / (MAX_NODES - 8))
     count = int(np.ceil(half / step)) + 2
     side = 2 * count + 1
     shape = (len(indenters), len(taxel_sizes_m), len(alphas_rad), len(log_ratios), side, side)
     shares = np.zeros(shape, dtype=np.float32)
+    blur = gaussian_blur(side, spread_m / step)
     for i, indenter in enumerate(indenters):
         for a, alpha in enumerate(alphas_rad):
             field = _field(surface, indenter, float(alpha), count, step)
@@ -101,7 +101,7 @@ def build_table(
             for level, depth in enumerate(_penetrations(field, ratios)):
                 load = np.maximum(depth - field.gap_m, 0.0) * area
                 if spread_m > 0:
-                    load = gaussian_filter(load, spread_m / step, mode="constant")
+                    load = blur @ load @ blur
                 for m, (du, dv) in enumerate(taxel_sizes_m):
                     box_shares(load, du / step, dv / step, 1.0 / ratios[level], shares[i, m, a, level])
     # The border is zero, so that an offset clamped to it reads zero.
@@ -152,9 +152,9 @@ def contact_reach(surface: Surface, indenter: Indenter, ratio_m3: float) -> floa
         indenter: what presses.
         ratio_m3: F_n / E [m³].
     """
-    count, half = 40, 1e-3
+    asked, count, half = pickle.dumps((surface, indenter)), 40, 1e-3
     for _ in range(14):
-        field = _field(surface, indenter, 0.0, count, half / count)
+        field = _field_about(asked, count, half)
         touched = field.gap_m < _penetrations(field, np.array([ratio_m3]))[0]
         u, v = np.nonzero(touched)
         radius = float(np.hypot(u - count, v - count).max()) + 1.0
@@ -165,9 +165,20 @@ def contact_reach(surface: Surface, indenter: Indenter, ratio_m3: float) -> floa
 
 
 @lru_cache(maxsize=64)
-def _reach(asked: bytes) -> float:
-    """Return what :func:`contact_reach` gives; all turns of a grid ask for the same, each with copies of its own."""
-    return contact_reach(*pickle.loads(asked))
+def _field_about(asked: bytes, count: int, half_m: float) -> _Field:
+    """Return the field of a surface and an indenter, pickled as every task brings copies of its own, at turn 0."""
+    surface, indenter = pickle.loads(asked)
+    return _field(surface, indenter, 0.0, count, half_m / count)
+
+
+def gaussian_blur(side: int, sigma: float) -> Floats:
+    """Return a matrix (N, N) that blurs one axis of a field by ``sigma`` cells, up to four sigmas, with none beyond."""
+    if sigma <= 0:
+        return np.eye(side)
+    reach = int(4.0 * sigma + 0.5)
+    weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    off = np.abs(np.subtract.outer(np.arange(side), np.arange(side)))
+    return np.where(off <= reach, np.exp(-0.5 * (off / sigma) ** 2), 0.0) / weight.sum()
 
 
 @inlined
@@ -181,7 +192,7 @@ def _edges(width: float, low: Any, part: Any) -> None:  # pragma: no cover - com
             part[end, i] = at - low[end, i]
 
 
-@compiled
+@allocating
 def box_shares(
     load: Any, width_u: float, width_v: float, factor: float, out: Any
 ) -> None:  # pragma: no cover - compiled

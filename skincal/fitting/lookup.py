@@ -25,7 +25,10 @@ _SETTINGS: dict[str, Any] = {
     "no_cfunc_wrapper": True,
     "error_model": "numpy",
     "fastmath": {"reassoc", "contract", "nsz", "arcp"},
+    "_nrt": False,
 }
+"""Without numba's run time nothing can be allocated, and no references to arrays are counted, which takes as long as
+all the rest of a look-up."""
 _INLINED: dict[str, Any] = {"forceinline": True, "no_cpython_wrapper": True, **_SETTINGS}
 _STAMP = hashlib.sha256(inspect.getsource(sys.modules[__name__]).encode()).hexdigest()[:16]
 """A digest of this module, whose functions are compiled into those of others."""
@@ -34,6 +37,11 @@ _STAMP = hashlib.sha256(inspect.getsource(sys.modules[__name__]).encode()).hexdi
 def compiled(function: _Function) -> _Function:
     """Compile a function of the fit; the compilation is cached for all processes after the first."""
     return cast(_Function, cached(function, f"{function.__name__}_{_STAMP}", _SETTINGS))
+
+
+def allocating(function: _Function) -> _Function:
+    """Compile as :func:`compiled` does, for a function that makes arrays."""
+    return cast(_Function, cached(function, f"{function.__name__}_{_STAMP}", {**_SETTINGS, "_nrt": True}))
 
 
 def inlined(function: _Function) -> _Function:
@@ -75,7 +83,7 @@ def taps(plane: Any, rows: Any, cols: Any) -> Any:  # pragma: no cover - compile
     return value, by_row, by_col
 
 
-@compiled
+@allocating
 def cubic(planes: Any, plane: Any, row: Any, col: Any) -> Any:  # pragma: no cover - compiled
     """Look up values.
 
@@ -178,31 +186,38 @@ def _bracket(at: float, first: float, step: float, count: int) -> Any:  # pragma
 
 @inlined
 def _in_kernels(
-    tables: Any, kind: int, u: float, v: float, alpha: float, log_ratio: float, out: Any
-) -> None:  # pragma: no cover - compiled
+    tables: Any, kind: int, u: float, v: float, alpha: float, log_ratio: float, near: Any, out: Any
+) -> int:  # pragma: no cover - compiled
     """Look up kernels: see :func:`look_up`; linear between turns and between ratios."""
     shares, step = tables.kernels, tables.step_m
     reach, side = tables.half_m - 1.5 * step, shares.shape[4]
     a, wa = _bracket(alpha, tables.turns[0], tables.turns[1], shares.shape[2])
     r, wr = _bracket(log_ratio, tables.ratios[0], tables.ratios[1], shares.shape[3])
     # Corners of the interpolation: the turn below and above, the ratio below and above; there may be one turn.
-    corners = 4 if shares.shape[2] > 1 else 2
+    corners, count = 4 if shares.shape[2] > 1 else 2, 0
     for j in range(len(tables.centres)):
         du, dv = u - tables.centres[j, 0], v - tables.centres[j, 1]
         if not (abs(du) < reach and abs(dv) < reach):
             continue
+        near[count] = j
+        count += 1
         rows, cols = keys((du + tables.half_m) / step, side), keys((dv + tables.half_m) / step, side)
+        share = by_u = by_v = by_turn = by_ratio = 0.0
         for corner in range(corners):
             over, above = corner // 2, corner % 2
             plane = shares[kind, tables.size_of[j], a + over, r + above]
-            value, by_u, by_v = taps(plane, rows, cols)
+            value, by_row, by_col = taps(plane, rows, cols)
             turn, ratio = wa if over else 1.0 - wa, wr if above else 1.0 - wr
-            out[0, j] += turn * ratio * value
-            out[1, j] += turn * ratio * by_u / step
-            out[2, j] += turn * ratio * by_v / step
-            out[4, j] += (turn if above else -turn) * value / tables.ratios[1]
-            if corners > 2:
-                out[3, j] += (ratio if over else -ratio) * value / tables.turns[1]
+            share += turn * ratio * value
+            by_u += turn * ratio * by_row
+            by_v += turn * ratio * by_col
+            by_ratio += (turn if above else -turn) * value
+            by_turn += (ratio if over else -ratio) * value
+        out[0, j], out[1, j], out[2, j] = share, by_u / step, by_v / step
+        out[3, j] = by_turn / tables.turns[1] if corners > 2 else 0.0
+        out[4, j] = by_ratio / tables.ratios[1]
+        out[5, j] = out[6, j] = 0.0
+    return count
 
 
 @inlined
@@ -220,8 +235,8 @@ def _splines(knots: Any, spline: Any, at: float, out: Any) -> None:  # pragma: n
 
 @inlined
 def _in_images(
-    tables: Any, row: int, macro: Any, u: float, v: float, log_ratio: float, room: Any, out: Any
-) -> None:  # pragma: no cover - compiled
+    tables: Any, row: int, macro: Any, u: float, v: float, log_ratio: float, room: Any, near: Any, out: Any
+) -> int:  # pragma: no cover - compiled
     """Look up images: see :func:`look_up`; splines of turns and ratios, and the slope by the centre's place."""
     shares, step = tables.images, tables.step_m
     weights, sums, spots, turn, level = room
@@ -249,10 +264,13 @@ def _in_images(
             spots[0, 4 * r + q] = rw[r] * cw[q]
             spots[1, 4 * r + q] = rs[r] * cw[q] / step
             spots[2, 4 * r + q] = rw[r] * cs[q] / step
+    count = 0
     for j in range(tables.plane.shape[1]):
         p = tables.plane[slot, j]
         if p < 0 or not tables.lit[p, near_row, near_col]:
             continue
+        near[count] = j
+        count += 1
         for c in range(channels):
             sums[0, c] = sums[1, c] = sums[2, c] = 0.0
         for tap in range(16):
@@ -261,6 +279,8 @@ def _in_images(
                 sums[0, c] += spots[0, tap] * values[c]
                 sums[1, c] += spots[1, tap] * values[c]
                 sums[2, c] += spots[2, tap] * values[c]
+        for i in range(5):
+            out[i, j] = 0.0
         for c in range(channels):
             out[0, j] += weights[0, c] * sums[0, c]
             out[1, j] += weights[0, c] * sums[1, c]
@@ -268,12 +288,22 @@ def _in_images(
             out[3, j] += weights[1, c] * sums[0, c]
             out[4, j] += weights[2, c] * sums[0, c]
         out[5, j], out[6, j] = sums[0, channels - 2], sums[0, channels - 1]
+    return count
 
 
 @inlined
 def look_up(
-    tables: Any, kind: int, row: int, macro: Any, u: float, v: float, log_ratio: float, room: Any, out: Any
-) -> None:  # pragma: no cover - compiled
+    tables: Any,
+    kind: int,
+    row: int,
+    macro: Any,
+    u: float,
+    v: float,
+    log_ratio: float,
+    room: Any,
+    near: Any,
+    out: Any,
+) -> int:  # pragma: no cover - compiled
     """Fill ``out`` (7, J) with load shares and their slopes by u, v, turn, log(F/E), and the centre's place.
 
     Args:
@@ -285,20 +315,19 @@ def look_up(
         v: the same.
         log_ratio: log(F/E).
         room: of :func:`room_for`.
-        out: filled.
+        near: (J,) filled with the numbers of the taxels that the contact may reach.
+        out: filled for these; all is zero for the others.
+
+    Returns:
+        The number of the taxels that it may reach.
     """
-    for i in range(7):
-        for j in range(out.shape[1]):
-            out[i, j] = 0.0
     if tables.images.shape[0] > 0:
-        _in_images(tables, row, macro, u, v, log_ratio, room, out)
-    else:
-        _in_kernels(tables, kind, u, v, macro[2], log_ratio, out)
+        return _in_images(tables, row, macro, u, v, log_ratio, room, near, out)
+    return _in_kernels(tables, kind, u, v, macro[2], log_ratio, near, out)
 
 
-@inlined
-def room_for(tables: Any) -> Any:  # pragma: no cover - compiled
-    """Room for the work of :func:`look_up`."""
+def room_for(tables: Tables) -> tuple[Floats, ...]:
+    """Return room for the work of :func:`look_up`."""
     channels = tables.images.shape[3]
     turn, level = np.empty((2, len(tables.turn_knots))), np.empty((2, len(tables.level_knots)))
     return np.empty((3, channels)), np.empty((3, channels)), np.empty((3, 16)), turn, level

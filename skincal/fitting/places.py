@@ -180,6 +180,7 @@ def find_modes(
         start,
         iterations=1,
         to_rest=False,
+        brief=True,
     )
     q = rough.objective.reshape(count, side, side)
     padded = np.pad(q, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)

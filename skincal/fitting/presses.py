@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.residuals import Found, Presses, search
+from skincal.fitting.residuals import Found, Presses, room_to_search, search
 from skincal.fitting.seen import Images
 from skincal.fitting.types import Floats, Ints
 from skincal.model.press.jit import telling
@@ -93,6 +93,7 @@ def settle(
     to_rest: bool = True,
     room: float = SLACK_ROOM,
     centre: Floats | None = None,
+    brief: bool = False,
 ) -> PressStates:
     """Gauss-Newton over the nuisance of n pairs of a macro draw and a press; arguments as :func:`evaluate`.
 
@@ -107,11 +108,13 @@ def settle(
         to_rest: go on with smaller steps where the full ones did not come to rest.
         room: the slack is bounded at so many times what the rig declares.
         centre: (n, 2) slack about which each is scattered [m]; None for that of its press.
+        brief: find nuisance, objective and Hessian alone; the rest stays empty.
     """
     bound = _bound(problem, room)
     return _searched(
-        problem, images, macro, sigmas, press, start, bound, iterations, to_rest=to_rest, centre=centre
-    )
+        problem, images, macro, sigmas, press, start, bound, iterations,
+        to_rest=to_rest, centre=centre, brief=brief,
+    )  # fmt: skip
 
 
 def _searched(
@@ -126,6 +129,7 @@ def _searched(
     *,
     to_rest: bool,
     centre: Floats | None = None,
+    brief: bool = False,
 ) -> PressStates:
     """See :func:`skincal.fitting.residuals.search`."""
     readings, shared = problem.observation, problem.shared
@@ -144,10 +148,11 @@ def _searched(
         known = known.scattered_about(press, centre)
         press = np.arange(count, dtype=np.intp)
     shapes = (3,), (), (3, 3), (2,), (taxels,), (taxels,), (taxels, 5), (taxels, 3), (taxels,)
-    found = Found(*(np.empty((count, *shape)) for shape in shapes))
+    found = Found(*(np.empty((0 if brief and n > 2 else count, *shape)) for n, shape in enumerate(shapes)))
     given = _plain(macro), _plain(sigmas), _whole(press), _plain(start), bound
+    tables = images.tables()
     with telling():
-        search(images.tables(), known, *given, _MAX_STEP, iterations, to_rest, found)
+        search(tables, known, *given, _MAX_STEP, iterations, to_rest, found, room_to_search(tables, taxels))
     return PressStates(*found)
 
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skincal.fitting.lookup import compiled, inlined, look_up, room_for
+from skincal.fitting.lookup import Tables, compiled, inlined, look_up, room_for
 from skincal.fitting.types import Floats, Ints
 
 _DESCENTS = 6
@@ -74,6 +74,28 @@ def expected(above: float, link: Any) -> Any:  # pragma: no cover - compiled
 
 
 @inlined
+def _in_the_dark(presses: Any, sigmas: Any, k: int, dark: Any) -> float:  # pragma: no cover - compiled
+    """Fill ``dark`` (3, J) with residuals, slopes by the level, and weights of what press ``k`` does not load.
+
+    Returns:
+        The sum of the squares of the residuals.
+    """
+    readings, total = presses.readings, 0.0
+    for j in range(presses.taxels.shape[1]):
+        mean, rate = expected(presses.taxels[1, j], presses.link)
+        weight = 0.0
+        if readings[3, k, j] > 0:
+            own, grown = readings[1, k, j] * sigmas[2], readings[2, k, j] * sigmas[3]
+            weight = 1.0 / math.sqrt(own * own + grown * grown)
+        difference = mean - readings[0, k, j]
+        # A saturated taxel only says "at least this".
+        read = 0.0 if readings[4, k, j] > 0 and difference > 0 else weight
+        dark[0, j], dark[1, j], dark[2, j] = read * difference, read * rate, weight
+        total += dark[0, j] * dark[0, j]
+    return total
+
+
+@inlined
 def _evaluate(
     tables: Any,
     presses: Any,
@@ -82,52 +104,88 @@ def _evaluate(
     k: int,
     x: Any,
     room: Any,
-    seen: Any,
+    count: int,
     i: int,
+    whole: bool,
     found: Any,
     g: Any,
-) -> None:  # pragma: no cover - compiled
-    """Fill row ``i`` of ``found`` for press ``k`` at nuisance ``x`` (3,), and half the gradient ``g`` (3,) of Q."""
-    cos, sin = math.cos(macro[2]), math.sin(macro[2])
+) -> int:  # pragma: no cover - compiled
+    """Fill Q and its Hessian in row ``i`` of ``found`` for press ``k`` at nuisance ``x`` (3,), and half the gradient.
+
+    Args:
+        tables: as for :func:`search`.
+        presses: the same.
+        macro: (5,) macro variables.
+        sigmas: (6,) in the order of ``HYPER``.
+        k: which press.
+        x: (3,) nuisance.
+        room: cosine and sine of the turn, sum of squares in the dark, ``dark`` of :func:`_in_the_dark`, and the room
+            of the look-up.
+        count: taxels that were found last if that was at ``x``; -1: they are looked up.
+        i: row to fill.
+        whole: whether all of the row is filled.
+        found: filled.
+        g: (3,) filled: half the gradient of Q.
+
+    Returns:
+        The number of taxels that the contact may reach.
+    """
+    (cos, sin), total, dark, looked, near, seen = room
     at, readings = presses.at[k], presses.readings
     across, along = at[0] + x[0] - macro[0], at[1] + x[1] - macro[1]
     u, v = across * cos + along * sin, along * cos - across * sin
     log_ratio = at[2] + x[2] - macro[3]
-    look_up(tables, presses.which[k, 0], presses.which[k, 1], macro, u, v, log_ratio, room, seen)
+    if count < 0:
+        kind, row = presses.which[k, 0], presses.which[k, 1]
+        count = look_up(tables, kind, row, macro, u, v, log_ratio, looked, near, seen)
     scale = math.exp(macro[4] + x[2] + at[2])
-    hessian, total = found.hessian[i], 0.0
     for a in range(3):
         found.nuisance[i, a] = x[a]
-        g[a] = 0.0
-        for b in range(3):
-            hessian[a, b] = 0.0
-    found.uv[i, 0], found.uv[i, 1] = u, v
-    for j in range(presses.taxels.shape[1]):
+    if whole:
+        found.uv[i, 0], found.uv[i, 1] = u, v
+        for j in range(dark.shape[1]):
+            found.simulated[i, j], found.residual[i, j], found.level_slope[i, j] = 0.0, dark[0, j], dark[1, j]
+            for a in range(3):
+                found.nuisance_slope[i, j, a] = 0.0
+            for a in range(5):
+                found.macro_slope[i, j, a] = 0.0
+    g0 = g1 = g2 = h00 = h10 = h11 = h20 = h21 = h22 = 0.0
+    for n in range(count):
+        j = near[n]
         counts = scale * presses.taxels[0, j]
         load = counts * seen[0, j]
-        found.simulated[i, j] = load
         mean, rate = expected(load + presses.taxels[1, j], presses.link)
-        difference = mean - readings[0, k, j]
-        weight = 0.0
-        # A saturated taxel only says "at least this".
-        if readings[3, k, j] > 0 and not (readings[4, k, j] > 0 and difference > 0):
-            own, grown = readings[1, k, j] * sigmas[2], readings[2, k, j] * sigmas[3]
-            weight = 1.0 / math.sqrt(own * own + grown * grown)
+        difference, weight = mean - readings[0, k, j], dark[2, j]
+        if whole:
+            found.simulated[i, j] = load
+        if readings[4, k, j] > 0 and difference > 0:
+            weight = 0.0
         rate *= weight
         counts *= rate
         load *= rate
         by_u, by_v, ratio = counts * seen[1, j], counts * seen[2, j], counts * seen[4, j]
-        slope, whole = found.nuisance_slope[i, j], found.macro_slope[i, j]
-        slope[0], slope[1], slope[2] = cos * by_u - sin * by_v, sin * by_u + cos * by_v, load + ratio
-        whole[0], whole[1] = counts * seen[5, j] - slope[0], counts * seen[6, j] - slope[1]
-        whole[2], whole[3], whole[4] = counts * seen[3, j] + by_u * v - by_v * u, -ratio, load
+        s0, s1, s2 = cos * by_u - sin * by_v, sin * by_u + cos * by_v, load + ratio
         residual = weight * difference
-        found.residual[i, j], found.level_slope[i, j] = residual, rate
-        total += residual * residual
-        for a in range(3):
-            g[a] += slope[a] * residual
-            for b in range(a + 1):
-                hessian[a, b] += slope[a] * slope[b]
+        total += residual * residual - dark[0, j] * dark[0, j]
+        g0 += s0 * residual
+        g1 += s1 * residual
+        g2 += s2 * residual
+        h00 += s0 * s0
+        h10 += s1 * s0
+        h11 += s1 * s1
+        h20 += s2 * s0
+        h21 += s2 * s1
+        h22 += s2 * s2
+        if whole:
+            found.residual[i, j], found.level_slope[i, j] = residual, rate
+            slope, macros = found.nuisance_slope[i, j], found.macro_slope[i, j]
+            slope[0], slope[1], slope[2] = s0, s1, s2
+            macros[0], macros[1] = counts * seen[5, j] - s0, counts * seen[6, j] - s1
+            macros[2], macros[3], macros[4] = counts * seen[3, j] + by_u * v - by_v * u, -ratio, load
+    hessian = found.hessian[i]
+    hessian[0, 0], hessian[1, 0], hessian[1, 1] = h00, h10, h11
+    hessian[2, 0], hessian[2, 1], hessian[2, 2] = h20, h21, h22
+    g[0], g[1], g[2] = g0, g1, g2
     for a in range(3):
         prior = 1.0 / sigmas[0 if a < 2 else 1] ** 2
         off = x[a] - at[3 + a]
@@ -137,6 +195,7 @@ def _evaluate(
         for b in range(a):
             hessian[b, a] = hessian[a, b]
     found.objective[i] = total
+    return count
 
 
 @inlined
@@ -163,6 +222,12 @@ def _step(hessian: Any, g: Any, damping: float, most: Any, out: Any) -> float:  
     return longest
 
 
+def room_to_search(tables: Tables, taxels: int) -> tuple[Any, ...]:
+    """Return room for the work of :func:`search`."""
+    looked = room_for(tables), np.empty(taxels, dtype=np.int64), np.empty((7, taxels))
+    return np.empty((3, taxels)), *looked, *np.empty((5, 3)), np.empty((3, 3))
+
+
 @compiled
 def search(
     tables: Any,
@@ -176,6 +241,7 @@ def search(
     iterations: int,
     to_rest: bool,
     found: Any,
+    room: Any,
 ) -> None:  # pragma: no cover - compiled
     """Gauss-Newton over the nuisance of n pairs of a macro draw and a press; the best point seen is kept.
 
@@ -195,17 +261,20 @@ def search(
         iterations: full steps at most; 0: only what is at the start.
         to_rest: whether Levenberg's steps follow.
         found: :class:`Found`, filled.
+        room: of :func:`room_to_search`.
     """
-    room, seen = room_for(tables), np.empty((7, presses.taxels.shape[1]))
-    x, best, step = np.empty(3), np.empty(3), np.empty(3)
-    g, best_g, best_hessian = np.empty(3), np.empty(3), np.empty((3, 3))
+    dark, looked, near, seen, x, best, step, g, best_g, best_hessian = room
+    whole = len(found.residual) > 0
     for i in range(len(press)):
-        least, full, descents, damping, last = np.inf, 0, 0, 0.3, False
+        k, own, spread = press[i], macro[i], sigmas[i]
+        turn, total = (math.cos(own[2]), math.sin(own[2])), _in_the_dark(presses, spread, k, dark)
+        now = turn, total, dark, looked, near, seen
+        least, full, descents, damping, last, known = np.inf, 0, 0, 0.3, iterations == 0, -1
         for a in range(3):
             x[a] = min(max(start[i, a], -bound[a]), bound[a])
             best[a] = x[a]
         while True:
-            _evaluate(tables, presses, macro[i], sigmas[i], press[i], x, room, seen, i, found, g)
+            count = _evaluate(tables, presses, own, spread, k, x, now, known, i, last and whole, found, g)
             if last:
                 break
             better = found.objective[i] < least
@@ -234,8 +303,8 @@ def search(
                 for a in range(3):
                     x[a] = step[a]
                 continue
-            if better:
+            if better and not whole:
                 break
-            last = True
+            last, known = True, count if better else -1
             for a in range(3):
                 x[a] = best[a]

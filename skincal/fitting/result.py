@@ -9,6 +9,7 @@ from typing import Literal
 from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.problem import FitProblem
+from skincal.fitting.straight import Bend
 from skincal.fitting.types import Bools, Floats
 
 PARAMETERS = ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m", "scale_per_n")
@@ -110,6 +111,7 @@ class FitResult:
         sigmas: scatter of positions, forces and images, as the data tell it.
         law_spread_m: sideways spread of the contact law that fits best [m]; the model itself has none.
         law_rise: log evidence of the widest spread that was looked at over that of none; 0 unless it is the best.
+        bend: straightening of the response that explains the presses better, if any does.
         effective_draws: how many independent draws the weighted ones are worth.
         force_low: lower end of what the data say of the scatter of forces, one in forty is below.
         misfit_low: the same of the misfit.
@@ -133,6 +135,7 @@ class FitResult:
     sigmas: Sigmas
     law_spread_m: float
     law_rise: float
+    bend: Bend
     effective_draws: float
     force_low: float
     misfit_low: float

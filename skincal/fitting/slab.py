@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from skincal.fitting.lookup import at_level, compiled
+from skincal.fitting.lookup import at_level, compiled, inlined
 
 ITERATIONS = 8
 """Gauss-Newton steps."""
@@ -26,7 +26,7 @@ _REST_M = 1e-6
 _TINY = 1e-12
 
 
-@compiled
+@inlined
 def mismatches(
     tables: Any, weight: Any, observed: Any, across: Any, along: Any, turn: Any, out: Any
 ) -> None:  # pragma: no cover - compiled
@@ -45,7 +45,9 @@ def mismatches(
     step, half = lattice
     reach = half - 1.5 * step
     cos, sin = turn
-    total = (observed * observed).sum()
+    total = 0.0
+    for j in range(len(observed)):
+        total += observed[j] * observed[j]
     for p in range(len(across)):
         for q in range(len(along)):
             u, v = across[p] * cos + along[q] * sin, along[q] * cos - across[p] * sin
@@ -62,7 +64,7 @@ def mismatches(
                 out[p, q] -= product * product / power
 
 
-@compiled
+@inlined
 def descend(
     tables: Any,
     weight: Any,
@@ -141,64 +143,58 @@ def descend(
 
 @compiled
 def place(
-    planes: Any,
-    size_of: Any,
-    centres: Any,
+    tables: Any,
+    images: Any,
     lattice: Any,
-    weight: Any,
-    observed: Any,
-    across: Any,
-    along: Any,
-    grid_across: Any,
-    grid_along: Any,
+    at_zero: Any,
     window: Any,
     stride: Any,
-    turn: Any,
-    settings: Any,
-    slack: Any,
-    shares: Any,
+    how: Any,
+    found: Any,
+    room: Any,
 ) -> None:  # pragma: no cover - compiled
     """Place every press (K,) for every centre (X, Y) of the sensor.
 
     Args:
-        planes: (K, M, N, N) load shares at this turn and E.
-        size_of: (J,) which size each taxel has.
-        centres: (J, 2) of the taxels [m].
-        lattice: step and half the width of the planes [m].
-        weight: (K, J) of the readings.
-        observed: (K, J) weighted images.
-        across: (K, P) lattice of contacts from the sensor's centre, falling centre first [m].
-        along: (K, Q) the same.
-        grid_across: (K, X) contacts from the centre at slack zero [m].
-        grid_along: (K, Y) the same.
+        tables: planes (K, M, N, N) at this turn and E, sizes (J,), centres (J, 2), lattice, as for :func:`at_level`.
+        images: weights of the readings (K, J), and weighted images (K, J).
+        lattice: contacts from the sensor's centre across (K, P) and along (K, Q), falling centre first [m].
+        at_zero: contacts from the centre at slack zero, across (K, X) and along (K, Y) [m].
         window: slacks (W,) and (V,) of the lattice's nodes round a centre [m].
         stride: nodes from centre to centre, across and along.
-        turn: cosine and sine of alpha.
-        settings: as for :func:`descend`.
-        slack: (K, X, Y, 2) filled [m].
-        shares: (K, X, Y, J) filled: weighted load shares there.
+        how: cosine and sine of alpha, and settings as for :func:`descend`.
+        found: slacks (K, X, Y, 2) [m] and weighted load shares there (K, X, Y, J), filled.
+        room: (P, Q), twice (Y, P), and (3, J), for work.
     """
-    wide, long = window
+    planes, size_of, centres, step_and_half = tables
+    (weight, observed), (across, along), (grid_across, grid_along) = images, lattice, at_zero
+    (wide, long), (turn, settings), (slack, shares) = window, how, found
+    mismatch, row, at_row, image = room
     certain, stiff, _ = settings
-    mismatch = np.empty((across.shape[1], along.shape[1]))
-    image = np.empty((3, len(centres)))
     last_x, last_y = grid_across.shape[1] - 1, grid_along.shape[1] - 1
     for k in range(len(weight)):
-        tables = planes, size_of, centres, lattice, k
-        mismatches(tables, weight[k], observed[k], across[k], along[k], turn, mismatch)
+        one = planes, size_of, centres, step_and_half, k
+        mismatches(one, weight[k], observed[k], across[k], along[k], turn, mismatch)
+        # The prior is a sum over both directions: the best slack along is the same for all centres across.
+        for y in range(last_y + 1):
+            second = (last_y - y) * stride[1]
+            for p in range(across.shape[1]):
+                least, best = np.inf, 0.0
+                for o in range(len(long)):
+                    q = certain * mismatch[p, second + o] + stiff * long[o] * long[o]
+                    if q < least:
+                        least, best = q, long[o]
+                row[y, p], at_row[y, p] = least, best
         for x in range(last_x + 1):
             first = (last_x - x) * stride[0]
             for y in range(last_y + 1):
-                second = (last_y - y) * stride[1]
                 least, own = np.inf, slack[k, x, y]
                 for i in range(len(wide)):
-                    for o in range(len(long)):
-                        q = certain * mismatch[first + i, second + o]
-                        q += stiff * (wide[i] * wide[i] + long[o] * long[o])
-                        if q < least:
-                            least = q
-                            own[0], own[1] = wide[i], long[o]
+                    q = row[y, first + i] + stiff * wide[i] * wide[i]
+                    if q < least:
+                        least = q
+                        own[0], own[1] = wide[i], at_row[y, first + i]
                 at = grid_across[k, x], grid_along[k, y]
                 descend(
-                    tables, weight[k], observed[k], at, turn, settings, own, image, shares[k, x, y]
+                    one, weight[k], observed[k], at, turn, settings, own, image, shares[k, x, y]
                 )  # fmt: skip

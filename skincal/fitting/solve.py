@@ -29,6 +29,7 @@ from skincal.fitting.problem import COORDINATES, FEW_PRESSES, FitProblem
 from skincal.fitting.result import FitResult
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
 from skincal.fitting.sampling import Density, Draws, Lacking, sample, walk
+from skincal.fitting.straight import BENDS, Bend, straightened, weigh_bends
 from skincal.fitting.tasks import (
     ClimbTask,
     DensityTask,
@@ -169,9 +170,9 @@ def solve(
     )
     problem, peak, draws = _drawn(problem, peak, around, bounds, options, rng, mapper, progress)
     images = around.images(problem)
-    law = _weigh_laws(problem, peak, around, bounds, options, mapper, progress)
+    law, bend = _weigh_laws(problem, peak, around, bounds, options, mapper, progress)
     at_best = _grid_loss(plan, draws.mean)
-    found = Evidence(problem, kept, dead, peak, images, draws, law, at_best)
+    found = Evidence(problem, kept, dead, peak, images, draws, law, bend, at_best)
     slabs_in_order = [done[t] for t in range(len(plan.grid.alpha_rad))]
     return conclude(plan.grid, slabs_in_order, found, box, options, rng)
 
@@ -435,7 +436,7 @@ def _weigh_laws(
     options: FitOptions,
     mapper: Mapper,
     progress: Progress,
-) -> LawSpread:
+) -> tuple[LawSpread, Bend]:
     spreads = options.law_spreads_m
     progress("contact law", 0, 1)
     wide = [
@@ -443,10 +444,20 @@ def _weigh_laws(
         for spread in spreads[1:]
     ]
     bare = _bare_tasks(problem, peak, around, bounds) if wide else []
-    peaks = [peak, *mapper(run_climb, [*wide, *bare])]
+    straight = [straightened(problem, *bend) for bend in BENDS]
+    lines = [ClimbTask(one, bounds, peak.macro, around, peak.sigmas) for one, _ in straight]
+    peaks = [peak, *mapper(run_climb, [*wide, *bare, *lines])]
     progress("contact law", 1, 1)
+    peaks, straight_peaks = peaks[: -len(lines)], peaks[-len(lines) :]
+    # The first straightens nothing. All others begin anew at the peak, too; none may win by the places that this finds.
+    if straight_peaks[0].log_evidence > peak.log_evidence:
+        peak = peaks[0] = straight_peaks[0]
+    comparable = peaks if len(bare) == 1 else peaks[: len(spreads)]
+    bend = weigh_bends(comparable, straight_peaks, [jacobian for _, jacobian in straight])
     law = weigh_laws(np.array(spreads), peaks[: len(spreads)])
-    return law.with_bare(peak if len(bare) == 1 else peaks[-2], peaks[-1]) if bare else law
+    if bare:
+        law = law.with_bare(peak if len(bare) == 1 else peaks[-2], peaks[-1])
+    return law, bend
 
 
 def _bare_tasks(problem: FitProblem, peak: Peak, around: Neighbourhood, bounds: Bounds) -> list[ClimbTask]:

@@ -5,8 +5,10 @@ presses, its trace, are therefore predicted up to the sensor's pose, the width o
 assigned to places by the squared differences between every measured and every predicted trace: all permutations are
 searched by the assignment problem (Kuhn 1955; ``scipy.optimize.linear_sum_assignment``), and those that a cable or
 a reading order makes are tried by name. Each is given its own best pose and places of the presses within their slack.
-The one with the best likelihood is told if it beats the order as it is by more than the number of permutations that
-were open to it.
+Measured positions may also err in a way that presses share: a constant beyond the range of poses, a stretch, a shear, a
+bend. Every order, the one of the data among them, gets the error of this kind that suits it best, at the price of its
+prior. So an order is told only if it explains what no such error does: if its score beats that of the data's order by
+more than the number of permutations that were open to it.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares, linear_sum_assignment
+from scipy.special import gammaln
 
 from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.presses import solve_small
@@ -39,6 +42,20 @@ _NAMED = 4
 """So many of the orders that have a reason get a pose and places of their own."""
 
 _ROUNDS = 3
+
+_POSE = 5
+"""Numbers of a pose before those of the smooth error of positions."""
+
+_BUMP = 0.05
+"""A nominal contact's images differ by so much of the signal from those of a skin: 3 to 4 % from a sphere's on an
+elastic foundation, plane and cylinder; of taxels that are not alike by their gains besides."""
+
+_STRETCHED, _SHIFTED = 0.12, 0.25
+"""Smooth error of positions, one sigma: stretch, shear and bend as parts of how far presses are spread, and a constant
+beyond the range of poses, as a part of the pitch (stated prior)."""
+
+_FARTHEST = 3.0
+"""No error of positions is so many times what it is worth: one that mirrors or turns the patch is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,40 +124,30 @@ def find_order(
         return None  # a place that is not known predicts no trace
     if len(presses.force_n) > MOST_PRESSES:
         presses = _thinned(presses)
-    order, best = np.arange(layout.taxels), None
-    for _ in range(_ROUNDS):
+    whole = _Search(presses, layout, box, noise)
+    if whole.lit < 2 * _POSE:
+        return None  # they tell a pose at most
+    names = named_orders(layout.rows, layout.cols)
+    nominal, *tried = whole.candidates(names)
+    for _ in range(_ROUNDS - 1):
         # From an order that is nearly right, the rest is found with a better pose.
-        ordered = replace(presses, values=presses.values[:, order], weight=presses.weight[:, order])
-        found = _better(_Search(ordered, layout, box, noise))
-        if found is None:
+        near = min(tried, key=lambda one: one.squares, default=nominal)
+        if near.squares > (1 - _EXPLAINED) * nominal.squares:
             break
-        nominal, one, odds = found
-        first = nominal if best is None else best[0]
-        order, best = order[one.order], (first, one, odds)
-    if best is None or (order == np.arange(len(order))).all():
+        order = near.order
+        ordered = replace(presses, values=presses.values[:, order], weight=presses.weight[:, order])
+        found = _Search(ordered, layout, box, noise).candidates(names)
+        further = [replace(one, order=order[one.order]) for one in found]
+        tried += [replace(one, rivals=_rivals(one.order, names)) for one in further]
+        if min(further, key=lambda one: one.squares).order.tolist() == order.tolist():
+            break
+    one = max(tried, key=whole.score, default=nominal)
+    odds = whole.score(one) - whole.score(nominal) - _NATS
+    if odds <= 0 or (one.order == nominal.order).all() or not whole.explains(nominal, one):
         return None
-    nominal, one, odds = best
     lit = max(int((presses.values * (presses.weight > 0) > 0).sum()), 1)
     before, after = (float(np.sqrt(c.squares / lit)) for c in (nominal, one))
-    return TaxelOrder(order, mapping_of(order, layout.rows, layout.cols), before, after, odds)
-
-
-def _better(search: _Search) -> tuple[_Candidate, _Candidate, float] | None:
-    """The order as it is, one that explains the images better, and by how much; None where there is none."""
-    lit = int((search.observed > search.floor).sum())
-    if lit < search.layout.taxels:
-        return None
-    nominal, *others = search.candidates(named_orders(search.layout.rows, search.layout.cols))
-    floor = max(search.noise**2, 1e-12 * float((search.observed**2).mean()))
-    best = None
-    for one in others:
-        square = max(one.squares / lit, floor)
-        gain = (nominal.squares - one.squares) / (2 * square) + (nominal.slack - one.slack) / 2
-        odds = gain - one.rivals - _NATS
-        score = -0.5 * lit * np.log(square) - 0.5 * one.slack - one.rivals
-        if odds > 0 and search.explains(nominal, one) and (best is None or score > best[0]):
-            best = score, (nominal, one, odds)
-    return None if best is None else best[1]
+    return TaxelOrder(one.order, mapping_of(one.order, layout.rows, layout.cols), before, after, odds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,28 +156,41 @@ class _Candidate:
 
     order: Ints
     rivals: float  # logarithm of the number of orders that were open to it
-    pose: Floats  # (5,) centre across and along, turn, log of the contact's variances
+    pose: Floats  # (P,) centre across and along, turn, log of the contact's variances, smooth error of positions
     slack_m: Floats  # (K, 2)
     squares: float  # weighted squared differences
-    slack: float  # squared slacks in sigmas
+    moved: float  # squares of the errors of positions, smooth and of each press, in sigmas
 
 
 class _Search:
     """Candidates for one session."""
 
     def __init__(self, presses: Presses, layout: TaxelLayout, box: SearchBox, noise: float) -> None:
-        self.presses, self.layout, self.box, self.noise = presses, layout, box, noise
+        self.presses, self.layout, self.noise = presses, layout, noise
         self.weight = np.clip(presses.weight, 0.0, 1.0) ** 2
         self.observed = np.where(self.weight > 0, presses.values, 0.0)
-        self.floor = max(4 * noise, 0.03 * float(self.observed.max(initial=0.0)))
+        lit = self.observed > max(4 * noise, 0.03 * float(self.observed.max(initial=0.0)))
+        self.lit = int(lit.sum())
+        self.least_variance = max(
+            noise**2, _BUMP**2 * float((self.observed[lit] ** 2).mean()) if self.lit else 0.0
+        )
         self.pitch = _pitch(layout)
+        self.basis = _smooth_basis(presses.place_m)
+        self.field_sigma = self._field_sigma()
         self.spread = np.sqrt(presses.force_n / np.median(presses.force_n))
         low = np.array([box.across_m[0], box.y_m[0], box.alpha_rad[0]])
         high = np.array([box.across_m[1], box.y_m[1], box.alpha_rad[1]])
         wide = np.log([(0.1 * self.pitch) ** 2, (0.1 * self.pitch) ** 2])
         widest = np.log([(30 * self.pitch) ** 2] * 2)
-        self.low = np.concatenate([low - 1e-6, wide])
-        self.high = np.concatenate([high + 1e-6, widest])
+        field = _FARTHEST * self.field_sigma
+        self.low = np.concatenate([low - 1e-6, wide, -field])
+        self.high = np.concatenate([high + 1e-6, widest, field])
+
+    def _field_sigma(self) -> Floats:
+        """Return what each function (2 M,) of a smooth error of positions is worth, one sigma [m]."""
+        sigma = _STRETCHED * np.repeat(self.presses.place_m.std(axis=0).max(), self.basis.shape[1])
+        sigma[0] = max(_SHIFTED * self.pitch, self.presses.sigma_m)
+        return np.tile(np.maximum(sigma, 1e-9), 2)
 
     def candidates(self, names: list[Order]) -> list[_Candidate]:
         """The order of the data, the best named one, and the best of all."""
@@ -179,19 +199,34 @@ class _Search:
         orders = np.stack([one.order for one in names])
         costs = np.stack([_cost(m, orders) for m in matrices])  # (starts, orders)
         least = costs.min(axis=0)
-        few = np.log(max(len(names), 1))
         tried: list[int] = [0, *(np.argsort(least[1:])[:_NAMED] + 1).tolist()]
         where: list[int] = costs.argmin(axis=0).tolist()
-        found = [self._refined(orders[n], few if n else 0.0, starts[where[n]], names) for n in tried]
+        found = [self._refined(orders[n], starts[where[n]], names) for n in tried]
         bound = [float(_pairs(m).min(axis=0).sum()) for m in matrices]
         near: list[int] = [*(where[n] for n in tried), *np.argsort(bound)[:_ASSIGNED].tolist()]
         assigned = {s: _assigned(matrices[s]) for s in dict.fromkeys(near)}
         best = min(assigned, key=lambda s: _cost(matrices[s], assigned[s][None])[0])
-        likely = min(found[1:], key=lambda one: one.squares, default=found[0])
+        likely = max(found[1:], key=self.score, default=found[0])
         seeds = [(assigned[best], starts[best])]
         for one in (found[0], likely):
-            seeds += [(one.order, one.pose), (_assigned(self._matrices(one.pose)), one.pose)]
-        return found + [self._free(order, pose, names) for order, pose in seeds]
+            # Bent positions suit the order that they were bent for.
+            straight = np.where(np.arange(len(one.pose)) < _POSE, one.pose, 0.0)
+            seeds += [(one.order, straight), (_assigned(self._matrices(straight)), straight)]
+        found += [self._free(order, pose, names) for order, pose in seeds]
+        # The order of the data has as good a chance of its best pose as its rivals have.
+        own = orders[0]
+        poses = [starts[s] for s in np.argsort(costs[:, 0])[1:_NAMED]]
+        poses += [one.pose for one in sorted(found, key=self.score)[-2:]]
+        again = [self._refined(own, pose, names) for pose in poses]
+        again += [one for one in found if (one.order == own).all()]
+        rivals = [one for one in found if (one.order != own).any()]
+        return [max(again, key=self.score), *rivals]
+
+    def score(self, one: _Candidate) -> float:
+        """Return the log likelihood of an order with the priors of its errors of positions, less its rivals."""
+        variance = max(one.squares / self.lit, self.least_variance)
+        fits = -0.5 * self.lit * np.log(variance) - 0.5 * one.squares / variance
+        return float(fits - 0.5 * one.moved - one.rivals)
 
     def explains(self, nominal: _Candidate, one: _Candidate) -> bool:
         """Return whether an order accounts for the traces of the taxels that it moves."""
@@ -212,15 +247,16 @@ class _Search:
             if (order == last).all():
                 break
         order = self._only_what_matters(order, self._matrices(pose, slack))
-        return self._refined(order, _freedom(order), pose, names)
+        return self._refined(order, pose, names)
 
     def _only_what_matters(self, order: Ints, matrices: tuple[Floats, Floats]) -> Ints:
         """The order without those exchanges that change the images by less than they cost."""
         pairs = _pairs(matrices)
-        lit = int((self.observed > self.floor).sum())
         columns = np.arange(len(order))
         own = (self.weight * self.observed**2).sum(axis=0)
-        square = max(float((own[order] + pairs[order, columns]).sum()) / max(lit, 1), self.noise**2, 1e-30)
+        square = max(
+            float((own[order] + pairs[order, columns]).sum()) / max(self.lit, 1), self.least_variance, 1e-30
+        )
         kept = columns.copy()
         for cycle in _cycles(order):
             before, after = own[cycle] + pairs[cycle, cycle], own[order[cycle]] + pairs[order[cycle], cycle]
@@ -230,19 +266,16 @@ class _Search:
                 kept[cycle] = order[cycle]
         return kept
 
-    def _refined(self, order: Ints, rivals: float, pose: Floats, names: list[Order]) -> _Candidate:
-        """Pose, places and score of an order; one that has a name costs no more than the names."""
-        if any((one.order == order).all() for one in names):
-            rivals = min(rivals, np.log(len(names)))
+    def _refined(self, order: Ints, pose: Floats, names: list[Order]) -> _Candidate:
+        """Pose, places and score of an order."""
         slack = np.zeros((len(self.observed), 2))
         for _ in range(_ROUNDS):
             pose = self._posed(order, pose, slack)
             slack = self._placed(order, pose, slack)
         off = self._differences(self._predicted(pose, slack), order)
         sigma = max(self.presses.sigma_m, 1e-9)
-        return _Candidate(
-            order, rivals, pose, slack, float((off**2).sum()), float((slack**2).sum()) / sigma**2
-        )
+        moved = float((slack**2).sum()) / sigma**2 + float(((pose[_POSE:] / self.field_sigma) ** 2).sum())
+        return _Candidate(order, _rivals(order, names), pose, slack, float((off**2).sum()), moved)
 
     def _starts(self) -> list[Floats]:
         span = self.high[:3] - self.low[:3]
@@ -252,14 +285,16 @@ class _Search:
         axes: list[Floats] = [np.linspace(low, high, count) for low, high, count in ends]
         poses: Floats = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         width = np.full((len(poses), 2), np.log((0.45 * self.pitch) ** 2))
-        both: Floats = np.concatenate([poses, width], axis=1)
-        return list(both)
+        straight = np.zeros((len(poses), 2 * self.basis.shape[1]))
+        return list(np.concatenate([poses, width, straight], axis=1))
 
     def _offsets(self, pose: Floats, slack_m: Floats | None) -> tuple[Floats, Floats]:
         """Return how far presses lie from taxels across and along (K, J) [m]."""
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
         u, v = self.layout.centres_m.T
-        place = self.presses.place_m if slack_m is None else self.presses.place_m + slack_m
+        place = self.presses.place_m + self.basis @ pose[_POSE:].reshape(2, -1).T
+        if slack_m is not None:
+            place = place + slack_m
         across = place[:, :1] - pose[0] - (u * cos - v * sin)
         along = place[:, 1:] - pose[1] - (u * sin + v * cos)
         return across, along
@@ -285,13 +320,13 @@ class _Search:
         return np.sqrt(weight) * (scale * shares - observed)
 
     def _slopes(self, pose: Floats, slack_m: Floats | None, order: Ints) -> Floats:
-        """Slopes (K J, 5) of the differences by the pose, the scale that suits it included."""
+        """Slopes (K J, P) of the differences by the pose, the scale that suits it included."""
         shares, (wide, long) = self._predicted(pose, slack_m), self._variances(pose)
         across, along = self._offsets(pose, slack_m)
         u, v = self.layout.centres_m.T
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
         to_across, to_along = across / wide, along / long
-        growth = np.exp(pose[3:, None]) * self.spread
+        growth = np.exp(pose[3:_POSE, None]) * self.spread
         by = shares[..., None] * np.stack(
             [
                 to_across,
@@ -299,6 +334,7 @@ class _Search:
                 to_along * (u * cos - v * sin) - to_across * (u * sin + v * cos),
                 0.5 * growth[0][:, None] * (to_across**2 - 1.0 / wide),
                 0.5 * growth[1][:, None] * (to_along**2 - 1.0 / long),
+                *(-way * one[:, None] for way in (to_across, to_along) for one in self.basis.T),
             ],
             axis=-1,
         )
@@ -316,16 +352,26 @@ class _Search:
         return (self.weight * self.observed).T @ shares, self.weight.T @ shares**2
 
     def _posed(self, order: Ints, pose: Floats, slack_m: Floats) -> Floats:
-        scale = np.array([1e-3, 1e-3, 0.1, 1.0, 1.0])
+        """Return the pose, with the smooth error of positions, that suits an order and places best."""
+        scale = np.concatenate([[1e-3, 1e-3, 0.1, 1.0, 1.0], self.field_sigma])
         inside = np.clip(pose, self.low + 1e-9, self.high - 1e-9)
+        off = self._differences(self._predicted(inside, slack_m), order)
+        one = np.sqrt(self._variance(off))  # what a reading differs by weighs against the prior of the field
+        prior = one * np.eye(len(pose))[_POSE:]
         got = least_squares(
-            lambda x: self._differences(self._predicted(x * scale, slack_m), order).ravel(),
+            lambda x: np.concatenate(
+                [self._differences(self._predicted(x * scale, slack_m), order).ravel(), one * x[_POSE:]]
+            ),
             inside / scale,
-            lambda x: self._slopes(x * scale, slack_m, order) * scale,
+            lambda x: np.concatenate([self._slopes(x * scale, slack_m, order) * scale, prior]),
             bounds=(self.low / scale, self.high / scale),
             max_nfev=12,
         )
         return got.x * scale
+
+    def _variance(self, off: Floats) -> float:
+        """Return the variance that differences (K, J) of lit readings show, no less than that of a nominal contact."""
+        return max(float((off**2).mean()), self.least_variance, 1e-30)
 
     def _placed(self, order: Ints, pose: Floats, slack_m: Floats) -> Floats:
         """Places of the presses within their slack, by Gauss-Newton."""
@@ -333,7 +379,7 @@ class _Search:
         observed, weight = self.observed[:, order], self.weight[:, order]
         shares = self._predicted(pose, slack)
         off = self._differences(shares, order)
-        noise = max(float((off**2).mean()), self.noise**2, 1e-30)
+        noise = self._variance(off)
         wide, long = self._variances(pose)
         for _ in range(4):
             power = float((weight * shares**2).sum())
@@ -361,6 +407,13 @@ def _thinned(presses: Presses) -> Presses:
         presses.sigma_m,
         presses.slack_m,
     )
+
+
+def _smooth_basis(place_m: Floats) -> Floats:
+    """Return functions (K, 6) of a smooth error of positions: constant, linear, quadratic; each of about one, rms."""
+    off = place_m - place_m.mean(axis=0)
+    x, y = (off / np.maximum(off.std(axis=0), 1e-9)).T
+    return np.stack([np.ones_like(x), x, y, (x**2 - 1) / np.sqrt(2), x * y, (y**2 - 1) / np.sqrt(2)], axis=1)
 
 
 def _pitch(layout: TaxelLayout) -> float:
@@ -410,7 +463,13 @@ def _cycles(order: Ints) -> list[Ints]:
     return cycles
 
 
+def _rivals(order: Ints, names: list[Order]) -> float:
+    """Logarithm of the number of orders that were open to one; one that has a name costs no more than the names."""
+    named = any((one.order == order).all() for one in names)
+    return min(_freedom(order), float(np.log(len(names)))) if named else _freedom(order)
+
+
 def _freedom(order: Ints) -> float:
-    """Logarithm of the number of permutations that move as many taxels."""
-    moved = int((order != np.arange(len(order))).sum())
-    return moved * float(np.log(max(len(order), 2)))
+    """Logarithm of the number of permutations that move as many taxels, and of those that move fewer of them."""
+    taxels, moved = len(order), int((order != np.arange(len(order))).sum())
+    return float(gammaln(taxels + 1) - gammaln(taxels - moved + 1))

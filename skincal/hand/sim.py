@@ -59,6 +59,7 @@ class SimDriver(HandDriver):
 
     name = "sim"
     real_time = False
+    in_process = True
 
     def __init__(
         self,

@@ -210,6 +210,18 @@ def _end(pool: ProcessPoolExecutor) -> None:
 
 
 @contextmanager
+def one_blas_thread() -> Generator[None]:
+    """Give linear algebra of this process one thread, which is what worker processes and the command line have.
+
+    Several round differently, and on small matrices they cost more than they bring, much more on busy cores.
+    """
+    from threadpoolctl import threadpool_limits  # pyright: ignore[reportMissingTypeStubs]
+
+    with threadpool_limits(1, "blas"):
+        yield
+
+
+@contextmanager
 def _one_thread_each() -> Generator[None]:
     """Give workers, which inherit the environment, one thread each for linear algebra."""
     before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}

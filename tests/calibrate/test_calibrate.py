@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from benchmarks.sessions import make_session
 from skincal.calibrate import calibrate, dataset_fit, search_box
@@ -318,3 +319,22 @@ def test_advice_fits_what_is_known_of_the_places(
     asked = "Are positions in the fingertip frame" in str(caught.value)
     assert asked == np.isfinite(sigma_m)
     assert asked != ("Write the contact point in x_m, y_m, z_m" in str(caught.value))
+
+
+def test_linear_algebra_has_one_thread_however_many_the_caller_gives_it(session: Dataset) -> None:
+    """As the command line's has: with more, a fit from Python gave other bytes, and took three times as long."""
+
+    class SeenError(Exception):
+        pass
+
+    def threads() -> set[int]:
+        return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
+
+    def look(*_: object) -> None:
+        raise SeenError(threads())
+
+    with threadpool_limits(2, "blas"):
+        with pytest.raises(SeenError) as found:
+            calibrate(session, workers=1, progress=look)
+        assert found.value.args[0] == {1}
+        assert threads() == {2}

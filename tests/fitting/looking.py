@@ -8,16 +8,30 @@ from typing import Any
 import numpy as np
 
 from skincal.fitting import lookup
-from skincal.fitting.lookup import compiled, look_up, room_for
+from skincal.fitting.lookup import Tables, compiled, look_up, room_for
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.seen import Images, to_patch
 
 
 @compiled
-def looked_up(tables: Any, kind: Any, row: Any, macro: Any, uv: Any, log_ratio: Any) -> Any:
-    out, room = np.empty((len(uv), 7, tables.plane.shape[1] + len(tables.centres))), room_for(tables)
+def _look_up(
+    tables: Any, kind: Any, row: Any, macro: Any, uv: Any, log_ratio: Any, room: Any, near: Any, out: Any
+) -> None:
     for i in range(len(uv)):
-        look_up(tables, kind[i], row[i], macro[i], uv[i, 0], uv[i, 1], log_ratio[i], room, out[i])
+        look_up(tables, kind[i], row[i], macro[i], uv[i, 0], uv[i, 1], log_ratio[i], room, near, out[i])
+
+
+def looked_up(
+    tables: Tables,
+    kind: np.ndarray,
+    row: np.ndarray,
+    macro: np.ndarray,
+    uv: np.ndarray,
+    log_ratio: np.ndarray,
+) -> np.ndarray:
+    out = np.zeros((len(uv), 7, tables.plane.shape[1] + len(tables.centres)))
+    room, near = room_for(tables), np.empty(out.shape[2], dtype=np.int64)
+    _look_up(tables, kind, row, macro, uv, log_ratio, room, near, out)
     return out
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from skincal.fitting.grid import MacroGrid, evaluate_slab, span
 from skincal.fitting.images import KernelImages
+from skincal.fitting.lookup import compiled
 from skincal.fitting.micro import MicroSettings, image_mismatch
 from skincal.fitting.problem import pose_problem
 from skincal.fitting.slab import descend, mismatches, place
@@ -16,6 +17,10 @@ from skincal.fitting.types import Floats
 from tests.fitting.conftest import Truth, make_session, rig
 
 SETTINGS = MicroSettings(0.5, 1e-3, 2e-3)
+
+
+mismatched: Any = compiled(mismatches.py_func)  # type: ignore[attr-defined]
+descended: Any = compiled(descend.py_func)  # type: ignore[attr-defined]
 
 
 def test_span_holds_both_ends_and_is_no_coarser_than_asked() -> None:
@@ -46,13 +51,13 @@ def test_gauss_newton_stays_in_the_slack_and_descends(truth: Truth) -> None:
     for k in range(len(problem)):
         tables = level.planes, images.size_of, layout.centres_m, images.lattice, k
         at = problem.across_m[k] - truth.across_m, problem.along_m[k] - truth.y_m
-        image, before = np.empty((3, layout.taxels)), np.empty((1, 1))
-        mismatches(
-            tables, problem.weight[k], problem.values[k], np.array(at[:1]), np.array(at[1:]), turn, before
+        given, before, slack = (
+            (tables, problem.weight[k], problem.values[k], at, turn),
+            np.empty((1, 1)),
+            np.zeros(2),
         )
-        slack = np.zeros(2)
-        given = tables, problem.weight[k], problem.values[k], at, turn, settings
-        q = descend(*given, slack, image, np.empty(layout.taxels))
+        mismatched(*given[:3], np.array(at[:1]), np.array(at[1:]), turn, before)
+        q = descended(*given, settings, slack, np.empty((3, layout.taxels)), np.empty(layout.taxels))
         assert np.abs(slack).max() <= 0.5e-3
         # The lattice is read at its nearest node.
         assert q <= 4.0 * before[0, 0] * 1.05 + 1.0

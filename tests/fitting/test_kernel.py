@@ -2,8 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from skincal.fitting.images import KernelImages
+from skincal.fitting.kernel import gaussian_blur
 from skincal.fitting.lookup import cubic
 from skincal.model import (
     Contacts,
@@ -136,3 +138,10 @@ def test_spread_keeps_the_force_and_widens_the_contact() -> None:
     )
     assert spread.sum() == pytest.approx(plain.sum(), rel=0.02)
     assert spread[40] < plain[40]
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.6, 1.0, 3.7])
+def test_blur_is_a_gaussian_filter_with_nothing_beyond_the_border(sigma: float) -> None:
+    field, blur = np.random.default_rng(0).uniform(0, 1, (41, 41)), gaussian_blur(41, sigma)
+    expected = gaussian_filter(field, sigma, mode="constant") if sigma else field
+    assert blur @ field @ blur == pytest.approx(expected, abs=1e-14)

@@ -109,3 +109,26 @@ def test_a_place_counts_once() -> None:
     assert apart.tolist() == [[False, True, False, False]]
     at_the_fold = settled_twice(press, uv, fold([-1.0, -1.0, -1.0, -1.0]))
     assert at_the_fold.tolist() == [[False, True, True, False]]
+
+
+def test_objective_is_the_sum_over_all_taxels_and_a_brief_search_finds_the_same() -> None:
+    """Taxels out of reach of a contact are looked at once, and count like the others."""
+    truth = Truth()
+    problem = pose_problem(rig(), make_session(truth, presses=12)[0])
+    logs = np.log([truth.elasticity_pa_per_m, truth.scale_per_n])
+    macro = np.tile([truth.across_m, truth.y_m, truth.alpha_rad, *logs], (len(problem), 1))
+    images, sigmas, press = (
+        Neighbourhood.around(macro[0]).images(problem),
+        np.tile(SIGMAS, (len(problem), 1)),
+        np.arange(len(problem)),
+    )
+    start = np.full((len(problem), 3), 1e-4)
+    state = settle(problem, images, macro, sigmas, press, start, iterations=3)
+    own = ((state.nuisance - problem.centre) / SIGMAS[[0, 0, 1]]) ** 2
+    assert state.objective == pytest.approx((state.residual**2).sum(axis=1) + own.sum(axis=1), rel=1e-9)
+    again = evaluate(problem, images, macro, sigmas, press, state.nuisance)
+    assert again.residual == pytest.approx(state.residual, rel=1e-12, abs=1e-12)
+    brief = settle(problem, images, macro, sigmas, press, start, iterations=3, brief=True)
+    assert np.array_equal(brief.nuisance, state.nuisance) and np.array_equal(brief.hessian, state.hessian)
+    assert brief.objective == pytest.approx(state.objective, rel=1e-12)
+    assert len(brief.residual) == 0

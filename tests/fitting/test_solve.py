@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from skincal.fitting.errors import FitError
-from skincal.fitting.fit_findings import _rig, find
+from skincal.fitting.fit_findings import BENT_NATS, _rig, find
 from skincal.fitting.fit_options import GridSteps, SearchBox
 from skincal.fitting.law import LawSpread
 from skincal.fitting.problem import FitProblem, PressTable, pose_problem
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.solve import plan_fit, solve
+from skincal.fitting.straight import Bend
 from skincal.fitting.valley import OPEN, POSE, at_one_place
 from tests.fitting.conftest import BOX, LAYOUT, ONE_LAW, QUICK, ROUGH, Truth, make_session, rig
 
@@ -187,6 +188,15 @@ def test_forces_whose_errors_go_with_the_force(fitted: FitResult, power: float, 
     assert told.code == code
     if power < 1:
         assert "power of 0.9" in told.text and "skincal diagnose" in told.advice
+
+
+def test_a_straightened_response_is_told_from_a_bound_on(fitted: FitResult) -> None:
+    assert fitted.bend.rise < BENT_NATS
+    found = find(replace(fitted, bend=Bend(2.0, BENT_NATS + 1), force_low=0.05), dropped=0)
+    [told] = [f for f in found.findings if f.code in ("response_bends", "force_scatter")]
+    assert told.code == "response_bends"
+    assert "2.0 times as large" in told.text and "answer less" in told.text
+    assert "response_bends" not in _codes(find(replace(fitted, bend=Bend(1.3, BENT_NATS - 1)), dropped=0))
 
 
 def test_forces_that_saturation_bends_scatter_besides(fitted: FitResult) -> None:

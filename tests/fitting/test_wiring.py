@@ -119,13 +119,14 @@ def test_slopes_of_a_pose(truth: Truth) -> None:
     place = np.stack([problem.across_m, problem.along_m], axis=1)
     presses = Presses(place, problem.force_n, problem.values, problem.weight, 1e-3, 2e-3)
     search = _Search(presses, problem.rig.layout, BOX, 0.2)
-    pose = np.array([1e-4, truth.y_m + 3e-4, -0.1, np.log(2e-6), np.log(3e-6)])
+    bent = 1e-4 * np.random.default_rng(0).standard_normal(12)
+    pose = np.array([1e-4, truth.y_m + 3e-4, -0.1, np.log(2e-6), np.log(3e-6), *bent])
     slack, order = np.full((len(problem), 2), 1e-4), np.arange(16)[::-1]
 
     def differences(at: np.ndarray) -> np.ndarray:
         return search._differences(search._predicted(at, slack), order).ravel()
 
     found = search._slopes(pose, slack, order)
-    for column, step in zip(found.T, np.diag([1e-7, 1e-7, 1e-5, 1e-5, 1e-5]), strict=True):
+    for column, step in zip(found.T, np.diag([1e-7, 1e-7, 1e-5, 1e-5, 1e-5, *[1e-7] * 12]), strict=True):
         expected = (differences(pose + step) - differences(pose - step)) / (2 * step.sum())
         assert column == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())

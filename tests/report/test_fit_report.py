@@ -34,6 +34,7 @@ from skincal.fitting.grid import MacroGrid
 from skincal.fitting.observe import Readout
 from skincal.fitting.problem import PressTable, Rig, pose_problem
 from skincal.fitting.result import FitFinding, FitResult, GridResult, PressFit, Sigmas
+from skincal.fitting.straight import Bend
 from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters
 from skincal.report.fit import FIGURES, write_fit_report
 from skincal.report.fit_draws import draws_figure
@@ -110,6 +111,7 @@ def make_fit(kind: str = "cylinder", presses: int = 14, seed: int = 3) -> Fitted
         sigmas=Sigmas(0.6e-3, 0.004, 0.2, 0.01, 0.01, 1e-4),
         law_spread_m=0.1e-3,
         law_rise=0.0,
+        bend=Bend(),
         effective_draws=400.0,
         force_low=0.0,
         misfit_low=0.0,
