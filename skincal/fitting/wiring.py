@@ -215,7 +215,8 @@ class _Search:
         found += [self._free(order, pose, names) for order, pose in seeds]
         # The order of the data has as good a chance of its best pose as its rivals have.
         own = orders[0]
-        poses = [starts[s] for s in np.argsort(costs[:, 0])[1:_NAMED]]
+        first: list[int] = np.argsort(costs[:, 0])[1:_NAMED].tolist()
+        poses = [starts[s] for s in first]
         poses += [one.pose for one in sorted(found, key=self.score)[-2:]]
         again = [self._refined(own, pose, names) for pose in poses]
         again += [one for one in found if (one.order == own).all()]
@@ -286,7 +287,8 @@ class _Search:
         poses: Floats = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         width = np.full((len(poses), 2), np.log((0.45 * self.pitch) ** 2))
         straight = np.zeros((len(poses), 2 * self.basis.shape[1]))
-        return list(np.concatenate([poses, width, straight], axis=1))
+        both: Floats = np.concatenate([poses, width, straight], axis=1)
+        return list(both)
 
     def _offsets(self, pose: Floats, slack_m: Floats | None) -> tuple[Floats, Floats]:
         """Return how far presses lie from taxels across and along (K, J) [m]."""

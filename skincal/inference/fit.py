@@ -1,8 +1,8 @@
 """The joint fit: pose, E, S, rest, contact law and effects, with every press's own numbers integrated out.
 
 Gauss-Newton on the whitened, robust residual; after each step of the whole presses go on by steps of their own numbers,
-so that the next linearisation is about where they are. What a press would gain by itself is not taken in the step of the
-whole: three presses of ten went too far by it, and the whole stopped short.
+so that the next linearisation is about where they are. What a press would gain by itself is not taken in the step of
+the whole: three presses of ten went too far by it, and the whole stopped short.
 """
 
 from __future__ import annotations

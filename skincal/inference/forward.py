@@ -56,9 +56,9 @@ BLUR_M2 = STEP_M**2 / 2
 _ALIKE = 0.15
 """A table holds for logarithms of E as near as this."""
 _FAR_M, _SLID_M = 3e-5, 1.2e-4
-"""A table is made anew when a contact is farther from it than the first: its second order then errs by less than a nat a
-session, and a loss is the same from wherever it is come to. A press has one place but if its samples lie farther
-from it than the second [m]."""
+"""A table is made anew when a contact is farther from it than the first: its second order then errs by less than a nat
+a session, and a loss is the same from wherever it is come to. A press has one place but if its samples lie farther from
+it than the second [m]."""
 
 
 @dataclass(frozen=True, eq=False)
