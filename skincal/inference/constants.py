@@ -22,8 +22,7 @@ class Constants:
     rest: float = 0.3  # P  how far the common level at rest is from what idle frames say, in noises
     huber: float = 8.0  # T  residuals beyond so many noises count in proportion
     settled: float = 0.5  # T  a step that gains less ends a fit [twice nats]
-    loose: float = 0.1  # T  a step may leave so much more than the state before it [twice nats]
-    own_steps: int = 2  # T  steps of presses by themselves after one of the whole
+    loose: float = 0.1  # T  a step, or a press in it, may leave so much more than was promised [twice nats]
     folds: int = 6  # T  parts of the presses that are held out in turn
     clip: float = 3.0  # T  no press counts for more in the standard error of a gain
     sure: float = 2.7  # T  standard errors by which a gain must be there

@@ -1,8 +1,7 @@
 """The joint fit: pose, E, S, rest, contact law and effects, with every press's own numbers integrated out.
 
-Gauss-Newton on the whitened, robust residual; after each step of the whole presses go on by steps of their own numbers,
-so that the next linearisation is about where they are. What a press would gain by itself is not taken in the step of
-the whole: three presses of ten went too far by it, and the whole stopped short.
+Gauss-Newton on the whitened, robust residual; after each step the presses' own numbers follow (they are linear given
+the rest), so that the next linearisation is about where they are.
 """
 
 from __future__ import annotations
@@ -307,7 +306,7 @@ class Fitter:
         return np.append(np.clip(d[: len(limit)], -limit, limit), d[len(limit) :])
 
     def moved(
-        self, at: Fitted, d: FloatArray, columns: IntArray | None = None, *, alone: bool = True
+        self, at: Fitted, d: FloatArray, columns: IntArray | None = None, *, alone: float = 1.0
     ) -> State:
         """A state by so much of its columns, no farther than a step may lead, presses with it.
 
@@ -315,7 +314,7 @@ class Fitter:
             at: the linearisation.
             d: steps of base, law and free numbers; with columns, of these.
             columns: of the blocks that the steps belong to, those of the model first; None: the first ones.
-            alone: whether presses take the step, too, that they would take if nothing else were moved.
+            alone: part of the step that presses would take if nothing else were moved.
         """
         b, s = at.blocks, at.state
         own, rest = self._short(d[: len(at.prior)]), (np.arange(len(d)) if columns is None else columns)
@@ -332,7 +331,8 @@ class Fitter:
         )
         constant, by = b.moves
         move = alone * constant - by[:, :, rest] @ np.append(own, d[len(own) :])
-        move = self._own_move(s.move, move)
+        move = np.clip(move, [-8e-4, -8e-4, -0.05], [8e-4, 8e-4, 0.05]) + s.move
+        move[:, :2] = np.clip(move[:, :2], -self.before.slack_m, self.before.slack_m)
         return replace(
             s,
             pose=pose,
@@ -362,31 +362,28 @@ class Fitter:
         return self.linear(at.state, free, at.seen) if at.state.effects else at
 
     def _careful(self, at: Fitted, d: FloatArray) -> tuple[State, Seen, float]:
-        """The state that a step leads to, each press gone on from there by steps of its own, and its loss."""
-        state = self.moved(at, d, alone=False)
-        tried, found = self._left(state)
-        best, step, new = _of_presses(found, found.loss, len(state.move)), found.moves[0], state
-        for _ in range(C.own_steps):
-            new = replace(state, move=self._own_move(state.move, step))
-            tried, found = self._left(new)
-            loss = _of_presses(found, found.loss, len(best))
-            better = loss < best
-            gained, best = float((best - loss)[better].sum()), np.minimum(best, loss)
-            step = np.where(better[:, None], found.moves[0], 0.3 * step)
-            state = replace(state, move=np.where(better[:, None], new.move, state.move))
-            if gained < C.settled:
+        """The state that a step leads to, its presses as far on their own ways as is best for each, and its loss."""
+        b = at.blocks
+        promised = b.loss - 2 * b.b @ d + np.einsum("n,pnm,m->p", d, b.h, d)
+        promised = _of_presses(b, promised, len(at.state.move))
+        state = self.moved(at, d)
+        seen, found = self._left(state)
+        best, move = _of_presses(found, found.loss, len(promised)), state.move
+        for alone in (0.3, 0.1, 0.0):
+            far = best > promised + C.loose
+            if not far.any():
                 break
-        seen = tried if (state.move == new.move).all() else self.forward.see(state)
+            state = self.moved(at, d, alone=alone)
+            state = replace(state, move=np.where(far[:, None], state.move, move))
+            seen, found = self._left(state)
+            loss = _of_presses(found, found.loss, len(promised))
+            best, move = np.minimum(best, loss), np.where((loss < best)[:, None], state.move, move)
         total = best.sum() + found.loss[found.press < 0].sum()
+        if (move != state.move).any():
+            state = replace(state, move=move)
+            seen = self.forward.see(state)
         prior, pull = self.prior(state, at.free)
         return state, seen, float(total + (pull**2 / np.maximum(prior, 1e-300)).sum())
-
-    def _own_move(self, move: FloatArray, step: FloatArray) -> FloatArray:
-        """Own numbers of presses (P, 3) by a step of them, no farther than one may lead."""
-        most = np.array([8e-4, 8e-4, 0.05])
-        move = move + np.clip(step, -most, most)
-        move[:, :2] = np.clip(move[:, :2], -self.before.slack_m, self.before.slack_m)
-        return move
 
     def loss_at(self, state: State) -> float:
         """Minus twice the logarithm of the likelihood of a state, but for a constant."""

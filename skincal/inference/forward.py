@@ -55,10 +55,8 @@ BLUR_M2 = STEP_M**2 / 2
 """Variance of a spreading of one: a state's number multiplies a quarter of the Laplacian over squared steps."""
 _ALIKE = 0.15
 """A table holds for logarithms of E as near as this."""
-_FAR_M, _SLID_M = 3e-5, 1.2e-4
-"""A table is made anew when a contact is farther from it than the first: its second order then errs by less than a nat
-a session, and a loss is the same from wherever it is come to. A press has one place but if its samples lie farther from
-it than the second [m]."""
+_FAR_M = 1.2e-4
+"""A table is made anew when a contact is farther from it than this; its second order is right so far [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -470,7 +468,7 @@ class _Near:
         middle, row = forward._middle(off), np.maximum(forward.row, 0)
         self.places = middle + seen.state.move[:, :2]
         slid = np.where((forward.row >= 0)[:, None], off - middle[row], 0.0)
-        self._slid = slid if np.abs(slid).max(initial=0.0) > _SLID_M else None
+        self._slid = slid if np.abs(slid).max(initial=0.0) > _FAR_M else None
         self._force = forward._force(seen.felt, seen.state)
         self._law = LAW_WAYS @ seen.state.law
         self._own = self._table()
