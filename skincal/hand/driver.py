@@ -35,8 +35,7 @@ class Driver(ABC, Generic[Description, State, Command]):
 
     A user's loop is ``state = rig.observe(); rig.act(command(state))``, once every :attr:`period_s` of the rig's clock.
 
-    Calls come from one thread, those of a rig that is computed :attr:`in_process` from two in turns; :meth:`stop` may
-    come from another while a call hangs.
+    Calls come from one thread, but :meth:`stop` may come from another while a call hangs.
     """
 
     name: str
@@ -44,10 +43,6 @@ class Driver(ABC, Generic[Description, State, Command]):
 
     real_time: bool = True
     """Whether the rig's clock runs as fast as ours; that of a simulated or recorded rig runs at any speed."""
-
-    in_process: bool = False
-    """Whether the rig is computed in this process, so that ``observe`` and ``act`` always return: the guard then calls
-    them itself, instead of from a thread that it could abandon."""
 
     @property
     @abstractmethod

@@ -50,8 +50,7 @@ Value = TypeVar("Value")
 class Guarded(ABC, Generic[Description, State, Command]):
     """A rig that is safe to move: used like a driver, within a ``with`` block, for one connection.
 
-    A separate thread of the guard makes all calls to the driver, except for ``stop``, and for states and commands of a
-    rig that is computed in this process: handing them over would take as long as computing them.
+    A separate thread of the guard makes all calls to the driver, except for ``stop``.
 
     Args:
         driver: the rig, not connected.
@@ -70,7 +69,6 @@ class Guarded(ABC, Generic[Description, State, Command]):
     ) -> None:
         self._made: Any = driver
         self._name = one_line(str(getattr(driver, "name", type(driver).__name__)), 60)
-        self._in_process = getattr(driver, "in_process", None) is True
         self._options = options or GuardOptions()
         self._clock = clock
         self._worker: Worker | None = None
@@ -130,8 +128,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
             )
         options = self._options
         self._check_limits()
-        idle_s = None if self._in_process else options.idle_s
-        self._worker = Worker(f"{self.rig} {self.name}", idle_s, self._idle)
+        self._worker = Worker(f"{self.rig} {self.name}", options.idle_s, self._idle)
         atexit.register(self._at_exit)
         note_stop(self._halt)
         # A simulated rig may compile its skin model first, which takes longer on a busy machine.
@@ -300,8 +297,6 @@ class Guarded(ABC, Generic[Description, State, Command]):
         """Make a call to the driver; stop the rig on any fault."""
         worker = self._ready(what)
         try:
-            if self._in_process and what in ("observe", "act"):
-                return self._unless_failed(work, arguments)
             return worker.call(self._unless_failed, work, arguments, timeout_s=timeout_s)
         except CallTimeoutError:
             text = f"{what}() did not return within {timeout_s:g} s"

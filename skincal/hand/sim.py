@@ -59,7 +59,6 @@ class SimDriver(HandDriver):
 
     name = "sim"
     real_time = False
-    in_process = True
 
     def __init__(
         self,

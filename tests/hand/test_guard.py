@@ -709,26 +709,3 @@ def test_a_period_that_changes_is_that_of_the_connection() -> None:
     with GuardedHand(driver, QUICK) as hand:
         driver.period = 0.0
         assert hand.period_s == PERIOD_S
-
-
-class TestARigInThisProcess:
-    class Computed(FakeHand):
-        in_process = True
-
-    def test_is_called_by_the_caller_and_connected_by_the_guard(self) -> None:
-        driver, own = self.Computed(), threading.current_thread().name
-        with GuardedHand(driver, replace(QUICK, idle_s=0.05)) as hand:
-            hand.act(HandCommand(hand.observe().q_desired_rad))
-            time.sleep(0.2)  # it does not move by itself
-            hand.observe()
-        assert driver.threads["observe"] == driver.threads["act"] == own != driver.threads["connect"]
-
-    @pytest.mark.parametrize("what", ["observe", "act"])
-    @pytest.mark.parametrize("error", [ValueError("odd"), KeyboardInterrupt()], ids=["error", "interrupt"])
-    def test_is_stopped_whatever_is_raised_in_a_call(self, what: str, error: BaseException) -> None:
-        driver = self.Computed(raises={what: error})
-        with pytest.raises((HandError, KeyboardInterrupt)) as caught, GuardedHand(driver, QUICK) as hand:
-            for _ in range(10):
-                hand.act(HandCommand(hand.observe().q_desired_rad))
-        assert driver.stopped_at is not None
-        assert isinstance(caught.value, HandError) == isinstance(error, ValueError)
