@@ -167,7 +167,8 @@ def contact_reach(surface: Surface, indenter: Indenter, ratio_m3: float) -> floa
 @lru_cache(maxsize=64)
 def _field_about(asked: bytes, count: int, half_m: float) -> _Field:
     """Return the field of a surface and an indenter, pickled as every task brings copies of its own, at turn 0."""
-    return _field(*pickle.loads(asked), 0.0, count, half_m / count)
+    surface, indenter = pickle.loads(asked)
+    return _field(surface, indenter, 0.0, count, half_m / count)
 
 
 def gaussian_blur(side: int, sigma: float) -> Floats:

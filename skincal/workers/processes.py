@@ -215,7 +215,7 @@ def one_blas_thread() -> Generator[None]:
 
     Several round differently, and on small matrices they cost more than they bring, much more on busy cores.
     """
-    from threadpoolctl import threadpool_limits  # takes a moment
+    from threadpoolctl import threadpool_limits  # pyright: ignore[reportMissingTypeStubs]
 
     with threadpool_limits(1, "blas"):
         yield
