@@ -111,8 +111,9 @@ class Observed:
         start, stuck = old.before.start, [one.taxel for one in spells if one.stuck]
         if start.log_s.ndim:
             # A calibration that took what sticks for a reading says nothing of that taxel.
-            own = np.isin(np.arange(len(start.log_s)), stuck)
-            start = replace(start, log_s=np.where(own, np.median(start.log_s[~own]), start.log_s))
+            log_s = start.log_s.copy()
+            log_s[stuck] = np.median(log_s)
+            start = replace(start, log_s=log_s)
         before = beforehand(self.dataset, start, 1.0, session, uniform=uniform)
         before = replace(before, base=old.before.base)
         return replace(

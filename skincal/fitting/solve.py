@@ -170,7 +170,7 @@ def solve(
     )
     problem, peak, draws = _drawn(problem, peak, around, bounds, options, rng, mapper, progress)
     images = around.images(problem)
-    law, bend = _weigh_laws(problem, peak, around, bounds, options, mapper, progress)
+    law, bend = _weigh_laws_and_bends(problem, peak, around, bounds, options, mapper, progress)
     at_best = _grid_loss(plan, draws.mean)
     found = Evidence(problem, kept, dead, peak, images, draws, law, bend, at_best)
     slabs_in_order = [done[t] for t in range(len(plan.grid.alpha_rad))]
@@ -428,7 +428,7 @@ def _sample(
     )
 
 
-def _weigh_laws(
+def _weigh_laws_and_bends(
     problem: FitProblem,
     peak: Peak,
     around: Neighbourhood,

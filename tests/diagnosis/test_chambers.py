@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from skincal.calibrate import calibrate_uniform
 from skincal.dataset import read_dataset
 from skincal.diagnosis.newcal import parameters_of
 from skincal.diagnosis.observed import Observed, full_rate, observe
+from skincal.diagnosis.spells import find_spells
 
 
 def observed(folder: Path, chamber: Chamber, *, frames: bool = True) -> Observed:
@@ -50,3 +52,26 @@ def test_noise_and_rest_from_plateaus_without_frames(tmp_path: Path):
     before = one.fitter.before
     assert before.start.rest == pytest.approx(15.0, abs=1.0)
     assert 1 / np.sqrt(before.base[5]) == pytest.approx(3.5, abs=1.0)
+
+
+@pytest.mark.parametrize("taxels", [4, 16])
+def test_a_board_that_falls_off_for_a_while_is_left_out(tmp_path: Path, taxels: int):
+    """Few taxels of it, or all."""
+    data = read_dataset(Chamber.plain().write(tmp_path / "chamber"))
+    truth = calibrate_uniform(data).calibration
+    presses, frames = data.presses, data.frames
+    assert frames is not None
+    ids = presses.press[4:20]
+    counts, means = frames.counts.copy(), presses.counts.copy()
+    counts[np.isin(frames.press, ids), :taxels], means[4:20, :taxels] = 255.0, 255.0
+    # A calibration that took full scale for a reading.
+    scale = np.array(truth.model.scale_per_taxel_per_n)
+    scale[:taxels] *= 3.0
+    wrong = replace(truth, model=replace(truth.model, scale_per_taxel_per_n=tuple(scale)))
+    data = replace(data, presses=replace(presses, counts=means), frames=replace(frames, counts=counts))
+    one = observe(data, wrong, np.random.default_rng(0))
+    stuck = find_spells(one.session, one.fitter, one.fitter.before.start, first=True)
+    assert sorted(s.taxel for s in stuck) == list(range(taxels)) and all(s.counts > 250 for s in stuck)
+    left = one.without(stuck)
+    assert left.session.counts is not None and not (left.session.counts > 250).any()
+    assert np.isfinite(left.fitter.before.start.log_s).all()
