@@ -35,6 +35,7 @@ class Blocks:
         count: (B,) values.
         press: (B,) row of the press, -1 for rest.
         moves: for each press the steps of its three own numbers: constant (3,) and by the columns (3, n).
+        own: curvature (B, k, k) and slope (B, k) by a press's own numbers, these three first.
         drawn: (B, n, S) what ``b`` is in simulated sessions.
         drawn_chi: (B, S) and their squares.
         products: of columns, before the own numbers of presses are taken out.
@@ -46,6 +47,7 @@ class Blocks:
     count: IntArray
     press: IntArray
     moves: tuple[FloatArray, FloatArray]
+    own: tuple[FloatArray, FloatArray]
     drawn: FloatArray
     drawn_chi: FloatArray
     products: Products
@@ -243,8 +245,8 @@ def blocks(
         of_columns,
     )
     return Blocks(
-        by_residual[..., 0] - gone[..., 0], loss + chi, chi, count, owner, (constant, by), drawn - gone[..., 1:],
-        squares[:, 1:], products,
+        by_residual[..., 0] - gone[..., 0], loss + chi, chi, count, owner, (constant, by), (g, right[..., n]),
+        drawn - gone[..., 1:], squares[:, 1:], products,
     )  # fmt: skip
 
 

@@ -22,7 +22,8 @@ class Constants:
     rest: float = 0.3  # P  how far the common level at rest is from what idle frames say, in noises
     huber: float = 8.0  # T  residuals beyond so many noises count in proportion
     settled: float = 0.5  # T  a step that gains less ends a fit [twice nats]
-    loose: float = 0.1  # T  a step, or a press in it, may leave so much more than was promised [twice nats]
+    loose: float = 0.1  # T  a step may leave so much more than the state before it [twice nats]
+    own_steps: int = 2  # T  steps of presses by themselves after one of the whole
     folds: int = 6  # T  parts of the presses that are held out in turn
     clip: float = 3.0  # T  no press counts for more in the standard error of a gain
     sure: float = 2.7  # T  standard errors by which a gain must be there
@@ -43,7 +44,6 @@ class Constants:
     rounds: int = 8  # T  in which they are found: one effect may be found taxel by taxel
     # T  of a first step
     scales: tuple[float, ...] = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.1, 0.06, 1.5, 2.0, 3.0)
-    trapped: float = 1.5  # T  of what the middle press leaves: a press that leaves more is looked for anew
     # T  of the same: a press that leaves more, whatever its place, is no press like the others
     wild: float = 5.0
     # T  errors of images that are tried, over ``image``

@@ -53,10 +53,8 @@ LAW_WAYS = np.array(
 together: a state has the power, and what blur and radius have beyond what goes with it (slopes of the twins' fits)."""
 BLUR_M2 = STEP_M**2 / 2
 """Variance of a spreading of one: a state's number multiplies a quarter of the Laplacian over squared steps."""
-_ALIKE = 0.15
-"""A table holds for logarithms of E as near as this."""
-_FAR_M = 1.2e-4
-"""A table is made anew when a contact is farther from it than this; its second order is right so far [m]."""
+_SLID_M = 1.2e-4
+"""A table's second order is right so far from its places [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +91,8 @@ class Seen:
         loads: (K, J) [N].
         values: (K, J) levels less rest [counts].
         table: of the presses.
+        places: (P, 2) of the table, from the measured places [m].
+        key: what else the table belongs to.
         at: (K, 2) move of each sample from the table's place [m].
     """
 
@@ -101,6 +101,8 @@ class Seen:
     loads: FloatArray
     values: FloatArray
     table: PressTable
+    places: FloatArray
+    key: object
     at: FloatArray
 
 
@@ -158,7 +160,7 @@ class Forward:
         self._axes = self._measured.axes(surface)
         self._within = self._moves_within()
         self._patches: dict[SensorPose, Patch] = {}
-        self._tables: dict[object, tuple[State, FloatArray, PressTable]] = {}
+        self._tables: dict[object, tuple[FloatArray, PressTable]] = {}
         self._moves: tuple[Seen, FloatArray] | None = None
 
     @property
@@ -249,17 +251,26 @@ class Forward:
         given = state.effects if effects is None else effects
         return EffectSkin.of(skin, self.surface, given, missing="abstain")
 
-    def see(self, state: State) -> Seen:
-        """What a state reads."""
+    def see(self, state: State, near: Seen | None = None) -> Seen:
+        """What a state reads.
+
+        Args:
+            state: it.
+            near: another that was seen; where only places differ, and by little, they are moves from its table: small
+                differences are then those of its slopes.
+        """
         skin = self.skin(state)
         felt, off = self._felt(skin)
-        middle = self._middle(off) + state.move[:, :2]
-        table, places = self._table(skin, felt, state, middle)
+        places, key = self._middle(off) + state.move[:, :2], self._key(skin, felt, state)
+        if near is not None and key == near.key and np.abs(places - near.places).max(initial=0.0) < _SLID_M:
+            places, table = near.places, near.table
+        else:
+            table = self._table(key, skin, felt, state, places)
         row = np.maximum(self.row, 0)
         at = off + state.move[row, :2] - places[row]
         at[self.row < 0] = 0.0
         loads = self._loads(table, felt, state, at)
-        return Seen(state, felt, loads, self._after(skin, loads, felt), table, at)
+        return Seen(state, felt, loads, self._after(skin, loads, felt), table, places, key, at)
 
     def _felt(self, skin: EffectSkin) -> tuple[Samples, FloatArray]:
         """Samples as the skin feels them, and how far (K, 2) they are from the measured place of their press."""
@@ -283,31 +294,32 @@ class Forward:
             / np.maximum(total, 1e-12)[:, None]
         )
 
-    def _table(
-        self, skin: EffectSkin, felt: Samples, state: State, middle: FloatArray
-    ) -> tuple[PressTable, FloatArray]:
+    def _key(self, skin: EffectSkin, felt: Samples, state: State) -> object:
+        """All that a table depends on but for the places."""
         spread = [a for a in skin.effects if isinstance(a.effect, SpreadEffect) and not a.neutral]
-        stress, law = _stress(skin), LAW_WAYS @ state.law
         radii = tuple(i.radius_m if isinstance(i, Sphere) else id(i) for i in felt.indenters)
-        key = (stress, *law.tolist(), spread[0].key if spread else None, radii, state.pose)
-        if key in self._tables:
-            before, places, table = self._tables[key]
-            if abs(before.log_e - state.log_e) < _ALIKE:
-                far = np.flatnonzero(np.nan_to_num(np.abs(middle - places)).max(axis=1) >= _FAR_M)
-                if not len(far):
-                    return table, places
-                if len(far) < len(places) / 2:
-                    places, terms = places.copy(), table.terms.copy()
-                    places[far] = middle[far]
-                    terms[:, far] = self._make(skin, felt, before, places[far], rows=far).spread(law[1]).terms
-                    self._tables[key] = (before, places, PressTable(terms, table.most_m3))
-                    return self._tables[key][2], places
-        moved = middle.copy()
-        table = self._make(skin, felt, state, moved).spread(law[1])
-        if len(self._tables) > 40:
-            self._tables.clear()
-        self._tables[key] = (state, moved, table)
-        return table, moved
+        law = tuple((LAW_WAYS @ state.law).tolist())
+        return _stress(skin), law, spread[0].key if spread else None, radii, state.pose, state.log_e
+
+    def _table(
+        self, key: object, skin: EffectSkin, felt: Samples, state: State, places: FloatArray
+    ) -> PressTable:
+        """Tables of presses at their places; of those kept, what is elsewhere by anything is made anew.
+
+        So what a state reads does not depend on the states that were asked for before.
+        """
+        blur = float((LAW_WAYS @ state.law)[1])
+        if key not in self._tables:
+            if len(self._tables) > 40:
+                self._tables.clear()
+            self._tables[key] = places, self._make(skin, felt, state, places).spread(blur)
+        before, table = self._tables[key]
+        if len(new := np.flatnonzero((before != places).any(axis=1))):
+            terms = table.terms.copy()
+            terms[:, new] = self._make(skin, felt, state, places[new], rows=new).spread(blur).terms
+            table = PressTable(terms, table.most_m3)
+        self._tables[key] = places, table
+        return table
 
     def _make(
         self,
@@ -341,13 +353,13 @@ class Forward:
         e = float(np.exp(state.log_e))
         return e * table.at(self.row, self._force(felt, state) / e, at if at.any() else None)
 
-    def reader(self, state: State, at: IntArray) -> Callable[[FloatArray], FloatArray]:
+    def reader(self, state: State, at: IntArray) -> Callable[[FloatArray, IntArray], FloatArray]:
         """What presses read elsewhere: of one sample each (B,), by the chain without memory.
 
         Effects with memory change all that is felt in the same proportion as where the state has the press.
 
         Returns:
-            of moves (B, G, 2) [m] the levels (B, G, J).
+            of moves (C, G, 2) [m] of some of these samples (C,) the levels (C, G, J).
         """
         still = {n: v for n, v in state.effects.items() if not effect(n).has_memory}
         skin = self.skin(state, still)
@@ -361,14 +373,14 @@ class Forward:
         force = self._force(felt, replace(state, move=np.zeros_like(state.move)))[at]
         e = float(np.exp(state.log_e))
 
-        def read(moves: FloatArray) -> FloatArray:
-            many, taxels = moves.shape[1], self.layout.taxels
-            rows = np.repeat(self.row[at], many)
+        def read(moves: FloatArray, some: IntArray) -> FloatArray:
+            many, taxels, own = moves.shape[1], self.layout.taxels, np.repeat(at[some], moves.shape[1])
+            rows = self.row[own]
             places = moves.reshape(-1, 2) + middle[rows]
             table = self._make(skin, felt, state, places, rows=rows, lattice=False)
-            loads = e * table.at(np.arange(len(rows)), np.repeat(force, many) / e)
-            values = self._after(skin, loads, felt[np.repeat(at, many)])
-            return values.reshape(-1, many, taxels) * part[:, None, None] + state.rest
+            loads = e * table.at(np.arange(len(rows)), np.repeat(force[some], many) / e)
+            values = self._after(skin, loads, felt[own])
+            return values.reshape(-1, many, taxels) * part[some, None, None] + state.rest
 
         return read
 
@@ -391,8 +403,7 @@ class Forward:
         skin = self.skin(seen.state, effects)
         if _early_part(effects) == _early_part(seen.state.effects):
             return self._after(skin, seen.loads, seen.felt)
-        state = replace(seen.state, effects=effects)
-        return self.see(state).values
+        return self.see(replace(seen.state, effects=effects), seen).values
 
     def base_columns(self, seen: Seen, *, contact: bool = True) -> FloatArray:
         """(K, J, 6 + 4) slopes by ``BASE`` (place in metres, angle, logarithms, counts) and ``LAW``.
@@ -466,9 +477,9 @@ class _Near:
         self._f, self._seen, self._skin = forward, seen, forward.skin(seen.state)
         off = forward._felt(self._skin)[1]
         middle, row = forward._middle(off), np.maximum(forward.row, 0)
-        self.places = middle + seen.state.move[:, :2]
+        self.places = seen.places
         slid = np.where((forward.row >= 0)[:, None], off - middle[row], 0.0)
-        self._slid = slid if np.abs(slid).max(initial=0.0) > _FAR_M else None
+        self._slid = slid if np.abs(slid).max(initial=0.0) > _SLID_M else None
         self._force = forward._force(seen.felt, seen.state)
         self._law = LAW_WAYS @ seen.state.law
         self._own = self._table()

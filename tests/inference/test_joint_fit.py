@@ -19,7 +19,7 @@ from skincal.inference.columns import free_of
 from skincal.inference.fit import Fitter
 from skincal.inference.forward import LAW, Forward
 from skincal.inference.score import folds_of
-from skincal.inference.start import placed_at
+from skincal.inference.start import placed, placed_at
 
 
 @cache
@@ -220,21 +220,37 @@ def test_common_equation_error_widens_what_depends_on_it():
     assert alone[1] == pytest.approx(alone[0])
 
 
-def test_too_long_step_is_shortened_press_by_press():
+def test_presses_end_where_they_leave_least_whatever_their_own_slopes_promise():
     fitter = seen("nothing").fitter
     at = fitter.linear(fitter.before.start, ())
-    # Half of the presses would go where they should, the others far beyond.
+    # By these half of the presses would go far beyond.
     constant, by = at.blocks.moves
     far = constant.copy()
     far[::2, :2] = -1.5e-3
     wrong = replace(at, blocks=replace(at.blocks, moves=(far, by)))
-    d = fitter.step(wrong)
-    state, _, loss = fitter._careful(wrong, d)
-    aim = fitter.moved(wrong, d)
-    assert loss < fitter.loss_at(aim)
-    assert (np.abs(state.move[::2, :2]) < 1e-3).all()
-    as_promised = (np.abs(state.move - aim.move)[1::2] < 1e-9).all(axis=1)
-    assert as_promised.mean() > 0.6
+    (state, _, loss), (_, _, right) = (fitter._careful(x, fitter.step(x)) for x in (wrong, at))
+    assert loss == pytest.approx(right, abs=0.5)
+    assert loss < fitter.loss_at(fitter.moved(at, fitter.step(at)))
+    assert (np.abs(state.move[:, :2]) < 1e-3).all()
+
+
+def test_presses_come_back_from_wrong_places_however_many_they_are():
+    fitter = seen("nothing").fitter
+    end = fitter.solve(fitter.before.start, steps=4).state
+    rng = np.random.default_rng(3)
+    lost, which = end.move.copy(), rng.random(len(end.move)) < 0.6
+    lost[which, :2] = (fitter.before.slack_m * rng.choice([-0.6, 0.6], (len(which), 2)))[which]
+    found = placed(fitter, replace(end, move=lost))
+    assert (fitter.settled(found).loss < fitter.settled(end).loss + 2.0).all()
+
+
+def test_a_loss_is_the_same_from_wherever_it_is_come_to():
+    fitter = seen("nothing").fitter
+    end = fitter.solve(fitter.before.start, steps=4).state
+    near = replace(end, move=end.move + np.array([1e-4, -1e-4, 0.0]))
+    anew = seen.__wrapped__("nothing").fitter
+    first = anew.loss_at(near), anew.loss_at(end)
+    assert (fitter.loss_at(near), fitter.loss_at(end)) == pytest.approx(first, abs=1.0)
 
 
 def test_unfinished_fit_gets_no_credit_for_its_slopes():
