@@ -18,7 +18,7 @@ All gains are of :mod:`skincal.inference.score`, all limits of :mod:`skincal.inf
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -160,6 +160,10 @@ class Found:
         """Whether what is named leaves more than chance, and more of what there was than an equation may err by."""
         before, after = np.maximum(left_by(self.base) - 1, C.noise), self.left - 1
         return bool(((after > C.equation * before) & (self.excess > 1)).any())
+
+
+_ABLE = 1e-3
+"""An effect can do what its slopes promise if it does so much of it."""
 
 
 @dataclass(eq=False)
@@ -345,14 +349,14 @@ class Search:
         What is near the best after a few steps is fitted until it is settled before it is compared: the base has gone
         along with what was missing, and may have far to come back.
         """
-        order = sorted(good, key=lambda t: -t.shared)
+        able = [(t, v) for t in good if (v := self._scaled(fit, t)) is not None]
         least, shared = (
-            C.contend * max(x, default=0.0) for x in ([t.gain for t in good], [t.shared for t in good])
+            C.contend * max(x, default=0.0) for x in ([t.gain for t, _ in able], [t.shared for t, _ in able])
         )
-        few = [t for t in order if t.shared > shared or t.gain > least][: C.contenders]
+        few = [(t, v) for t, v in able if t.shared > shared or t.gain > least]
         fits: list[tuple[Tried, Fitted]] = []
-        for t in few:
-            new = self.with_one(fit, t)
+        for t, values in sorted(few, key=lambda one: -one[0].shared)[: C.contenders]:
+            new = self.with_one(fit, t, values)
             gain = Score(self.score(new) - self.score(fit))
             # Many presses gain a little, or some gain much: a few alone are no evidence, whatever they gain.
             if gain.total > t.limit and (max(t.sure, gain.sure) > C.sure or gain.lasting > t.limit):
@@ -390,10 +394,8 @@ class Search:
         """(B,) logarithm of the likelihood of each block by the fit of the others."""
         return fit.predicted(self._folds)
 
-    def with_one(self, fit: Fitted, tried: Tried) -> Fitted:
-        """The joint fit with one more."""
-        before = fit.state.effects.get(tried.name)
-        values = self._scaled(fit, tried, before)
+    def with_one(self, fit: Fitted, tried: Tried, values: dict[str, FloatArray]) -> Fitted:
+        """The joint fit with one more, from values of its parameters."""
         more = free_of(tried.name, values, tried.candidate.start, self.covariates)
         had = {(f.effect, f.parameter.name, f.index) for f in fit.free}
         free = (*fit.free, *(f for f in more if (f.effect, f.parameter.name, f.index) not in had))
@@ -431,14 +433,15 @@ class Search:
             fit = again if again.loss() < fit.loss() else fit
         return fit
 
-    def _scaled(
-        self, fit: Fitted, tried: Tried, before: Mapping[str, FloatArray] | None
-    ) -> dict[str, FloatArray]:
-        """Parameters that do what the multiples of a start's points do to first order: few equations are lines."""
-        f, c = self.fitter.forward, tried.candidate
+    def _scaled(self, fit: Fitted, tried: Tried) -> dict[str, FloatArray] | None:
+        """Parameters that do what the multiples of a start's points do to first order: few equations are lines.
+
+        None where bounds let them do nothing of it: what is missing is the contrary of the effect.
+        """
+        f, c, before = self.fitter.forward, tried.candidate, fit.state.effects.get(tried.name)
         wanted = c.columns.times(tried.coefficients)
         _, slope = f.noise.written(fit.seen.values + fit.state.rest)
-        best: tuple[float, dict[str, FloatArray]] | None = None
+        best: tuple[float, dict[str, FloatArray] | None] = (1 - _ABLE) * float((wanted**2).sum()), None
         for scale in C.scales:
             values = begun(tried.name, c.start, scale * tried.coefficients, before)
             does = f.mean @ (
@@ -446,9 +449,8 @@ class Search:
                 * slope
             )
             off = float(((does - wanted) ** 2).sum())
-            if best is None or off < best[0]:
+            if off < best[0]:
                 best = off, values
-        assert best is not None
         return best[1]
 
     def _without(self, fit: Fitted, name: str) -> Fitted:

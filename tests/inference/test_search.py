@@ -51,7 +51,10 @@ class Settling(Search):
 
     settled = 0.0
 
-    def with_one(self, fit: Any, tried: Any) -> Any:
+    def _scaled(self, fit: Any, tried: Any) -> Any:
+        return None if tried.name == "saturation" else {}
+
+    def with_one(self, fit: Any, tried: Any, values: Any) -> Any:
         return SimpleNamespace(state=None, free=(), each=2.0)
 
     def _settled(self, state: Any, free: Any) -> Any:
@@ -99,11 +102,12 @@ class Lumpy(Settling):
 
     on = 0
 
-    def with_one(self, fit: Any, tried: Any) -> Any:
+    def with_one(self, fit: Any, tried: Any, values: Any) -> Any:
+        assert tried.name != "saturation"
         return SimpleNamespace(state=None, free=(), each=np.where(np.arange(20) < self.on, 20.0, -0.4))
 
     def _settled(self, state: Any, free: Any) -> Any:
-        return self.with_one(None, None)
+        return self.with_one(None, SimpleNamespace(name=""), None)
 
 
 @pytest.mark.parametrize(("on", "named"), [(C.few, False), (C.few + 3, True)])
@@ -114,6 +118,11 @@ def test_what_few_presses_gain_is_no_evidence_whatever_it_is(on: int, named: boo
     search.on = on
     tried: Any = SimpleNamespace(name="cover", gain=40.0, shared=6.0, sure=1.5, limit=30.0, p_value=0.01)
     assert bool(search._best(before, [tried])) is named
+    # What bounds keep from what its slopes promise takes no place of others, however much that is.
+    cannot = [
+        SimpleNamespace(**vars(tried) | {"name": "saturation", "gain": 900.0, "shared": 90.0})
+    ] * C.contenders
+    assert bool(search._best(before, [*cannot, tried])) is named
 
 
 class Forking(Search):
