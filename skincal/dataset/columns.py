@@ -88,12 +88,12 @@ class ColumnReader:
             f'Does "{close}" stand for {name}?' for name in missing if (close := did_you_mean(name, spare))
         ]
         what = "column" if len(missing) == 1 else f"{len(missing)} columns"
-        self.sheet.findings.error(
-            self.sheet.file,
-            f"the {what} {_first(missing)}",
-            f"the columns {_first(list(self._table.columns), 12)}",
-            " ".join(hints[:3]) or self._separator_hint() or _how_to_add(missing),
-        )
+        names = [*self._table.columns]
+        one = len(names) == 1 and ";" in names[0]
+        separator = "The cells are separated by semicolons; separate them by commas." if one else ""
+        fix = " ".join(hints[:3]) or separator or _how_to_add(missing)
+        expected, got = f"the {what} {_first(missing)}", f"the columns {_first(names, 12)}"
+        self.sheet.findings.error(self.sheet.file, expected, got, fix)
 
     def numbers(self, name: str) -> FloatArray:
         """Return a column as numbers, shape (rows,), with NaN for empty cells; report cells that are not numbers."""
@@ -127,10 +127,16 @@ class ColumnReader:
 
     def matrix(self, names: Sequence[str]) -> FloatArray:
         """Return several columns side by side, shape (rows, columns); missing ones are NaN."""
-        matrix = np.empty((self.rows, len(names)), dtype=np.float64)
+        matrix = np.empty((self.rows, len(names)))
         for j, name in enumerate(names):
             matrix[:, j] = self.numbers(name)
         return matrix
+
+    def checked_matrix(
+        self, names: Sequence[str], kind: str, *, may_be_nan: BoolArray | bool = True
+    ) -> FloatArray:
+        """Return several columns side by side as :meth:`checked` does each, shape (rows, columns)."""
+        return np.column_stack([self.checked(name, kind, may_be_nan=may_be_nan) for name in names])
 
     def said(self, name: str) -> BoolArray:
         """Return which cells of a column were already reported as not numeric, shape (rows,)."""
@@ -143,24 +149,20 @@ class ColumnReader:
     def optional(
         self, known: Mapping[str, str], taken: Collection[str]
     ) -> Iterator[tuple[str, NDArray[Any]]]:
-        """Every column that is not ``taken``, in the file's order: known ones checked, others as they are.
+        """Yield every column that is not ``taken``, in the file's order: known ones checked, others as they are.
 
         Those that are not known and hold lists or bytes are left out, unread.
         """
-        hinted = 0
-        for name in self._table.columns:
-            if name in taken:
-                continue
-            if self._kind(name, known) is None and hinted < MOST_HINTS:
-                hinted += 1
-                self._hint_unknown(name, known)
-            if self._kind(name, known) is None and name in self._table.others:
-                got = self._table.others[name]
-                self.sheet.findings.note(
-                    self.sheet.column(name), "single numbers or texts", got, "It is left out."
-                )
-                continue
-            yield name, self.one_optional(name, known)
+        names = [name for name in self._table.columns if name not in taken]
+        unknown = [name for name in names if self._kind(name, known) is None]
+        for name in unknown[:MOST_HINTS]:
+            self._hint_unknown(name, known)
+        for name in names:
+            if name in self._table.others and self._kind(name, known) is None:
+                place, got = self.sheet.column(name), self._table.others[name]
+                self.sheet.findings.note(place, "single numbers or texts", got, "It is left out.")
+            else:
+                yield name, self.one_optional(name, known)
 
     def one_optional(self, name: str, known: Mapping[str, str]) -> NDArray[Any]:
         """Return one column, checked if it is known."""
@@ -177,12 +179,9 @@ class ColumnReader:
         findings, place = self.sheet.findings, self.sheet.column(name)
         match = TAXEL.fullmatch(name)
         if match:
-            findings.error(
-                place,
-                "a taxel within [sensor] rows and cols",
-                f"row {match[1]}, column {match[2]}",
-                "Correct rows and cols in dataset.toml, or take the column out.",
-            )
+            fix = "Correct rows and cols in dataset.toml, or take the column out."
+            got = f"row {match[1]}, column {match[2]}"
+            findings.error(place, "a taxel within [sensor] rows and cols", got, fix)
         elif close := did_you_mean(name, [k for k in known if not self.has(k)]):
             fix = f'It is kept but not used. Did you mean "{close}"?'
             findings.warn(place, "a known column", "an unknown one", fix)
@@ -201,11 +200,6 @@ class ColumnReader:
         fix = "Write a decimal point." if decimal_comma else "Write the number alone, in the column's unit."
         self.sheet.bad_rows(name, text, column, "a number", fix)
         return values, text
-
-    def _separator_hint(self) -> str:
-        names = list(self._table.columns)
-        one = len(names) == 1 and ";" in names[0]
-        return "The cells are separated by semicolons; separate them by commas." if one else ""
 
 
 def _converted(column: NDArray[Any], convert: Callable[[Any], Any]) -> NDArray[Any]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from skincal.bounded import MOST_MESH_BYTES, read_bytes
 from skincal.dataset.findings import Findings
 from skincal.dataset.keys import TWICE
@@ -27,17 +29,11 @@ def read_positions(folder: Path, file: str, sensor: SensorSpec, findings: Findin
     name = sensor.positions
     if not name:
         if (folder / "taxels.csv").is_file():
-            findings.warn(
-                "taxels.csv", f'positions = "taxels.csv" in {file}, [sensor]', "nothing", "It is not used."
-            )
+            expected = f'positions = "taxels.csv" in {file}, [sensor]'
+            findings.warn("taxels.csv", expected, "nothing", "It is not used.")
         return None
-    path = folder / name
-    if Path(name).name != name or not path.exists():
-        findings.error(
-            f"{file}, [sensor] positions", "a file in the same folder", f'"{name}": no such file', COPY
-        )
-        return None
-    table = read_table(path, findings)
+    path = _beside(folder, name, f"{file}, [sensor] positions", findings)
+    table = None if path is None else read_table(path, findings)
     return None if table is None else positions_from(table, sensor)
 
 
@@ -47,32 +43,39 @@ def read_meshes(
     """Return the content of the mesh files that ``[surface]`` and ``[indenter]`` of ``file`` name, by name."""
     found: dict[str, bytes] = {}
     for table, spec in (("surface", surface), ("indenter", indenter)):
-        content = _mesh(folder, f"{file}, [{table}] file", spec, findings)
-        if content is not None and spec.file is not None:
+        if (
+            spec.file
+            and (content := _mesh(folder, f"{file}, [{table}] file", spec.file, findings)) is not None
+        ):
             found[spec.file] = content
     return found
 
 
-def _mesh(folder: Path, place: str, spec: SurfaceSpec | IndenterSpec, findings: Findings) -> bytes | None:
-    if not spec.file:
-        return None
-    path = folder / spec.file
-    if Path(spec.file).name != spec.file or not path.exists():
-        findings.error(place, "a file in the same folder", f'"{spec.file}": no such file', COPY)
+def _beside(folder: Path, name: str, place: str, findings: Findings) -> Path | None:
+    """Return the path of a file that a description names; None, with an error added, if it is not in the folder."""
+    if Path(name).name == name and (folder / name).exists():
+        return folder / name
+    findings.error(place, "a file in the same folder", f'"{name}": no such file', COPY)
+    return None
+
+
+def _mesh(folder: Path, place: str, name: str, findings: Findings) -> bytes | None:
+    path = _beside(folder, name, place, findings)
+    if path is None:
         return None
     try:
         content = read_bytes(path, MOST_MESH_BYTES, folder)
-        vertices, _ = mesh_arrays(content, spec.file)
+        vertices, _ = mesh_arrays(content, name)
     except OSError as error:
-        findings.error(place, "a file in the same folder", f'"{spec.file}": {reason(error)}', COPY)
+        findings.error(place, "a file in the same folder", f'"{name}": {reason(error)}', COPY)
         return None
     except ValueError as error:
-        findings.error(spec.file, "a triangle mesh (STL, OBJ, PLY, …)", text_of(error), EXPORT)
+        findings.error(name, "a triangle mesh (STL, OBJ, PLY, …)", text_of(error), EXPORT)
         return None
-    extent = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
+    extent = float(np.ptp(vertices, axis=0).max())
     if extent > LARGEST_M:
         fix = "It looks like millimetres; the file is in metres: scale it by 0.001."
-        findings.error(spec.file, f"a mesh in metres, at most {LARGEST_M:g} m wide", f"{extent:g} m", fix)
+        findings.error(name, f"a mesh in metres, at most {LARGEST_M:g} m wide", f"{extent:g} m", fix)
     elif extent < SMALLEST_M:
-        findings.error(spec.file, f"a mesh in metres, at least {SMALLEST_M:g} m wide", f"{extent:g} m", TWICE)
+        findings.error(name, f"a mesh in metres, at least {SMALLEST_M:g} m wide", f"{extent:g} m", TWICE)
     return content

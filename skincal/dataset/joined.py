@@ -51,14 +51,12 @@ def check_same_rig(first: DatasetMeta, second: DatasetMeta, place: str) -> None:
         InputError: they are not; ``place`` says where the second one comes from.
     """
     pairs = ((first.sensor, second.sensor, "sensor"), (first.surface, second.surface, "surface"))
-    problems = [
-        Problem(
-            f"{place}: [{name}]", f"that of the first session, {mine}", str(other), "Press the same sensor."
-        )
+    fix = "Press the same sensor."
+    if problems := [
+        Problem(f"{place}: [{name}]", f"that of the first session, {mine}", str(other), fix)
         for mine, other, name in pairs
         if mine != other
-    ]
-    if problems:
+    ]:
         raise InputError(problems)
 
 

@@ -24,14 +24,11 @@ def layout_of(sensor: SensorSpec, positions: TaxelPositions | None) -> TaxelLayo
     """Return the layout of the taxels: the grid of ``[sensor]``, or the table of positions if there is one."""
     from skincal.model import TaxelLayout
 
+    rows, cols = sensor.rows, sensor.cols
     if positions is not None:
-        return TaxelLayout(
-            rows=sensor.rows, cols=sensor.cols, centres_m=positions.centres_m, sizes_m=positions.sizes_m
-        )
+        return TaxelLayout(rows=rows, cols=cols, centres_m=positions.centres_m, sizes_m=positions.sizes_m)
     assert sensor.taxel_size_m is not None and sensor.pitch_m is not None
-    return TaxelLayout.grid(
-        sensor.rows, sensor.cols, taxel_size_m=sensor.taxel_size_m, pitch_m=sensor.pitch_m
-    )
+    return TaxelLayout.grid(rows, cols, taxel_size_m=sensor.taxel_size_m, pitch_m=sensor.pitch_m)
 
 
 def surface_of(spec: SurfaceSpec, meshes: Mapping[str, bytes]) -> Surface:

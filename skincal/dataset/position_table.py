@@ -13,6 +13,7 @@ from skincal.dataset.keys import MILLIMETRES
 from skincal.dataset.spec import SensorSpec
 from skincal.dataset.table_file import RawTable
 from skincal.dataset.tables import TaxelPositions
+from skincal.errors import first_of
 
 COLUMNS = ("r", "c", "u_m", "v_m", "du_m", "dv_m")
 LARGEST_M = 1.0
@@ -33,36 +34,23 @@ def positions_from(table: RawTable, sensor: SensorSpec) -> TaxelPositions | None
         return None
     r = reader.whole("r", f"a whole number below {sensor.rows}", low=0)
     c = reader.whole("c", f"a whole number below {sensor.cols}", low=0)
-    centres = np.column_stack([reader.checked(name, ANY, may_be_nan=False) for name in ("u_m", "v_m")])
-    sizes = np.column_stack([reader.checked(name, POSITIVE, may_be_nan=False) for name in ("du_m", "dv_m")])
-    for j, name in enumerate(("u_m", "v_m", "du_m", "dv_m")):
-        values = np.concatenate([centres, sizes], axis=1)[:, j]
-        reader.sheet.bad_rows(
-            name, np.abs(values) > LARGEST_M, values, f"at most {LARGEST_M:g} m", MILLIMETRES
-        )
+    centres = reader.checked_matrix(COLUMNS[2:4], ANY, may_be_nan=False)
+    sizes = reader.checked_matrix(COLUMNS[4:], POSITIVE, may_be_nan=False)
+    for name, values in zip(COLUMNS[2:], (*centres.T, *sizes.T), strict=True):
+        too_large = np.abs(values) > LARGEST_M
+        reader.sheet.bad_rows(name, too_large, values, f"at most {LARGEST_M:g} m", MILLIMETRES)
     reader.sheet.bad_rows("r", r >= sensor.rows, r, f"a row below [sensor] rows = {sensor.rows}", COUNT)
     reader.sheet.bad_rows("c", c >= sensor.cols, c, f"a column below [sensor] cols = {sensor.cols}", COUNT)
     if (np.minimum(r, c) < 0).any():  # the taxel cannot be identified
         return None
-    return _in_order(reader, sensor, r * sensor.cols + c, centres, sizes)
-
-
-def position_columns(sensor: SensorSpec, positions: TaxelPositions) -> dict[str, NDArray[Any]]:
-    """Return the table of taxel positions, as columns to write."""
-    r, c = np.divmod(np.arange(sensor.taxels), sensor.cols)
-    numbers = (*positions.centres_m.T, *positions.sizes_m.T)
-    return dict(zip(COLUMNS, (r, c, *numbers), strict=True))
-
-
-def _in_order(
-    reader: ColumnReader, sensor: SensorSpec, flat: np.ndarray, centres: np.ndarray, sizes: np.ndarray
-) -> TaxelPositions | None:
+    flat, names = r * sensor.cols + c, sensor.taxel_columns()
     again = repeated(flat)
-    reader.sheet.bad_rows("r, c", again, _taxel_names(sensor, flat), "each taxel once", "Remove the copy.")
+    # A taxel that does not exist is named by its number.
+    known = [names[j] if j < len(names) else str(j) for j in flat]
+    reader.sheet.bad_rows("r, c", again, known, "each taxel once", "Remove the copy.")
     missing = np.setdiff1d(np.arange(sensor.taxels), flat)
     if missing.size:
-        names = ", ".join(sensor.taxel_columns()[j] for j in missing[:6])
-        got = f"none for {names}{', …' if missing.size > 6 else ''}"
+        got = f"none for {first_of((names[j] for j in missing), 6)}"
         fix = "Where the image has gaps, number the taxels in one row: rows = 1, cols = their number."
         reader.sheet.findings.error(reader.sheet.file, "a row for every taxel of rows x cols", got, fix)
     if missing.size or again.any() or len(flat) != sensor.taxels:
@@ -71,7 +59,8 @@ def _in_order(
     return TaxelPositions(centres[order], sizes[order])
 
 
-def _taxel_names(sensor: SensorSpec, flat: np.ndarray) -> list[str]:
-    """Return the names of taxels by flat index; a taxel that does not exist is named by its number."""
-    names = sensor.taxel_columns()
-    return [names[j] if j < len(names) else str(j) for j in flat]
+def position_columns(sensor: SensorSpec, positions: TaxelPositions) -> dict[str, NDArray[Any]]:
+    """Return the table of taxel positions, as columns to write."""
+    r, c = np.divmod(np.arange(sensor.taxels), sensor.cols)
+    numbers = (*positions.centres_m.T, *positions.sizes_m.T)
+    return dict(zip(COLUMNS, (r, c, *numbers), strict=True))

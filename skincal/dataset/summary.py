@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.covariates import TARGET
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels
-from skincal.dataset.tables import PHASES, Frames
+from skincal.dataset.tables import PHASES
 
 
 @dataclass(frozen=True)
@@ -59,29 +60,25 @@ LABELS = ("branch", "pose", "cycle", "speed_m_per_s", "indenter_radius_m")
 def summarise(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> Summary:
     """Return the summary of a dataset; a taxel is active from a threshold above its level at rest on [counts]."""
     presses, frames = dataset.presses, dataset.frames
+    phases = () if frames is None else np.bincount(frames.phase, minlength=len(PHASES)).tolist()
     active = active_taxels(dataset, threshold_counts)
-    names = dataset.meta.sensor.taxel_columns()
+    names = np.array(dataset.meta.sensor.taxel_columns())
     dead = np.asarray(np.isnan(presses.counts).all(axis=0))
     force = presses.force_n
     return Summary(
         presses=len(presses),
         sites=_sites(dataset),
         frames=0 if frames is None else len(frames),
-        phases={} if frames is None else _phases(frames),
+        phases=dict(zip(PHASES, phases, strict=False)),
         session_s=_session_s(dataset),
         force_n=(float(force.min()), float(np.median(force)), float(force.max())),
         threshold_counts=threshold_counts,
         active=tuple(np.bincount(active.sum(axis=1)).tolist()),
-        silent=_names(names, np.asarray(~active.any(axis=0) & ~dead)),
-        dead=_names(names, dead),
+        silent=tuple(names[~active.any(axis=0) & ~dead].tolist()),
+        dead=tuple(names[dead].tolist()),
         labels={name: _counted(presses.columns[name]) for name in LABELS if name in presses.columns},
         columns=tuple(name for name in presses.columns if name not in LABELS),
     )
-
-
-def _phases(frames: Frames) -> dict[str, int]:
-    counts = np.bincount(frames.phase, minlength=len(PHASES)).tolist()
-    return dict(zip(PHASES, counts, strict=True))
 
 
 def session_times_s(dataset: Dataset) -> NDArray[np.float64] | None:
@@ -106,17 +103,11 @@ def _session_s(dataset: Dataset) -> float | None:
 
 
 def _sites(dataset: Dataset) -> int | None:
-    targets = [dataset.presses.column(f"target_{axis}_m") for axis in "xyz"]
-    if any(column is None for column in targets):
-        return None
-    return len(np.unique(np.column_stack([np.asarray(column) for column in targets]).round(6), axis=0))
+    targets = dataset.presses.vectors(TARGET)
+    return None if targets is None else len(np.unique(targets.round(6), axis=0))
 
 
 def _counted(column: NDArray[np.generic]) -> dict[str, int]:
     texts = [value if isinstance(value, str) else f"{value:g}" for value in column.tolist()]
     counted = Counter("not given" if text in ("", "nan") else text for text in texts)
     return dict(sorted(counted.items()))
-
-
-def _names(names: tuple[str, ...], which: NDArray[np.bool_]) -> tuple[str, ...]:
-    return tuple(names[j] for j in np.flatnonzero(which))

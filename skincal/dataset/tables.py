@@ -84,6 +84,11 @@ class _Table:
         """Return an optional column, shape (rows,); None if the table does not have it."""
         return self.columns.get(name)
 
+    def vectors(self, names: Sequence[str]) -> FloatArray | None:
+        """Return optional columns side by side, shape (rows, columns); None if one is missing."""
+        found = [self.columns[name] for name in names if name in self.columns]
+        return np.column_stack(found) if len(found) == len(names) else None
+
     def select(self, rows: ArrayLike) -> Self:
         """Return the table with only these rows: a boolean mask, shape (rows,), or indices in any order."""
         index = np.asarray(rows)

@@ -113,7 +113,7 @@ def at_centre(dataset: Dataset, margin_m: float) -> Dataset:
     if frames is not None:
         # One punch stands for the pressure of all frames; frames outside presses have no force.
         frames = frames.moved(placed(frames.position_m), frames.force_n * float(np.median(share)))
-        if frames.column(RADIUS) is not None:
+        if RADIUS in frames.columns:
             frames = replace(frames, columns={k: v for k, v in frames.columns.items() if k != RADIUS})
     presses = replace(
         presses,
