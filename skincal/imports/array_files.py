@@ -8,7 +8,7 @@ such an array as well. Dots and slashes join nested names.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,9 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.bounded import read_array, read_arrays
+from skincal.dataset.findings import Findings
 from skincal.errors import WorkError, quoted, text_of
 from skincal.files import open_input
-from skincal.imports.columns_of import Columns
+from skincal.imports.text_table import MOST_NAMED, SourceSheet, TextTable, check_columns
+
+Columns = dict[str, NDArray[Any]]
+"""One-dimensional columns by name; their lengths may differ."""
 
 
 def read_numpy(path: Path) -> Columns:
@@ -204,3 +208,35 @@ def _blank(value: Any) -> Any:
     if isinstance(value, list | np.ndarray):
         return np.full(np.shape(cast("Any", value)), np.nan)
     return "" if isinstance(value, str) else np.nan
+
+
+def table_of(
+    file: str, columns: Columns, numbers: Collection[str], texts: Collection[str], decimal: str, findings: Findings,
+    lines: NDArray[np.int64] | None = None, hint: str = "",
+) -> TextTable | None:  # fmt: skip
+    """Return a table of the required columns; None, with errors, if some are missing or differ in length."""
+    wanted = [*dict.fromkeys((*numbers, *texts))]
+    # MATLAB's structures have slashes in files of version 7.3, and dots in older ones.
+    dotted = {name.replace("/", "."): column for name, column in columns.items()}
+    slashed = {name: dotted[name.replace("/", ".")] for name in wanted if name.replace("/", ".") in dotted}
+    columns = slashed | columns
+    if not check_columns(file, columns, wanted, findings, hint):
+        return None
+    sizes = {len(columns[name]) for name in wanted}
+    if len(sizes) > 1:
+        got = ", ".join(f"{name}: {len(columns[name])}" for name in wanted[:MOST_NAMED])
+        fix = "Columns of another length have their own clock: add the file to [files] as well."
+        findings.error(file, "columns of one length", got, fix)
+        return None
+    rows = sizes.pop() if sizes else max(map(len, columns.values()), default=0)
+    cells = {name: _cells(columns[name], text=name in texts) for name in wanted}
+    return TextTable(SourceSheet(findings, file, lines), cells, rows, decimal)
+
+
+def _cells(column: NDArray[Any], *, text: bool) -> NDArray[Any]:
+    """Return a column as numbers, or as texts; bytes that are no text show in the error of what should be a number."""
+    if column.dtype.kind in "biuf" and not text:
+        return column.astype(np.float64)
+    cells = np.datetime_as_string(column) if column.dtype.kind == "M" else column
+    words = [cell.decode(errors="backslashreplace") if isinstance(cell, bytes) else cell for cell in cells]
+    return np.array(["" if word is None else str(word) for word in words], dtype=object)

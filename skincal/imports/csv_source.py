@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from skincal.dataset.findings import Findings
 from skincal.imports import targets
 from skincal.imports.join import assigned, join_file
-from skincal.imports.mapping import Mapping, Quantity
+from skincal.imports.mapping import Mapping, Quantity, source_columns
 from skincal.imports.mapping_file import CsvFormat, CsvSource
 from skincal.imports.recording import ReadFile, Recording, joined
 from skincal.imports.source_table import read_source_table
 from skincal.imports.stamps import read_clock
 from skincal.imports.text_table import TextTable, column_names
-from skincal.imports.values import is_text, quantity_values
 
 
 def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) -> Recording | None:
@@ -33,9 +32,8 @@ def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) 
     form = _source(mapping)
     paths, others = assigned(mapping.joined, files, mapping.path.parent)
     own = [q for q in mapping.quantities if not q.topic]
-    texts = {name for q in own for name in q.sources if is_text(q)}
-    numbers = [name for q in own for name in q.sources if not is_text(q)]
-    numbers += list(dict.fromkeys(mapping.taxels.names))
+    numbers, texts = source_columns(own)
+    numbers += dict.fromkeys(mapping.taxels.names)
     tables = [read_source_table(path, form, numbers, texts, findings) for path in paths]
     if len(paths) > 1 and any(table is None for table in tables):
         explain_missing(paths, form, mapping, findings)
@@ -65,7 +63,11 @@ def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) 
 def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: TextTable) -> Recording:
     """Return one file; the clock of a time series is read separately, from all files together."""
     series = mapping.rows == targets.SERIES
-    columns = {q.target: quantity_values(q, table) for q in own if not (series and q.target == "time_s")}
+    columns = {
+        q.target: q.column(table.rows, table.text, table.numbers)
+        for q in own
+        if not (series and q.target == "time_s")
+    }
     raw = {name: table.numbers(name) for name in dict.fromkeys(mapping.taxels.names)}
     images = np.column_stack([raw[name] for name in mapping.taxels.names])
     recording = Recording(

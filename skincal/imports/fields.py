@@ -71,10 +71,8 @@ def value_at(message: Any, steps: Sequence[Step]) -> Any:
         NotHereError: an element does not exist.
     """
     for step in steps:
-        fields = field_names(message)
-        if step.name not in fields:
-            shown = ", ".join(fields) or "a plain value"
-            raise FieldError(f'no field "{step.name}" in {_type(message)}, which has {shown}')
+        if step.name not in _names(message):
+            raise FieldError(f'no field "{step.name}" in {_described(message)}')
         message = _element(getattr(message, step.name), step)
     return message
 
@@ -89,7 +87,7 @@ def number_at(message: Any, steps: Sequence[Step]) -> float:
     value = value_at(message, steps)
     if isinstance(value, bool | int | float | np.number):
         return float(cast("float", value))
-    raise FieldError(f"no number but {_type(value)}{_inside(value)}")
+    raise FieldError(f"no number but {_described(value)}")
 
 
 def array_at(message: Any, steps: Sequence[Step]) -> NDArray[np.float64]:
@@ -105,12 +103,7 @@ def array_at(message: Any, steps: Sequence[Step]) -> NDArray[np.float64]:
             raise ValueError
         return np.asarray(value, dtype=np.float64).ravel()
     except (TypeError, ValueError) as error:
-        raise FieldError(f"no array of numbers but {_type(value)}{_inside(value)}") from error
-
-
-def field_names(message: Any) -> list[str]:
-    """Return the names of the fields of a message; none for a plain value."""
-    return list(getattr(message, "__dataclass_fields__", {}))
+        raise FieldError(f"no array of numbers but {_described(value)}") from error
 
 
 def _element(value: Any, step: Step) -> Any:
@@ -129,10 +122,12 @@ def _element(value: Any, step: Step) -> Any:
     return value
 
 
-def _type(value: Any) -> str:
-    return getattr(value, "__msgtype__", type(value).__name__)
+def _names(message: Any) -> list[str]:
+    """Return the names of the fields of a message; none for a plain value."""
+    return list(getattr(message, "__dataclass_fields__", {}))
 
 
-def _inside(value: Any) -> str:
-    names = field_names(value)
-    return f", which has {', '.join(names)}" if names else ""
+def _described(value: Any) -> str:
+    """Return the type of a value, with its fields."""
+    kind, names = getattr(value, "__msgtype__", type(value).__name__), _names(value)
+    return f"{kind}, which has {', '.join(names)}" if names else kind

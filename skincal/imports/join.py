@@ -16,12 +16,11 @@ from skincal.errors import input_error
 from skincal.imports import targets
 from skincal.imports.alignment import JoinedClock, NoOffsetError, estimate_offset
 from skincal.imports.clock import DAY_S, resampled, resampled_words, usual_step
-from skincal.imports.mapping import JoinedFile, Mapping, Quantity
+from skincal.imports.mapping import JoinedFile, Mapping, Quantity, source_columns
 from skincal.imports.place_alignment import estimate_offset_by_place
 from skincal.imports.recording import Column, FloatArray, Recording
 from skincal.imports.source_table import read_source_table
 from skincal.imports.stamps import Clock, Kind, read_clock
-from skincal.imports.values import is_text, quantity_values
 
 STEPS_OLD = 3.0
 """Number of its own steps for which a value of a joined file is valid, if the mapping sets no time."""
@@ -66,10 +65,7 @@ def join_file(
 ) -> Recording:
     """Return the recording with the columns of one joined file at the times of the taxels."""
     quantities = [q for q in mapping.quantities if q.topic == entry.name]
-    texts = {name for q in quantities for name in q.sources if is_text(q)}
-    numbers = [name for q in quantities for name in q.sources if not is_text(q)]
-    if entry.time is not None:
-        (texts.update if is_text(entry.time) else numbers.extend)(entry.time.sources)
+    numbers, texts = source_columns(quantities if entry.time is None else (*quantities, entry.time))
     tables = [read_source_table(path, entry.form, numbers, texts, findings) for path in paths]
     if not all(tables):
         return recording
@@ -83,7 +79,7 @@ def join_file(
     clock = read_clock(read, entry.time, entry.form, findings, own_clocks=own, slow=True)
     if findings.errors:
         return recording
-    values = [[quantity_values(q, table) for q in quantities] for table in read]
+    values = [[q.column(table.rows, table.text, table.numbers) for q in quantities] for table in read]
     groups = [[i] for i in range(len(read))] if own else [[*range(len(read))]]
     columns: dict[str, list[Column]] = {q.target: [] for q in quantities}
     clocks: list[JoinedClock] = []
@@ -133,7 +129,7 @@ def _aligned(
     quantities = [q for q in mapping.quantities if q.topic == entry.name]
     numbers = {
         q.target: column for q, column in zip(quantities, held, strict=True)
-        if not is_text(q) and not targets.is_whole(q.target)
+        if not q.is_text and not targets.is_whole(q.target)
     }  # fmt: skip
     if "force_n" in numbers:
         numbers = {"force_n": numbers["force_n"]}

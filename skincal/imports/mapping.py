@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from collections.abc import Mapping as Map
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset import DatasetMeta, TaxelPositions
 from skincal.dataset.word_checks import as_word, swapped
-from skincal.imports import targets
+from skincal.imports import targets, units
 from skincal.imports.mapping_file import (
     BagMapping,
     BagTable,
@@ -23,6 +23,7 @@ from skincal.imports.mapping_file import (
     JoinedFormat,
     Rows,
 )
+from skincal.imports.recording import Column, FloatArray
 from skincal.imports.units import Unit
 
 _AROUND = 4
@@ -63,13 +64,39 @@ class Quantity:
     format: str = ""
     parts: tuple[float, ...] = ()
 
-    def si(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def si(self, values: FloatArray) -> FloatArray:
         """Return numbers of the source in SI, of the same shape."""
         # A factor of one and a zero offset leave every bit unchanged.
         return (self.scale * values + self.offset) * self.unit.factor + self.unit.offset
 
+    @property
+    def is_text(self) -> bool:
+        """Whether the source holds words or dates."""
+        return targets.is_text(self.target) or self.unit.name == units.DATETIME
 
-def along_neighbours(change: NDArray[np.float64]) -> NDArray[np.float64]:
+    def column(
+        self, rows: int, words: Callable[[str], Column], numbers: Callable[[str], FloatArray]
+    ) -> Column:
+        """Return the column of the dataset, shape (rows,), from what reads words and numbers of a source column."""
+        if self.constant is not None:
+            return np.full(
+                rows, self.constant, dtype=object if isinstance(self.constant, str) else np.float64
+            )
+        if targets.is_text(self.target):
+            return np.array([self.words.get(word, word) for word in words(self.sources[0])], dtype=object)
+        parts = [self.si(numbers(name)) for name in self.sources]
+        return parts[0] if len(parts) == 1 else np.linalg.norm(np.column_stack(parts), axis=1)
+
+
+def source_columns(quantities: Iterable[Quantity]) -> tuple[list[str], list[str]]:
+    """Return the source columns of quantities, each once: those of numbers, and those of words."""
+    found: dict[bool, dict[str, None]] = {False: {}, True: {}}
+    for quantity in quantities:
+        found[quantity.is_text] |= dict.fromkeys(quantity.sources)
+    return [*found[False]], [*found[True]]
+
+
+def along_neighbours(change: FloatArray) -> FloatArray:
     """Return how far a change of vectors (n, J, axes) goes the way of the rows around it (n, J).
 
     The length of noise is never negative: at rest it reads more than half of the noise of all axes, and weak images
@@ -80,8 +107,8 @@ def along_neighbours(change: NDArray[np.float64]) -> NDArray[np.float64]:
     row = np.arange(len(known))
     last, first = np.minimum(row + _AROUND + 1, len(known)), np.maximum(row - _AROUND, 0)
     around = sums[last] - sums[first] - known
-    length: NDArray[np.float64] = np.linalg.norm(around, axis=2)
-    along: NDArray[np.float64] = (change * around).sum(axis=2) / np.where(length > 0, length, 1.0)
+    length: FloatArray = np.linalg.norm(around, axis=2)
+    along: FloatArray = (change * around).sum(axis=2) / np.where(length > 0, length, 1.0)
     along[length == 0] = np.linalg.norm(change, axis=2)[length == 0]
     return along
 
@@ -105,7 +132,7 @@ class Taxels:
     axes: int = 1
     moments: bool = False
 
-    def counts(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def counts(self, values: FloatArray) -> FloatArray:
         """Return images of the source, (rows, source columns), as counts that grow with load, (rows, J)."""
         table = self.table
         if table.swap_bytes:
@@ -176,7 +203,7 @@ class Mapping:
         return targets.required_targets(self.rows, positions=bool(np.isfinite(self.meta.position.sigma_m)))
 
     @property
-    def centres_m(self) -> NDArray[np.float64]:
+    def centres_m(self) -> FloatArray:
         """Centres of the taxels in the patch [m], shape (J, 2)."""
         if self.positions is not None:
             return self.positions.centres_m

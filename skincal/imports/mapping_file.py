@@ -27,8 +27,7 @@ Layout = Literal["table", "blocks", "labelled"]
 Order = Literal["file", "time"]
 Slides = Literal["cut", "keep", "refuse"]
 Count = Annotated[int, Key("a whole number, 0 or more", 0)]
-
-
+_Triple = tuple[float, float, float]
 _Time = Annotated[float, Key("a time [s], 0 or more", 0.0)]
 
 
@@ -135,9 +134,7 @@ class Entry(Table, unknown="refuse"):
 
     wanted = 'a table like { column = "Fz", unit = "mN" }, or for SI the name of a column'
 
-    value: Annotated[
-        float | str | tuple[float, float, float] | None, Key("a number, three numbers, or a text")
-    ] = None
+    value: Annotated[float | str | _Triple | None, Key("a number, three numbers, or a text")] = None
     unit: Annotated[str | tuple[str, ...] | None, Key("the name of a unit")] = None
     sign: Annotated[float, Key("1 or -1", -1, 1)] = 1
     scale: float = 1.0
@@ -171,7 +168,7 @@ class BagEntry(Entry):
     """An entry for bags: a field of a message, or several."""
 
     topic: str = ""
-    fields: Annotated[tuple[str, ...], Texts("a list of names")] = ()
+    fields: Named = ()
     field: str | None = None
 
     @property
@@ -206,12 +203,8 @@ class JoinedFormat(CsvFormat):
         """Yield a file without stamps, and an offset besides a clock."""
         yield from super().violations()
         if self.clock and self.offset_s != 0.0:
-            yield (
-                "offset_s",
-                f'none: the clock is that of "{self.clock}"',
-                self.offset_s,
-                "Remove one of them.",
-            )
+            expected = f'none: the clock is that of "{self.clock}"'
+            yield "offset_s", expected, self.offset_s, "Remove one of them."
         if self.time is None and self.rate_hz is None:
             yield "time", 'its stamps, like { column = "t", unit = "s" }', "nothing", "Add time, or rate_hz."
 
@@ -223,7 +216,6 @@ VECTORS = 'a pattern like "S-{axis}[{j}]" with axes, or a list of a list of colu
 WORDS = tuple(f"{sign}int{bits}" for bits in WIDTHS for sign in ("u", ""))
 
 _Names = tuple[tuple[str, ...], ...]
-_Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -322,8 +314,11 @@ class TopicTable(Table, unknown="refuse"):
 
     clock: ClockKind | None = None
     resample: Resampling | None = None
-    max_age_s: Annotated[float | None, Key("a time [s], 0 or more", 0.0)] = None
+    max_age_s: _Time | None = None
     lag_s: float = 0.0
+
+
+Definitions = Annotated[Mapping[str, str], Key('a table like { "my_msgs/msg/Skin" = "Skin.msg" }')]
 
 
 @dataclass(frozen=True)
@@ -333,10 +328,8 @@ class BagTable(Table, unknown="refuse"):
     clock: ClockKind
     files: Annotated[tuple[str, ...], Texts("names of bags")] = ()
     resample: Resampling = "previous"
-    max_age_s: Annotated[float, Key("a time [s], 0 or more", 0.0)] = 0.1
-    definitions: Annotated[Mapping[str, str], Key('a table like { "my_msgs/msg/Skin" = "Skin.msg" }')] = (
-        field(default_factory=dict[str, str])
-    )
+    max_age_s: _Time = 0.1
+    definitions: Definitions = field(default_factory=dict[str, str])
 
     def violations(self) -> Iterator[Violation]:
         """Yield names that are none of a type."""

@@ -124,12 +124,8 @@ def _from_pattern(
     first = table.first
     if fields == {"j"}:
         return tuple(pattern.format(j=first + j) for j in range(image.size)), image
-    rows, cols = image.shape
-    names = [
-        pattern.format(r=first + r, c=first + c, R=_letters(r), C=_letters(c))
-        for r in range(rows)
-        for c in range(cols)
-    ]
+    every = np.ndindex(*image.shape)
+    names = [pattern.format(r=first + r, c=first + c, R=_letters(r), C=_letters(c)) for r, c in every]
     return tuple(names), np.arange(image.size).reshape(image.shape)
 
 

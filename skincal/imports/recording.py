@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from skincal.imports.alignment import JoinedClock
 
+FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+Column = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,30 +81,12 @@ class Cut:
 
 def runs(mask: BoolArray, part: IntArray | None = None) -> list[tuple[int, int]]:
     """Return the stretches ``[start, stop)`` where a mask holds; a change of ``part`` ends a stretch."""
-    if not mask.any():
-        return []
     edges = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    if part is None:
-        return list(zip(starts.tolist(), stops.tolist(), strict=True))
-    breaks = np.flatnonzero(np.diff(part)) + 1
-    found: list[tuple[int, int]] = []
-    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-        inside = [int(b) for b in breaks[(breaks > start) & (breaks < stop)]]
-        ends = [start, *inside, stop]
-        found += [(ends[i], ends[i + 1]) for i in range(len(ends) - 1)]
-    return found
-
-
-def longest(stretches: Sequence[tuple[int, int]], time_s: FloatArray) -> tuple[int, int] | None:
-    """Return the stretch that lasts longest, the first if there are several."""
-    if not stretches:
-        return None
-    return max(stretches, key=lambda run: float(time_s[run[1] - 1] - time_s[run[0]]))
-
-
-FloatArray = NDArray[np.float64]
-Column = NDArray[Any]
+    if part is not None:
+        breaks = np.flatnonzero((np.diff(part) != 0) & mask[1:] & mask[:-1]) + 1
+        starts, stops = np.sort(np.append(starts, breaks)), np.sort(np.append(stops, breaks))
+    return list(zip(starts.tolist(), stops.tolist(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -114,10 +98,8 @@ class Dropped:
     why: str
 
     def __str__(self) -> str:
-        what = (
-            self.what if self.count == 1 else f"{self.what}es" if self.what.endswith("s") else f"{self.what}s"
-        )
-        return f"{self.count} {what}: {self.why}"
+        plural = "" if self.count == 1 else "es" if self.what.endswith("s") else "s"
+        return f"{self.count} {self.what}{plural}: {self.why}"
 
 
 @dataclass(frozen=True)
@@ -155,13 +137,8 @@ class Recording:
     def select(self, rows: NDArray[Any], dropped: tuple[Dropped, ...] = ()) -> Recording:
         """Return the recording with only these rows, with a report on the others."""
         columns = {name: column[rows] for name, column in self.columns.items()}
-        return replace(
-            self,
-            columns=columns,
-            counts=self.counts[rows],
-            part=self.part[rows],
-            dropped=(*self.dropped, *dropped),
-        )
+        counts, part = self.counts[rows], self.part[rows]
+        return replace(self, columns=columns, counts=counts, part=part, dropped=(*self.dropped, *dropped))
 
     def without(self, what: str, bad: Mapping[str, NDArray[np.bool_]]) -> Recording:
         """Return the recording without the rows of some masks, by the reason; the first reason of a row counts."""

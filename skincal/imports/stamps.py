@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.dataset.findings import Findings
+from skincal.dataset.findings import Findings, listed
 from skincal.imports import units
 from skincal.imports.clock import (
     BITS,
@@ -93,16 +93,12 @@ def read_clock(
         slow: whether there may be minutes between two rows, as in a list of places.
     """
     sizes = [table.rows for table in tables]
-    if time is None:
-        assert form.rate_hz is not None
-        return Clock(
-            tuple(np.arange(rows) / form.rate_hz for rows in sizes), tuple(map(np.arange, sizes)), "number"
-        )
-    if not time.sources:
-        assert isinstance(time.constant, float)
-        time_s = tuple(np.full(rows, time.constant) for rows in sizes)
-        findings.error(time.place, "stamps", "the same time in every row", "Set rate_hz in [csv] instead.")
-        return Clock(time_s, tuple(map(np.arange, sizes)), "number")
+    if time is None or not time.sources:
+        counted = tuple(map(np.arange, sizes))
+        if time is not None:
+            fix = "Set rate_hz in [csv] instead."
+            findings.error(time.place, "stamps", "the same time in every row", fix)
+        return Clock(tuple(rows / (form.rate_hz or 1.0) for rows in counted), counted, "number")
     read = [_stamps(table, time) for table in tables]
     kinds = {kind for _, kind in read}
     if len(kinds) > 1:
@@ -111,7 +107,10 @@ def read_clock(
     if kind == "number":
         _check_unit([stamps for stamps, _ in read], time, findings, slow=slow)
     groups = [[i] for i in range(len(tables))] if own_clocks else [[*range(len(tables))]]
-    rows = [_order(stamps, form) for stamps, _ in read]
+    by_time = form.order == "time"
+    rows = [
+        np.argsort(with_missing(one), kind="stable") if by_time else np.arange(len(one)) for one, _ in read
+    ]
     times: list[FloatArray] = []
     notes: list[str] = []
     for group in groups:
@@ -144,9 +143,10 @@ def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
         return np.where(np.isfinite(stamps), stamps, np.nan), "number"
     import pandas as pd
 
-    cells = pd.Series(table.text(name), dtype=object).astype(str).str.strip()
-    for other in time.sources[1:]:
-        cells = (cells + " " + pd.Series(table.text(other), dtype=object).astype(str).str.strip()).str.strip()
+    cells = pd.Series(
+        [" ".join(map(str.strip, row)).strip() for row in zip(*map(table.text, time.sources), strict=True)],
+        dtype=object,
+    )
     given = cells.to_numpy() != ""
     day = cells.str.replace(",", ".").str.fullmatch(TIME_OF_DAY).to_numpy(dtype=bool)
     if not time.format and day.any() and (day | ~given).all():
@@ -161,8 +161,7 @@ def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
         if time.format
         else "a date and time like 2026-11-20 12:00:00.250, or in all rows a time of day like 12:00:00.250"
     )
-    wrong = np.flatnonzero(given & ~good)
-    likely = str(cells.to_numpy()[wrong[0]]) if wrong.size else ""
+    likely = next((str(cell) for cell in cells.to_numpy()[given & ~good]), "")
     fix = "" if time.format else _format_hint(likely)
     table.sheet.bad_rows(name, given & ~good, cells.to_numpy(), expected, fix)
     if time.format and not any(mark in time.format for mark in DATE_MARKS):
@@ -184,12 +183,6 @@ def _format_hint(cell: str) -> str:
     return "Set " + " or ".join(f'format = "{form}"' for form in fitting) + "."
 
 
-def _order(stamps: FloatArray, form: CsvFormat) -> NDArray[np.int64]:
-    if form.order == "file":
-        return np.arange(len(stamps))
-    return np.argsort(with_missing(stamps), kind="stable")
-
-
 def _mended(
     stamps: FloatArray, time: Quantity, kind: Kind, findings: Findings
 ) -> tuple[FloatArray, list[str]]:
@@ -199,15 +192,14 @@ def _mended(
     if wraps is not None and wraps.rows.size:
         stamps = unwrapped(stamps, wraps)
         times = "once" if wraps.rows.size == 1 else f"{wraps.rows.size} times"
-        where = ", ".join(str(row + 1) for row in wraps.rows[:3]) + (" ..." if wraps.rows.size > 3 else "")
+        where = listed(wraps.rows[:3] + 1, wraps.rows.size)
         period = f"{wraps.period:.12g}"
         got = f"wraps at {period}{f' ({wraps.words})' if wraps.words else ''} {times}, before row {where}"
         if wraps.words and kind == "number":
-            mapping = f"wraps_at = {period}"
-            fix = f"It was unwrapped. To set the period: {mapping} there."
             findings.note(
-                time.place, "a clock that runs on", f"one that {got}", fix, code="counter_wrapped",
-                mapping=mapping,
+                time.place, "a clock that runs on", f"one that {got}",
+                f"It was unwrapped. To set the period: wraps_at = {period} there.",
+                code="counter_wrapped", mapping=f"wraps_at = {period}",
             )  # fmt: skip
         else:
             notes.append(f"{time.place}: the clock {got}; it was unwrapped")
@@ -248,21 +240,16 @@ def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings
             'Set unit = "datetime" and format = "%H%M%S.%f" (without .%f if they have no decimals).',
         )  # fmt: skip
         return
-    found = epoch_unit(together, [*known.items()])
-    beyond = float(np.nanmedian(together)) * factor > DAY_S * 365 * 130
+    found, middle = epoch_unit(together, known), float(np.nanmedian(together))
     wrong = 0 < raw * factor < 1 / FASTEST_HZ or (raw * factor > 1 / SLOWEST_HZ and not slow)
-    if not (wrong or (beyond and found)):
-        return
-    if found is None or found == time.unit.name:
-        if not wrong or time.unit.name not in known:
-            return
+    if found not in (None, time.unit.name) and (wrong or middle * factor > DAY_S * 365 * 130):
+        got, fix = f"stamps of about {middle:.0f}", f'As times since 1970 they are in "{found}".'
+    elif wrong and found in (None, time.unit.name) and time.unit.name in known:
         likely = min(known, key=lambda name: abs(np.log(raw * known[name] / USUAL_STEP_S)))
-        got = f'"{time.unit.name}", and steps of {raw * factor:.3g} s'
-        findings.error(f"{time.place} unit", "the unit of the stamps", got, f'They seem to be in "{likely}".')
+        got, fix = f"steps of {raw * factor:.3g} s", f'They seem to be in "{likely}".'
+    else:
         return
-    got = f'"{time.unit.name}", and stamps of about {np.nanmedian(together):.0f}'
-    fix = f'As times since 1970 they are in "{found}".'
-    findings.error(f"{time.place} unit", "the unit of the stamps", got, fix)
+    findings.error(f"{time.place} unit", "the unit of the stamps", f'"{time.unit.name}", and {got}', fix)
 
 
 def _clock_digits(stamps: FloatArray) -> bool:
@@ -273,13 +260,6 @@ def _clock_digits(stamps: FloatArray) -> bool:
     at = np.flatnonzero(((over > 0) & (over < 1 + LARGEST_STEP * usual_step(stamps))) | (steps < -235900))
     digits = (given % 100 < 60).all() and (given // 100 % 100 < 60).all() and given.max() < 240000
     return bool(at.size and digits and (given[at] % 100 > 55).all() and (given[at + 1] % 100 < 5).all())
-
-
-def _likely_limit(time_s: FloatArray, time: Quantity) -> str:
-    """Return the limit of the usual counter that fits a clock, in brackets; '' if there is none."""
-    top = float(time_s.max()) / (abs(time.scale) * time.unit.factor)
-    bits = next((bits for bits in BITS if top < 2.0**bits), None)
-    return f" ({2**bits} for {bits} bits)" if bits is not None and top > 2.0**bits / 4 else ""
 
 
 def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings: Findings) -> None:
@@ -295,6 +275,9 @@ def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings:
     largest = float((time_s[back - 1] - time_s[back]).max())
     moved = np.abs(np.argsort(np.argsort(time_s, kind="stable")) - np.arange(len(time_s))).max()
     single = bool((np.diff(np.delete(time_s, back)) >= 0).all())
+    top = float(time_s.max()) / (abs(time.scale) * time.unit.factor)
+    bits = next((bits for bits in BITS if 2.0**bits / 4 < top < 2.0**bits), None)
+    limit = "" if bits is None else f" ({2**bits} for {bits} bits)"
     fix = (
         'The last row is the first event: set order = "time".'
         if back.size == len(time_s) - 1
@@ -303,7 +286,7 @@ def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings:
         else 'If rows were written late and their stamps are right, set order = "time".'
         if moved <= DISPLACED
         else "The clock was set or restarted, and the order of the rows is that of the events: give wraps_at if it "
-        f"counts to a limit{_likely_limit(time_s, time)}, or split the file there and set own_clocks = true in "
+        f"counts to a limit{limit}, or split the file there and set own_clocks = true in "
         "[series]."
     )
     got = f"{time_s[row]:.6g} s after {time_s[row - 1]:.6g} s" + (

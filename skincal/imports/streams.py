@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from skincal.dataset.findings import Findings
 from skincal.imports import targets
 from skincal.imports.fields import FieldError, NotHereError, Step, array_at, number_at, parse_path, value_at
-from skincal.imports.mapping import Mapping, Quantity
+from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import BagMapping, BagTaxels, TopicRules
 from skincal.imports.recording import FloatArray
 
@@ -54,7 +54,8 @@ class Collector:
         self._reported: set[str] = set()
         self._taxels = mapping.taxels
         self._readers: dict[str, list[tuple[str, str, tuple[Step, ...], str]]] = {}
-        self._joints = () if file.joints is None else file.joints.names
+        self.joints = () if file.joints is None else file.joints.names
+        """Names of the joints: those of the mapping, or of the first message."""
         self.places = {q.topic: q.place for q in mapping.quantities if q.topic}
         self.places[file.taxels.topic] = self._taxels.place
         if self._joints_topic:
@@ -63,12 +64,8 @@ class Collector:
         self._add(file.taxels.topic, file.taxels.field, self._taxels.place, "array")
         for quantity in mapping.quantities:
             for path in quantity.sources:
-                self._add(quantity.topic, path, quantity.place, _kind(quantity))
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the joints: those of the mapping, or of the first message."""
-        return self._joints
+                kind = "text" if targets.is_text(quantity.target) else "number"
+                self._add(quantity.topic, path, quantity.place, kind)
 
     def take(self, topic: str, receive_ns: int, message: Any) -> None:
         """Add one message."""
@@ -98,20 +95,16 @@ class Collector:
 
     def _read(self, path: str, place: str, steps: tuple[Step, ...], kind: str, message: Any) -> Any:
         try:
-            if kind == "array":
-                return self._image(array_at(message, steps), place)
-            return str(value_at(message, steps)) if kind == "text" else number_at(message, steps)
+            if kind != "array":
+                return str(value_at(message, steps)) if kind == "text" else number_at(message, steps)
+            values = array_at(message, steps)
         except FieldError as error:
             expected = {"array": "an array of numbers", "text": "a word"}.get(kind, "a number")
             self._report(f"{place} field", f"{expected} at {path}", str(error))
             raise NotHereError from error
-
-    def _image(self, values: FloatArray, place: str) -> FloatArray:
-        highest = max(self._taxels.order)
-        if len(values) <= highest:
-            self._report(
-                f"{place} field", f"an array of {highest + 1} values or more", f"{len(values)} values"
-            )
+        fewest = max(self._taxels.order) + 1
+        if len(values) < fewest:
+            self._report(f"{place} field", f"an array of {fewest} values or more", f"{len(values)} values")
             raise NotHereError
         return values
 
@@ -151,13 +144,12 @@ class Collector:
             )
             raise NotHereError
         names = list(message.name)
-        self._joints = self._joints or tuple(names)
-        absent = [name for name in self._joints if name not in names]
-        if len(absent) == len(self._joints):
+        self.joints = self.joints or tuple(names)
+        if not set(self.joints) & set(names):
             # Several nodes may publish the states of different joints on one topic.
             raise NotHereError
         values: dict[str, float] = {}
-        for i, name in enumerate(self._joints):
+        for i, name in enumerate(self.joints):
             at = names.index(name) if name in names else len(message.position)
             values[f"q_{i}"] = float(message.position[at]) if at < len(message.position) else np.nan
             values[f"tau_{i}"] = float(message.effort[at]) if at < len(message.effort) else np.nan
@@ -167,7 +159,3 @@ class Collector:
         if place + expected not in self._reported:
             self._reported.add(place + expected)
             self._findings.error(place, expected, got, fix)
-
-
-def _kind(quantity: Quantity) -> str:
-    return "text" if targets.is_text(quantity.target) else "number"

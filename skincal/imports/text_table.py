@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import re
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.bounded import UnreadableError, parse_csv, read_bytes
-from skincal.dataset.findings import SHOWN, Findings, Sheet, did_you_mean
+from skincal.dataset.findings import SHOWN, Findings, Sheet, meant
 from skincal.dataset.table_file import read_rows, report_ragged
-from skincal.errors import text_of
+from skincal.errors import first_of, text_of
 from skincal.files import reason
 from skincal.imports.mapping_file import CsvFormat
 
@@ -27,6 +27,9 @@ ELEMENT = re.compile(r"(.+)\[\d+\]")
 
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 """First bytes of text in UTF-16, as spreadsheets and data loggers export it."""
+
+MOST_NAMED, MOST_MISSING = 12, 3
+"""Columns of a file that an error names, and missing ones that are reported one by one, not together."""
 
 MOST_LOG_BYTES = 1 << 30
 """Largest size of a text file, which is read at once [byte]."""
@@ -43,12 +46,9 @@ class SourceSheet(Sheet):
         """Return the place of some rows (counted from 0) of a column, the first of ``total``, with their lines."""
         index = np.atleast_1d(np.asarray(rows))
         count = index.size if total is None else total
-        named = ", ".join(f"{int(row) + 1}{self._line(row)}" for row in index[:SHOWN])
-        more = f" and {count - SHOWN} more" if count > SHOWN else ""
-        return f'{self.file}, column "{name}", {"row" if count == 1 else "rows"} {named}{more}'
-
-    def _line(self, row: int) -> str:
-        return "" if self._lines is None else f" (line {self._lines[row]})"
+        lines = ["" if self._lines is None else f" (line {self._lines[row]})" for row in index[:SHOWN]]
+        named = first_of((f"{row + 1}{line}" for row, line in zip(index, lines, strict=False)), SHOWN, count)
+        return f'{self.file}, column "{name}", {"row" if count == 1 else "rows"} {named}'
 
 
 class TextTable:
@@ -101,7 +101,7 @@ def read_text_table(
     numbers = [name for name in numbers if name not in lists]
     texts = [*dict.fromkeys((*texts, *lists.values()))]
     wanted = [*dict.fromkeys((*numbers, *texts))]
-    if not names or not _check_names(path.name, names, wanted, findings):
+    if not names or not check_columns(path.name, names, wanted, findings):
         return None
     body = "\n".join(" ".join(text.split()) if form.delimiter == "whitespace" else text for _, text in kept)
     numbered = np.array([number for number, _ in kept], dtype=np.int64)
@@ -194,21 +194,21 @@ def _header(
     return names if rows else [], rows
 
 
-def _check_names(file: str, names: list[str], wanted: list[str], findings: Findings) -> bool:
+def check_columns(
+    file: str, names: Collection[str], wanted: Sequence[str], findings: Findings, hint: str = ""
+) -> bool:
+    """Return whether a file has some columns, each once; add errors that name those it has, and the advice ``hint``."""
     missing = [name for name in wanted if name not in names]
-    for name in missing[:6]:
-        close = did_you_mean(name, names)
-        shown = ", ".join(f'"{n}"' for n in names[:12]) + (
-            f", … ({len(names)} in all)" if len(names) > 12 else ""
-        )
-        fix = f'Did you mean "{close}"?' if close else ""
-        findings.error(file, f'a column "{name}"', f"the columns {shown}", fix)
-    if len(missing) > 6:
-        findings.error(file, f"{len(missing) - 6} more columns, like {missing[6]}", "none of them")
-    times = Counter(names)
+    shown = ", ".join(f'"{name}"' for name in [*names][:MOST_NAMED]) or "none"
+    more = f", … ({len(names)} in all)" if len(names) > MOST_NAMED else ""
+    others = f" and {len(missing) - 1} more" if len(missing) > MOST_MISSING else ""
+    for name in missing[:1] if others else missing:
+        expected = f'a column "{name}"{others}'
+        findings.error(file, expected, f"the columns {shown}{more}", meant(name, names, hint))
+    times = Counter([*names])
     doubled = [name for name in wanted if times[name] > 1]
     for name in doubled:
-        findings.error(f'{file}, column "{name}"', "each column once", f"{names.count(name)} of that name")
+        findings.error(f'{file}, column "{name}"', "each column once", f"{times[name]} of that name")
     return not missing and not doubled
 
 
