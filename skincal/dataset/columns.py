@@ -13,9 +13,7 @@ from skincal.bounded import LARGEST
 from skincal.covariates import ANY, COLUMNS, NOT_NEGATIVE, POSITIVE, TEXT, WHOLE
 from skincal.dataset.findings import did_you_mean
 from skincal.dataset.table_file import RawTable
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 TAXEL = re.compile(r"taxel_(\d+)_(\d+)")
 JOINT = re.compile(r"(q|tau)_(\d+)")
@@ -81,19 +79,22 @@ class ColumnReader:
     def require(self, names: Sequence[str]) -> None:
         """Add one error for the required columns that are missing."""
         missing = [name for name in names if not self.has(name)]
-        if not missing:
-            return
         spare = [name for name in self._table.columns if name not in names and name not in OPTIONAL]
-        hints = [
-            f'Does "{close}" stand for {name}?' for name in missing if (close := did_you_mean(name, spare))
-        ]
+        close = {name: did_you_mean(name, spare) for name in missing}
+        hints = [f'Does "{other}" stand for {name}?' for name, other in close.items() if other]
         what = "column" if len(missing) == 1 else f"{len(missing)} columns"
         names = [*self._table.columns]
         one = len(names) == 1 and ";" in names[0]
         separator = "The cells are separated by semicolons; separate them by commas." if one else ""
         fix = " ".join(hints[:3]) or separator or _how_to_add(missing)
         expected, got = f"the {what} {_first(missing)}", f"the columns {_first(names, 12)}"
-        self.sheet.findings.error(self.sheet.file, expected, got, fix)
+        if missing:
+            self.sheet.findings.error(self.sheet.file, expected, got, fix)
+
+    def require_rows(self, expected: str, fix: str) -> None:
+        """Add an error for a table without rows."""
+        if not self.rows:
+            self.sheet.findings.error(self.sheet.file, expected, "no rows", fix)
 
     def numbers(self, name: str) -> FloatArray:
         """Return a column as numbers, shape (rows,), with NaN for empty cells; report cells that are not numbers."""
@@ -112,7 +113,7 @@ class ColumnReader:
             values = np.where(bad, np.nan, values) if bad.any() else values
         return values
 
-    def whole(self, name: str, expected: str, low: int, fix: str = "") -> NDArray[np.int64]:
+    def whole(self, name: str, expected: str, low: int, fix: str = "") -> IntArray:
         """Return a column of whole numbers from ``low`` on, shape (rows,), with ``low`` - 1 for invalid cells."""
         values, text = self._numbers(name)
         if not self.has(name):
@@ -212,10 +213,11 @@ def _converted(column: NDArray[Any], convert: Callable[[Any], Any]) -> NDArray[A
 
 
 def _word(cell: object) -> str:
-    """Return a cell as text, '' if it is empty."""
-    if isinstance(cell, bool | int):
-        return str(cell)
-    return "" if cell != cell or cell in ("NaN", "nan") else _as_whole(str(cell))
+    """Return a cell as text, '' if it is empty, without the ``.0`` of whole numbers in a column that has gaps."""
+    if cell != cell or cell in ("NaN", "nan"):
+        return ""
+    whole, point, rest = str(cell).partition(".")
+    return whole if point and rest.strip("0") == "" and whole.lstrip("-").isdigit() else str(cell)
 
 
 def _number(cell: object) -> float | None:
@@ -238,9 +240,3 @@ def _how_to_add(missing: Sequence[str]) -> str:
 
 def _first(names: Sequence[str], shown: int = 6) -> str:
     return ", ".join(names[:shown]) + (f", … ({len(names)} in all)" if len(names) > shown else "")
-
-
-def _as_whole(text: str) -> str:
-    """Return a cell of a column of whole numbers without the ``.0`` that programs write where the column has gaps."""
-    whole, point, rest = text.partition(".")
-    return whole if point and rest.strip("0") == "" and whole.lstrip("-").isdigit() else text

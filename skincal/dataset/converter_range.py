@@ -39,11 +39,7 @@ def converter_top(counts: FloatArray) -> float | None:
 
 
 def clips_at_zero(columns: Iterable[FloatArray]) -> bool:
-    """Return whether single readings are never below 0 and often 0: noise goes to either side of a level.
-
-    Args:
-        columns: the readings of each taxel (N,), one after the other; NaN where not read.
-    """
+    """Return whether single readings, of each taxel (N,), are never below 0 and often 0: noise goes to either side."""
     read, at_zero = 0, 0
     for counts in columns:
         if (counts < 0).any():

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset.columns import GIVE_OR_DROP, ColumnReader, is_number
 from skincal.dataset.findings import BadCells
 from skincal.dataset.spec import SensorSpec
 from skincal.errors import first_of
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from skincal.model.arrays import BoolArray, FloatArray
 
 NO_INTEGERS = 'Set integer = false, or baseline = "subtracted" if the level at rest was taken off.'
 

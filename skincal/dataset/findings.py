@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.errors import InputError, Problem, first_of
+from skincal.model.arrays import BoolArray
 
 SHOWN = 3
 """Number of rows of one kind that a message names; further rows are counted."""
@@ -28,11 +29,7 @@ LONGEST_NAME = 64
 
 
 class Findings:
-    """Errors and warnings found so far, in the order of the files.
-
-    Args:
-        folder: folder of the files; a place that begins with the name of one of them is shown with the folder.
-    """
+    """Errors and warnings found so far, in the order of the files; places in a ``folder`` are shown with it."""
 
     def __init__(self, folder: Path | None = None) -> None:
         self._folder = folder
@@ -147,7 +144,7 @@ class BadCells:
         self.counts: dict[str, int] = {}
         self.first: list[tuple[int, int, str, Any]] = []
 
-    def add(self, name: str, bad: NDArray[np.bool_], values: NDArray[Any]) -> None:
+    def add(self, name: str, bad: BoolArray, values: NDArray[Any]) -> None:
         """Add the rows of a column where ``bad`` holds, shape (rows,)."""
         if bad.any():
             index = np.flatnonzero(bad)

@@ -23,8 +23,7 @@ def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> 
     taxels = meta.sensor.taxel_columns()
     reader.require(REQUIRED)
     reader.require(taxels)
-    if not table.rows:
-        reader.sheet.findings.error(reader.sheet.file, "at least one frame", "no rows", "Leave the file out.")
+    reader.require_rows("at least one frame", "Leave the file out.")
     press = reader.whole("press", "a whole number, 0 or more, or -1 where nothing touches", low=-1)
     phase = _phase(reader)
     unmeasured = (phase == IDLE) | math.isinf(meta.position.sigma_m)

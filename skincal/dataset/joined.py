@@ -20,13 +20,9 @@ Table = TypeVar("Table", Presses, Frames)
 
 
 def joined(first: Dataset, second: Dataset) -> Dataset:
-    """Return the presses of a session and of a later one, numbered on, on one clock.
+    """Return the presses of a session and of a later one of its rig and source, numbered on, on one clock.
 
     A column that only one of them has is empty in the rows of the other.
-
-    Args:
-        first: the earlier session; what it says of sensor, rig and source holds for both.
-        second: the later one.
 
     Raises:
         InputError: they are of different sensors or surfaces, or only one of them has frames.

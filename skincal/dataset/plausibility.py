@@ -9,7 +9,6 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.covariates import POSITION, TARGET
 from skincal.dataset.dataset import Dataset
@@ -29,12 +28,11 @@ from skincal.dataset.unit_checks import (
     unit_of_ratio,
 )
 from skincal.errors import first_of
+from skincal.model.arrays import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from skincal.model import Surface
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 HIGHEST_PRESSURE_PA = 3e6
 LOWEST_PRESSURE_PA = 100.0

@@ -20,13 +20,11 @@ TWICE = "Remove the copy; if they are two presses, give each its own number."
 
 def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
     """Return the presses of a table; add problems to the table's findings."""
-    reader = ColumnReader(table)
     taxels = meta.sensor.taxel_columns()
+    reader = ColumnReader(table)
     reader.require(REQUIRED)
     reader.require(taxels)
-    if not table.rows:
-        fix = "Was the table cut short, or filtered too strictly?"
-        reader.sheet.findings.error(reader.sheet.file, "at least one press", "no rows", fix)
+    reader.require_rows("at least one press", "Was the table cut short, or filtered too strictly?")
     press = reader.whole("press", "a whole number, 0 or more", 0, "Number the presses 0, 1, 2, …")
     counts = reader.matrix(taxels)
     unknown = math.isinf(meta.position.sigma_m)

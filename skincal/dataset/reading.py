@@ -28,13 +28,7 @@ NO_FOLDER = "Give the folder that holds dataset.toml."
 
 @dataclass(frozen=True)
 class Check:
-    """Result of checking a dataset's folder.
-
-    Attributes:
-        errors: problems that make it unusable, in the order of the files.
-        warnings: problems that do not forbid its use.
-        dataset: the data; None if there are errors.
-    """
+    """Problems of a dataset's folder in the order of the files, and the data; None if there are errors."""
 
     errors: tuple[Problem, ...]
     warnings: tuple[Problem, ...]
@@ -42,13 +36,7 @@ class Check:
 
 
 def read_dataset(path: str | Path) -> Dataset:
-    """Read and check a dataset's folder (contract ``skincal-dataset/1``).
-
-    Args:
-        path: the folder.
-
-    Returns:
-        The dataset; its ``warnings`` do not forbid its use.
+    """Read and check a dataset's folder (contract ``skincal-dataset/1``); its ``warnings`` do not forbid its use.
 
     Raises:
         InputError: the folder has violations; ``problems`` holds all of them.

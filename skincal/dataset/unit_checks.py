@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Sheet
@@ -14,9 +13,7 @@ from skincal.dataset.rest import noise_at_rest, rest_levels
 from skincal.dataset.tables import HOLD, IDLE, Frames
 from skincal.dataset.word_checks import bytes_swapped, correlation, find_falls, find_wrapped
 from skincal.errors import first_of
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from skincal.model.arrays import FloatArray, IntArray
 
 MOST_FRAMES: Final = 200_000
 """Number of frames that are checked."""
@@ -67,18 +64,15 @@ REACH_PITCHES: Final = 1.5
 def force_units(median_n: float, area_m2: float) -> dict[str, float]:
     """Return the units, with their factors, that would make a median force plausible; the most usual first.
 
-    Magnitude alone does not tell units apart whose factors are near each other. None if the force is plausible.
-
-    Args:
-        median_n: median of the forces, read as newtons.
-        area_m2: largest area that the indenter presses on.
+    Magnitude alone does not tell units apart whose factors are near each other. None if the force, read as newtons, is
+    plausible on the largest area that the indenter presses on [m²].
     """
-    pressure = median_n / area_m2
-    low = median_n / min(area_m2, CONTACT_M2) < LOW_PRESSURE_PA and median_n / area_m2 < LOW_PRESSURE_PA
-    high = pressure > HIGH_PRESSURE_PA and median_n > FORCE_BEYOND_DOUBT_N
+    least_area = min(area_m2, CONTACT_M2)
+    low = median_n / least_area < LOW_PRESSURE_PA
+    high = median_n / area_m2 > HIGH_PRESSURE_PA and median_n > FORCE_BEYOND_DOUBT_N
     if not (low or high) or median_n <= 0:
         return {}
-    area = min(area_m2, CONTACT_M2) if low else area_m2
+    area = least_area if low else area_m2
 
     def unlikely(name: str) -> float:
         return abs(float(np.log(median_n * FORCE_UNITS[name] / area / USUAL_PRESSURE_PA)))
@@ -96,15 +90,10 @@ def any_of(units: dict[str, float]) -> str:
 def length_unit(
     dataset: Dataset, points: FloatArray, centre: FloatArray, reach_m: float
 ) -> tuple[str, float] | None:
-    """Return the unit of positions that are no metres, with its factor; None if there is none.
+    """Return the unit of positions (n, 3) that are no metres, with its factor; None if there is none.
 
-    Of the units that bring most presses within reach of the patch, it is the one whose places go best with the images.
-
-    Args:
-        dataset: the presses.
-        points: positions as they are, shape (n, 3).
-        centre: nominal centre of the patch [m], shape (3,).
-        reach_m: largest distance from there at which the patch is touched [m].
+    Of the units that bring most presses within ``reach_m`` of the nominal centre (3,) of the patch [m], it is the one
+    whose places go best with the images.
     """
     wrong = np.median(np.abs(points - centre), axis=0) > reach_m
 
@@ -224,18 +213,11 @@ def _check_whole(dataset: Dataset, sheet: Sheet) -> None:
 
 
 def value_step(counts: FloatArray) -> float | None:
-    """Return the step of a converter behind scaled values; None if they are not multiples of a step.
-
-    Args:
-        counts: readings, shape (n, J).
-    """
+    """Return the step of a converter behind scaled readings (n, J); None if they are not multiples of a step."""
     values = np.unique(counts[np.isfinite(counts)])
-    if len(values) < 3:
-        return None
-    steps = np.diff(values)
-    size = float(np.abs(values).max())
+    steps, size = np.diff(values), float(np.abs(values).max(initial=0.0))
     steps = steps[steps > 1e-6 * size]
-    if not steps.size:
+    if len(values) < 3 or not steps.size:
         return None
     step = float(steps.min())
     part = values / step

@@ -48,7 +48,7 @@ class JoinedClock:
     """Alignment of a file's clock with that of the taxels: ``t + offset_s + rate (t - middle_s)``.
 
     Attributes:
-        name: name of the file's table in the mapping.
+        name: of the file's table in the mapping.
         offset_s: time added to the file's times [s].
         sigma_s: standard deviation of the offset [s]; NaN if it was given.
         rate: relative rate by which the clock of the taxels runs faster; 0 if unknown.
@@ -121,10 +121,10 @@ def estimate_offset(
         return _estimated(name, taxels_s, images, file_s, columns, within_s)
     except _UnlikeError:
         rate = _likely_rate(taxels_s, images, file_s, columns)
-        stretched = file_s[0] + (1 + rate) * (file_s - file_s[0])
-        found = _estimated(name, taxels_s, images, stretched, columns, within_s) if rate else None
-        if found is None:
+        if not rate:
             raise
+        stretched = file_s[0] + (1 + rate) * (file_s - file_s[0])
+        found = _estimated(name, taxels_s, images, stretched, columns, within_s)
         return found.after(rate, float(file_s[0]))
 
 
@@ -136,9 +136,7 @@ def _likely_rate(
     Rates differ by as much from each other as moves the ends of the recording by the length of a contact.
     """
     best, taxels_s, file_s = (0.0, 0.0), taxels_s - taxels_s[0], file_s - file_s[0]
-    for activity in activities(images):
-        if np.ptp(activity) == 0:
-            continue
+    for activity in (one for one in activities(images) if np.ptp(one) > 0):
         length = _length(taxels_s, activity)
         step = max(common_step(taxels_s, file_s), length / 8)
         many = int(np.ceil(MOST_RATE * float(file_s[-1]) / length))
@@ -165,13 +163,9 @@ def _length(time_s: FloatArray, values: FloatArray) -> float:
 
 
 def _estimated(
-    name: str,
-    taxels_s: FloatArray,
-    images: FloatArray,
-    file_s: FloatArray,
-    columns: Mapping[str, FloatArray],
+    name: str, taxels_s: FloatArray, images: FloatArray, file_s: FloatArray, columns: Mapping[str, FloatArray],
     within_s: float,
-) -> JoinedClock:
+) -> JoinedClock:  # fmt: skip
     """Return what :func:`estimate_offset` does, for clocks of nearly the same rate."""
     # Subtract the start: seconds since 1970 would cost the search the last digits.
     zeros = float(taxels_s[0]), float(file_s[0])
@@ -296,8 +290,7 @@ def _parts(
     edges = np.linspace(float(start), float(stop), PARTS + 1).tolist()
     reach = max(6 * step, 3 * usual_step(b_s), 0.5)
     total = float(np.var(a))
-    at: list[float] = []
-    found: list[float] = []
+    found: list[tuple[float, float]] = []
     for low, high in pairwise(edges):
         inside = (a_s >= low) & (a_s < high)
         # A part in which hardly anything happens is not informative.
@@ -305,12 +298,12 @@ def _parts(
             continue
         part, correlation = _refined(a_s[inside], a[inside], b_s, b, offset, reach)
         if correlation > LEAST_CORRELATION and abs(part - offset) < 0.95 * reach:
-            at.append((low + high) / 2 - offset)
-            found.append(part)
-    middle, floor = float(np.mean(at)) if at else 0.0, step / np.sqrt(12 * max(len(found), 1))
+            found.append(((low + high) / 2 - offset, part))
+    times, offsets = np.array(found).reshape(-1, 2).T
+    middle, floor = float(times.mean()) if found else 0.0, step / np.sqrt(12 * max(len(found), 1))
     if len(found) < 3:
         return max(usual_step(b_s), step), 0.0, middle, offset
-    offsets, times = np.array(found), np.array(at) - middle
+    times = times - middle
     if len(found) >= 5:
         (rate, mean), covariance = np.polyfit(times, offsets, 1, cov=True)
         span = float(np.ptp(times))

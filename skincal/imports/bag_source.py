@@ -12,7 +12,6 @@ from skincal.dataset.findings import Findings
 from skincal.errors import InputError, Problem, input_error
 from skincal.imports import targets
 from skincal.imports.apart import apart
-from skincal.imports.assembly import beside
 from skincal.imports.bag_file import check_topics, opened
 from skincal.imports.clock import resampled, resampled_words
 from skincal.imports.mapping import Mapping, Quantity
@@ -22,10 +21,7 @@ from skincal.imports.streams import Collector, Stream
 
 
 def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Recording | None:
-    """Read bags by a mapping, in the order of the session.
-
-    Returns:
-        One row per message of the taxels' topic; None, with errors added, if something is wrong.
+    """Return bags, in the order of the session, with one row per message of the taxels' topic; None, with errors.
 
     Raises:
         InputError: a bag cannot be opened.
@@ -57,12 +53,10 @@ def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Rec
         _recording(mapping, mapping.file, i, path.name, collector, zero)
         for i, (path, collector) in enumerate(zip(bags, collected, strict=True))
     ]
-    for recording in parts:
-        if not len(recording):  # most often because of two clocks
-            got = "; ".join(str(item) for item in recording.dropped)
-            fix = "Do the streams overlap in time, and are their clocks the same? See clock, lag_s and max_age_s."
-            expected = "frames with taxels, force and position"
-            findings.error(recording.files[0].file, expected, f"none: {got}", fix)
+    for recording in (one for one in parts if not len(one)):  # most often because of two clocks
+        got = f"none: {'; '.join(map(str, recording.dropped))}"
+        fix = "Do the streams overlap in time, and are their clocks the same? See clock, lag_s and max_age_s."
+        findings.error(recording.files[0].file, "frames with taxels, force and position", got, fix)
     return None if findings.errors else joined(parts)
 
 
@@ -76,7 +70,7 @@ def collect(path: Path, mapping: Mapping) -> tuple[Collector, list[Problem]]:
     assert isinstance(mapping.file, BagMapping)
     findings = Findings()
     collector, named = Collector(mapping, findings), mapping.file.bag.definitions
-    definitions = {name: beside(mapping, one, f"the definition of {name}") for name, one in named.items()}
+    definitions = {name: mapping.beside(one, f"the definition of {name}") for name, one in named.items()}
     with opened(path, definitions) as bag:
         if check_topics(bag, collector.places, findings):
             try:

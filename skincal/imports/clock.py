@@ -11,10 +11,9 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from skincal.imports.mapping_file import Resampling
-from skincal.imports.recording import Column, FloatArray
+from skincal.imports.recording import Column, FloatArray, IntArray
 
 BITS: Final = (8, 16, 24, 32)
 """Usual widths of counters [bit]."""
@@ -59,10 +58,10 @@ class Wraps:
 
     period: float
     words: str
-    rows: NDArray[np.int64]
+    rows: IntArray
 
 
-def steps_back(stamps: FloatArray) -> NDArray[np.int64]:
+def steps_back(stamps: FloatArray) -> IntArray:
     """Return the rows whose stamp is lower than that of the row before, ignoring missing stamps."""
     given = np.flatnonzero(np.isfinite(stamps))
     return given[1:][np.diff(stamps[given]) < 0]
@@ -174,14 +173,14 @@ def resampled(
     """Return a stream resampled at other times (M,); NaN where the stream has no valid sample.
 
     ``previous`` takes the last sample that is not later; ``linear`` interpolates between the last and the next sample,
-    and needs both. A sample older than ``max_age_s``, or two samples farther apart, give NaN.
+    and needs both.
 
     Args:
         time_s: the stream's times, ascending [s], shape (n,).
         values: its values, shape (n,).
         onto_s: times to resample at [s], shape (M,).
         resample: method.
-        max_age_s: greatest age of a sample [s].
+        max_age_s: an older sample, or two that are farther apart, give NaN [s].
     """
     if not len(time_s):
         return np.full(len(onto_s), np.nan)

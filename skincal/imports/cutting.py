@@ -109,8 +109,7 @@ def _bridged(mask: BoolArray) -> BoolArray:
     """Return the mask with short gaps between stretches filled."""
     filled = mask.copy()
     for start, stop in runs(~mask):
-        if start > 0 and stop < len(mask) and stop - start <= BRIDGED:
-            filled[start:stop] = True
+        filled[start:stop] |= start > 0 and stop < len(mask) and stop - start <= BRIDGED
     return filled
 
 
@@ -157,7 +156,9 @@ LEAST_PART: Final = 0.1
 
 def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
     """Return the contacts of a series, by the distance of its images (M, J) from their level at rest."""
-    activity = taxel_activity(images)
+    images = images[:, np.isfinite(images).any(axis=0)]  # without taxels that were never read
+    # The sum over the taxels of their distance above rest, the lowest tenth of their values.
+    activity = np.nansum(np.maximum(images - np.nanquantile(images, 0.1, axis=0), 0.0), axis=1)
     low = activity <= np.quantile(activity, 0.95) / 2
     rest = float(np.median(activity[low])) if low.any() else 0.0
     sigma = 1.4826 * float(np.median(np.abs(activity[low] - rest))) if low.any() else 0.0
@@ -165,13 +166,6 @@ def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
     on = max(ON_SIGMAS * sigma, LEAST_PART * top)
     found = replace(rules, by="force", on_n=on, off_n=max(OFF_SIGMAS * sigma, on / 2))
     return cut(replace(series, force_n=activity - rest), found)
-
-
-def taxel_activity(images: FloatArray) -> FloatArray:
-    """Return the sum over the taxels of their distance above rest, the lowest tenth of their values, shape (M,)."""
-    images = images[:, np.isfinite(images).any(axis=0)]  # without taxels that were never read
-    rest = np.nanquantile(images, 0.1, axis=0)
-    return np.nansum(np.maximum(images - rest, 0.0), axis=1)
 
 
 def in_contact(force_n: FloatArray, found: Cut, mapping: Mapping) -> FloatArray:

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
+
+from skincal.imports.recording import FloatArray
 
 _STEP = re.compile(r"(\w+)(?:\[([^\]]+)\])?(?:\.|$)")
 
@@ -90,7 +91,7 @@ def number_at(message: Any, steps: Sequence[Step]) -> float:
     raise FieldError(f"no number but {_described(value)}")
 
 
-def array_at(message: Any, steps: Sequence[Step]) -> NDArray[np.float64]:
+def array_at(message: Any, steps: Sequence[Step]) -> FloatArray:
     """Return the array of numbers at a path, flat.
 
     Raises:

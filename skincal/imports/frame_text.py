@@ -63,9 +63,9 @@ def read_blocks(
     shapes = Counter((len(block.rows), len(block.rows[0])) for block in blocks)
     shape = shapes.most_common(1)[0][0]
     if odd := [block for block in blocks if (len(block.rows), len(block.rows[0])) != shape]:
-        named = ", ".join(str(block.line) for block in odd[:SHOWN])
         findings.error(
-            f"{path.name}, line {named}", f"a block of {shape[0]} rows of {shape[1]} cells as most",
+            f"{path.name}, line {', '.join(str(block.line) for block in odd[:SHOWN])}",
+            f"a block of {shape[0]} rows of {shape[1]} cells as most",
             ", ".join(f"{len(block.rows)} of {len(block.rows[0])}" for block in odd[:SHOWN]),
             "Was the file cut short, or are there lines to skip (skip_rows, comment)? Blocks without a line between "
             "them need block_rows, and words for cells without a value (Tekscan's B) need missing.",
@@ -96,19 +96,17 @@ def read_labelled(
     lines = text_lines(path, form, findings)
     if lines is None:
         return None
-    rows: list[dict[str, Any]] = []
-    at: list[int] = []
+    rows: dict[int, dict[str, Any]] = {}
     for number, line in lines:
         stamp = STAMP.match(line)
         if pairs := PAIR.findall(line[stamp.end() :] if stamp else line):
-            rows.append({"time": stamp[stamp.lastindex or 0] if stamp else "", **dict(pairs)})
-            at.append(number)
+            rows[number] = {"time": stamp[stamp.lastindex or 0] if stamp else "", **dict(pairs)}
     if not rows:
         findings.error(path.name, "lines of name=value", "none", 'Is layout = "labelled" in [csv] right?')
         return None
-    names = dict.fromkeys(name for row in rows for name in row)
-    columns = {name: np.array([row.get(name, "") for row in rows], dtype=object) for name in names}
-    return table_of(path.name, columns, numbers, texts, form.decimal, findings, np.array(at))
+    names = dict.fromkeys(name for row in rows.values() for name in row)
+    columns = {name: np.array([row.get(name, "") for row in rows.values()], dtype=object) for name in names}
+    return table_of(path.name, columns, numbers, texts, form.decimal, findings, np.array([*rows]))
 
 
 def blocks_of(lines: list[tuple[int, str]], form: CsvFormat) -> list[Block]:
@@ -161,8 +159,7 @@ def _row(line: str, form: CsvFormat) -> tuple[str, list[float]] | None:
         head = re.fullmatch(rf"([A-Za-z][\w-]*)\s*:?(?:\s*({NUMBER}))?", cells[0])
         if head is None or (len(cells) < 2 and head[2] is None):
             return None
-        name = head[1]
-        cells = ([head[2]] if head[2] is not None else []) + cells[1:]
+        name, cells = head[1], [cell for cell in (head[2], *cells[1:]) if cell is not None]
     # A name with one number, "Frame 12", stands above a block.
     if len(cells) < (2 if name else 1) or not all(_is_cell(cell, form) for cell in cells):
         return None

@@ -81,7 +81,7 @@ def units_row(table: TextTable, numbers: Sequence[str]) -> str:
     return f"The line below the header holds words ({shown}): set skip_after_header = 1 in [csv]."
 
 
-def _settings(form: CsvFormat, mark: str = "", *, header: bool = True, skip_rows: int | None = None) -> str:
+def _settings(form: CsvFormat, mark: str, *, header: bool = True, skip_rows: int | None = None) -> str:
     """Return the lines of ``[csv]`` that give a file this layout, as far as they are not there; '' if all are."""
     found = [] if skip_rows in (None, form.skip_rows) else [f"skip_rows = {skip_rows}"]
     found += ["header = false"] if form.header and not header else []
@@ -184,10 +184,9 @@ def _lists(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:
     rows = [_cells(line, form.delimiter) for _, line in filled[form.skip_rows : form.skip_rows + 2]]
     if not form.header or len(rows) < 2 or len(rows[0]) != len(rows[1]):
         return ""
-    named = [name for name, cell in zip(*rows, strict=True) if re.match(r"\[.*\]$", cell)]
-    if not named:
-        return ""
-    return f'The column "{named[0]}" holds lists: its elements are the columns "{named[0]}[0]", "{named[0]}[1]", ….'
+    name = next((name for name, cell in zip(*rows, strict=True) if re.match(r"\[.*\]$", cell)), "")
+    elements = f'its elements are the columns "{name}[0]", "{name}[1]", …'
+    return f'The column "{name}" holds lists: {elements}.' if name else ""
 
 
 def _long(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:

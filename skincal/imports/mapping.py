@@ -11,6 +11,8 @@ import numpy as np
 
 from skincal.dataset import DatasetMeta, TaxelPositions
 from skincal.dataset.word_checks import as_word, swapped
+from skincal.errors import input_error
+from skincal.files import check_input, reason
 from skincal.imports import targets, units
 from skincal.imports.mapping_file import (
     BagMapping,
@@ -118,7 +120,6 @@ class Taxels:
     """Source of the image.
 
     Attributes:
-        place: place of this table in the mapping.
         names: columns of the source in its own flat order; empty for a bag.
         order: for each of our taxels, in our flat order, its index in the source; shape (J,).
         axes: source columns of a taxel, side by side in ``names``; its value is the length of their change from rest.
@@ -149,12 +150,9 @@ class Taxels:
 
 @dataclass(frozen=True)
 class JoinedFile:
-    """A further file with its own clock: a force gauge, a position log.
+    """A further file with its own clock: a force gauge, a position log; ``name`` is that of its table in ``[files]``.
 
-    Attributes:
-        name: name of its table in ``[files]``.
-        place: place of that table in the mapping.
-        time: its stamps; None with a fixed rate.
+    ``time`` are its stamps, None with a fixed rate.
     """
 
     name: str
@@ -171,8 +169,6 @@ class Mapping:
         path: the file; paths in it are relative to its folder.
         meta: content of ``dataset.toml``.
         quantities: one per column of the dataset.
-        cut: rules for cutting time series.
-        joined: other files, in the order of ``[files]``.
         positions: positions of taxels that form no grid.
         meshes: content of mesh files by name.
     """
@@ -210,6 +206,22 @@ class Mapping:
         sensor = self.meta.sensor
         across, along = np.meshgrid(np.arange(float(sensor.cols)), np.arange(float(sensor.rows)))
         return np.column_stack([across.ravel(), along.ravel()]) * np.array(sensor.pitch_m)
+
+    def beside(self, name: str, what: str) -> Path:
+        """Return the path of a file, or of a bag's folder, that the mapping names.
+
+        Raises:
+            InputError: it lies outside the mapping's folder, or is neither a file nor a folder.
+        """
+        path = self.path.parent / name
+        try:
+            check_input(path, within=self.path.parent)
+        except (FileNotFoundError, IsADirectoryError):
+            pass
+        except OSError as error:
+            fix = "Name it on the command line." if what.endswith("to read") else "Copy it there."
+            raise input_error(f'{self.path.name}, "{name}"', what, reason(error), fix) from error
+        return path
 
     def quantity(self, target: str) -> Quantity | None:
         """Return the source of a column; None if it is not mapped."""

@@ -9,13 +9,13 @@ from datetime import date, datetime
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset.keys import Key, Texts, When, Word
 from skincal.dataset.schema import Table
 from skincal.dataset.schema_errors import Violation
 from skincal.dataset.spec import Description
 from skincal.dataset.word_checks import WIDTHS
+from skincal.imports.recording import FloatArray
 
 FORMAT: Final = "skincal-import/1"
 
@@ -287,7 +287,7 @@ class Frame(Table, unknown="refuse"):
             yield "translation_m", "at most 10 m", self.translation_m, fix
 
     @property
-    def rotation(self) -> NDArray[np.float64]:
+    def rotation(self) -> FloatArray:
         """R of ``p = R x + translation_m``, shape (3, 3)."""
         from scipy.spatial.transform import Rotation
 

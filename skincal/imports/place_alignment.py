@@ -44,14 +44,8 @@ def estimate_offset_by_place(
 ) -> JoinedClock:
     """Return the estimated alignment of the clock of a file with positions.
 
-    Args:
-        name: name of the file.
-        taxels_s: times of the taxels, ascending [s], shape (M,).
-        images: their readings, shape (M, J).
-        centres_m: centres of the taxels in the patch [m], shape (J, 2).
-        file_s: times of the file, ascending [s], shape (n,).
-        columns: the file's positions, each (n,).
-        within_s: largest offset that is searched [s].
+    Arguments as :func:`~skincal.imports.alignment.estimate_offset`; ``columns`` holds positions, and ``centres_m`` the
+    centres of the taxels in the patch [m], shape (J, 2).
 
     Raises:
         NoOffsetError: at no lag the images lie where the positions are, or several lags are equally good.

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset import Frames, Presses
 from skincal.dataset.columns import repeated
@@ -17,7 +16,7 @@ from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_number
 from skincal.imports.dataset_tables import presses_of_rows, tables_of_series
 from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import CutRules
-from skincal.imports.recording import Cut, Dropped, FloatArray, Recording, Series, summed
+from skincal.imports.recording import BoolArray, Cut, Dropped, FloatArray, Recording, Series, summed
 from skincal.imports.resting import rested
 
 SPIKES = 0.001
@@ -36,7 +35,10 @@ def presses_and_frames(
         return None
     if mapping.rows == targets.PRESSES:
         presses = presses_of_rows(recording)
-        _check_unique(recording, presses.press, findings)
+        if (twice := repeated(presses.press)).any():
+            got = f"{listed(presses.press[twice][:3].tolist(), int(twice.sum()))} again"
+            fix = "The same press twice? Without [columns.press] presses are counted."
+            findings.error(f"{_where(recording, twice)}, press", "each number once", got, fix)
         return presses, None, recording.dropped
     file, rules = first_of(file.file for file in recording.files), mapping.cut
     series = _series(recording, rules, file, findings)
@@ -85,15 +87,6 @@ def _check_numbers(recording: Recording, mapping: Mapping, findings: Findings) -
         findings.error(f"{_where(recording, bad)}, press", expected, got)
 
 
-def _check_unique(recording: Recording, press: NDArray[np.int64], findings: Findings) -> None:
-    twice = repeated(press)
-    if twice.any():
-        again = press[twice]
-        got = f"{listed(again[:3].tolist(), len(again))} again"
-        fix = "The same press twice? Without [columns.press] presses are counted."
-        findings.error(f"{_where(recording, twice)}, press", "each number once", got, fix)
-
-
 def _series(recording: Recording, rules: CutRules, file: str, findings: Findings) -> Series:
     time = _one_clock(recording, rules, findings)
     numbers, phase = recording.columns.get("press"), recording.columns.get("phase")
@@ -121,7 +114,7 @@ def _one_clock(recording: Recording, rules: CutRules, findings: Findings) -> Flo
     return time - time[0] if rules.start_at_zero and len(time) else time
 
 
-def _where(recording: Recording, bad: NDArray[np.bool_]) -> str:
+def _where(recording: Recording, bad: BoolArray) -> str:
     """Return the file and rows of the first places where a mask holds."""
     rows = np.flatnonzero(bad)
     part = int(recording.part[rows[0]])

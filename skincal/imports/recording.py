@@ -10,25 +10,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
+
 if TYPE_CHECKING:
     from skincal.imports.alignment import JoinedClock
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 Column = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Input of a cutter.
+    """Input of a cutter, each (M,): session clock [s], ascending, and normal force [N], finite.
 
-    Attributes:
-        time_s: session clock [s], ascending, shape (M,).
-        force_n: normal force [N], finite, shape (M,).
-        part: index of the file, shape (M,); no press extends over two files.
-        press: number of the press, -1 for none, shape (M,); None without such a column.
-        phase: words of a column of phases, shape (M,); None without such a column.
+    No press extends over two files, whose index is ``part``. Numbers of presses, -1 for none, and words of phases are
+    None without such a column.
     """
 
     time_s: FloatArray
@@ -125,7 +120,7 @@ class Recording:
 
     columns: Mapping[str, Column]
     counts: FloatArray
-    part: NDArray[np.int64]
+    part: IntArray
     files: tuple[ReadFile, ...]
     dropped: tuple[Dropped, ...] = ()
     notes: tuple[str, ...] = ()
@@ -140,7 +135,7 @@ class Recording:
         counts, part = self.counts[rows], self.part[rows]
         return replace(self, columns=columns, counts=counts, part=part, dropped=(*self.dropped, *dropped))
 
-    def without(self, what: str, bad: Mapping[str, NDArray[np.bool_]]) -> Recording:
+    def without(self, what: str, bad: Mapping[str, BoolArray]) -> Recording:
         """Return the recording without the rows of some masks, by the reason; the first reason of a row counts."""
         kept = np.ones(len(self), dtype=bool)
         dropped: list[Dropped] = []

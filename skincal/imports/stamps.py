@@ -9,7 +9,6 @@ from datetime import datetime
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset.findings import Findings, listed
 from skincal.imports import units
@@ -28,7 +27,7 @@ from skincal.imports.clock import (
 )
 from skincal.imports.mapping import Quantity
 from skincal.imports.mapping_file import CsvFormat
-from skincal.imports.recording import FloatArray
+from skincal.imports.recording import FloatArray, IntArray
 from skincal.imports.text_table import TextTable
 
 Kind = Literal["number", "date", "day"]
@@ -68,7 +67,7 @@ class Clock:
     """
 
     times_s: tuple[FloatArray, ...]
-    rows: tuple[NDArray[np.int64], ...]
+    rows: tuple[IntArray, ...]
     kind: Kind
     notes: tuple[str, ...] = ()
 
@@ -188,7 +187,11 @@ def _mended(
 ) -> tuple[FloatArray, list[str]]:
     """Return the stamps without wraps and gaps, and a report of the repairs."""
     notes: list[str] = []
-    wraps = _wraps(stamps, time, kind)
+    wraps = None
+    if time.wraps_at is not None:
+        wraps = Wraps(time.wraps_at, "", steps_back(stamps))
+    elif kind != "date":
+        wraps = find_wraps(stamps, 1.0 if kind == "day" else abs(time.scale) * time.unit.factor)
     if wraps is not None and wraps.rows.size:
         stamps = unwrapped(stamps, wraps)
         times = "once" if wraps.rows.size == 1 else f"{wraps.rows.size} times"
@@ -210,14 +213,6 @@ def _mended(
         )
         stamps = with_missing(stamps)
     return stamps, notes
-
-
-def _wraps(stamps: FloatArray, time: Quantity, kind: Kind) -> Wraps | None:
-    if time.wraps_at is not None:
-        return Wraps(time.wraps_at, "", steps_back(stamps))
-    if kind == "date":
-        return None
-    return find_wraps(stamps, 1.0 if kind == "day" else abs(time.scale) * time.unit.factor)
 
 
 def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings, *, slow: bool) -> None:
