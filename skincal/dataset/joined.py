@@ -11,7 +11,7 @@ from skincal.covariates import TIMES
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.tables import Frames, Presses
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, input_error
 
 GAP_S = 10.0
 """The second session begins so long after the first, if its clock does not say that it was later [s]."""
@@ -30,7 +30,7 @@ def joined(first: Dataset, second: Dataset) -> Dataset:
     place = "dataset" if second.folder is None else str(second.folder)
     check_same_rig(first.meta, second.meta, place)
     if (first.frames is None) != (second.frames is None):
-        raise InputError([Problem(f"{place}: frames", "frames in both sessions or in none", "frames in one")])
+        raise input_error(f"{place}: frames", "frames in both sessions or in none", "frames in one")
     number = int(first.presses.press.max(initial=-1)) + 1
     later, taxels = _later_s(first, second), first.meta.sensor.taxel_columns()
     presses = _concatenated(first.presses, second.presses, number, later, taxels)

@@ -53,8 +53,8 @@ def dataset_hash(path: str | Path) -> str:
     """
     folder = Path(path)
     values = parse_toml(read_text(folder / FILE, within=folder))
-    named = [values.get("surface", {}).get("file"), values.get("indenter", {}).get("file")]
-    return hash_of(folder, [*named, values.get("sensor", {}).get("positions")])
+    keys = (("surface", "file"), ("indenter", "file"), ("sensor", "positions"))
+    return hash_of(folder, [values.get(table, {}).get(key) for table, key in keys])
 
 
 def hash_of(folder: Path, named: Iterable[str | None]) -> str:

@@ -60,18 +60,18 @@ FASTEST_M_PER_S = 0.5
 
 def check_plausible(dataset: Dataset, sheet: Sheet, frame_sheet: Sheet | None) -> None:
     """Report implausible values of well-formed data in the findings of the sheets of presses and frames."""
-    presses, frames = dataset.presses, dataset.frames
-    _check_positions(dataset, presses.position_m, sheet, POSITION)
+    presses, frames, surface = dataset.presses, dataset.frames, dataset.surface()
+    _check_positions(dataset, surface, presses.position_m, sheet, POSITION)
     targets = presses.vectors(TARGET)
     if targets is not None:
-        _check_positions(dataset, targets, sheet, TARGET)
+        _check_positions(dataset, surface, targets, sheet, TARGET)
     _check_forces(dataset, sheet)
     _check_covariates(dataset, sheet)
     check_values(dataset, sheet, frame_sheet)
     if frames is not None and frame_sheet is not None:
         touching = np.flatnonzero(frames.phase != IDLE)
         touched = frames.position_m[touching[:: max(len(touching) // MOST_POINTS, 1)]]
-        _check_positions(dataset, touched, frame_sheet, POSITION)
+        _check_positions(dataset, surface, touched, frame_sheet, POSITION)
         _check_frames(dataset, frames, frame_sheet)
 
 
@@ -84,12 +84,14 @@ def check_scale(points: FloatArray, sheet: Sheet) -> None:
         sheet.findings.error(sheet.column(*POSITION), "contact points [m]", got, fix, **details)
 
 
-def _check_positions(dataset: Dataset, points: FloatArray, sheet: Sheet, columns: tuple[str, ...]) -> None:
+def _check_positions(
+    dataset: Dataset, surface: Surface, points: FloatArray, sheet: Sheet, columns: tuple[str, ...]
+) -> None:
     """Check that positions of some columns lie on the surface, near the patch."""
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
         return
-    place, findings, surface = sheet.column(*columns), sheet.findings, dataset.surface()
+    place, findings = sheet.column(*columns), sheet.findings
     centre = surface.wrap(dataset.nominal_pose(), np.zeros((1, 2)))[0]
     reach = patch_reach_m(dataset)
     away = float(np.median(np.linalg.norm(points - centre, axis=1)))
@@ -98,12 +100,11 @@ def _check_positions(dataset: Dataset, points: FloatArray, sheet: Sheet, columns
         wrong = np.median(np.abs(points - centre), axis=0) > reach
         if wrong.sum() == 1:
             place = sheet.column(columns[int(wrong.argmax())])
-        looks = (
-            "" if unit is None else f"It looks like {unit[0]}; the file is in metres: {scaled_by(unit[1])}."
-        )
-        got = f"a median distance of {away:.3g} m"
-        details: dict[str, Any] = {} if unit is None else {"code": CODE, "factor": unit[1]}
-        findings.error(place, "contact points [m] near the patch", got, looks or WHICH_FRAME, **details)
+        fix, details, got = WHICH_FRAME, dict[str, Any](), f"a median distance of {away:.3g} m"
+        if unit is not None:
+            fix = f"It looks like {unit[0]}; the file is in metres: {scaled_by(unit[1])}."
+            details = {"code": CODE, "factor": unit[1]}
+        findings.error(place, "contact points [m] near the patch", got, fix, **details)
         return
     off = _median_off(surface, points)
     allowed = dataset.meta.position.slack_m + 3 * dataset.meta.position.sigma_m

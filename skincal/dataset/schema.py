@@ -126,16 +126,8 @@ def read_table(
     """Return the content of a file as an object; add an error for every violation.
 
     A wrong value reads as a placeholder (NaN, 0, '', empty), so that the rest can be checked as well; the errors
-    prevent that a placeholder is used.
-
-    Args:
-        kind: the dataclass of the file.
-        values: its content.
-        findings: collects errors and warnings.
-        file: its name.
-        form: value of its key ``format``; '' if it has none.
-        first: number of the first table of a list.
-        within: the table of the file that is read; (): all of it.
+    prevent that a placeholder is used. ``form`` is the value of the key ``format``, '' if the file has none; ``first``
+    the number of the first table of a list; ``within`` the table of the file that is read, () for all of it.
     """
     from pydantic_core import ValidationError
 

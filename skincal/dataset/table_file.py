@@ -70,9 +70,8 @@ def find_table(folder: Path, stem: str, findings: Findings) -> Path | None:
     """Return the file of a table, ``stem.csv`` or ``stem.parquet``; None if there is none."""
     found = [folder / f"{stem}{suffix}" for suffix in SUFFIXES if (folder / f"{stem}{suffix}").exists()]
     if len(found) > 1:
-        findings.error(
-            str(folder), f"one table of {stem}", " and ".join(p.name for p in found), "Remove one of them."
-        )
+        got = " and ".join(path.name for path in found)
+        findings.error(str(folder), f"one table of {stem}", got, "Remove one of them.")
     return found[0] if found else None
 
 

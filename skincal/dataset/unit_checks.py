@@ -233,7 +233,7 @@ def _check_direction(dataset: Dataset, sheet: Sheet) -> None:
     turned = replace(dataset, presses=replace(dataset.presses, counts=-counts))
     noise = min(noise_at_rest(dataset), noise_at_rest(turned))
     rest = rest_levels(dataset)
-    if frames is not None and {IDLE, HOLD} <= {*np.unique(frames.phase).tolist()}:
+    if frames is not None and np.bincount(frames.phase, minlength=4)[[IDLE, HOLD]].all():
         counts = frames.counts_of(_some(frames, HOLD))
         idle = frames.counts_of(_some(frames, IDLE))
         rest = np.where(np.isfinite(idle).any(axis=0), column_medians(idle), rest)

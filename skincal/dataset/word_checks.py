@@ -6,6 +6,7 @@ between, or high bytes spread over their whole range while low bytes hardly chan
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -81,14 +82,17 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped 
     if not finite.any():
         return None
     low, high = float(counts[finite].min()), float(counts[finite].max())
-    columns = [column[ok] for column, ok in zip(counts.T, finite.T, strict=True)]
+
+    def count(kind: Callable[[FloatArray, float], int], size: float) -> IntArray:
+        return np.array([kind(column[ok], size) for column, ok in zip(counts.T, finite.T, strict=True)])
+
     for bits in WIDTHS:
         size = 2.0**bits
         signed, unsigned = f"int{bits}", f"uint{bits}"
         if low < 0 and low >= -size / 2 and high < size / 2:
             # Signed words above half of their range continued at the lower end.
             mend = f"add {size:g} to negative ones"
-            found = np.array([_signed(column, size) for column in columns])
+            found = count(_signed, size)
             if found.sum() >= FEWEST_CELLS:
                 return Wrapped(bits, unsigned, np.flatnonzero(found), int(found.sum()), mend=mend)
             negative = finite & (counts < -size / 16)
@@ -99,12 +103,12 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped 
             if gained > GAINED:
                 return _by_load(bits, unsigned, negative, mend)
         elif low >= 0 and high < size:
-            found = np.array([_overflowed(column, size) for column in columns])
+            found = count(_overflowed, size)
             if found.sum() >= FEWEST_CELLS:
                 # Both ends meet in a signed word, where all readings lie below zero and beyond by the same.
                 mend = f"add {size:g} to those that came out low"
                 return Wrapped(bits, signed, np.flatnonzero(found), int(found.sum()), mend=mend)
-            found = np.array([_fell_below(column, size) for column in columns])
+            found = count(_fell_below, size)
             if np.count_nonzero(found) > counts.shape[1] / 2:
                 mend = f"take {size:g} off high ones"
                 return Wrapped(bits, signed, np.flatnonzero(found), int(found.sum()), mend=mend)

@@ -2,7 +2,7 @@
 
 A one-dimensional array is a column with its name. A two-dimensional one gives the columns ``name[0]``, ``name[1]``, …,
 a three-dimensional one ``name[0,0]``, …; samples run along the first axis. A list of equal arrays, one per sample, is
-such an array as well. Dots and slashes join nested names.
+such an array as well. Dots and slashes join nested names. Readers raise ``ValueError`` for a damaged file.
 """
 
 from __future__ import annotations
@@ -28,22 +28,14 @@ Columns = dict[str, NDArray[Any]]
 
 
 def read_numpy(path: Path) -> Columns:
-    """Return the columns of a ``.npz`` or ``.npy`` file; the array of the latter is called ``data``.
-
-    Raises:
-        ValueError: the file is damaged, or holds objects, which would run code.
-    """
+    """Return the columns of a ``.npz`` or ``.npy`` file, whose array is ``data``; refuse objects, which run code."""
     with open_input(path) as file:
         zipped = file.read(2) == b"PK"
     return _columns(read_arrays(path) if zipped else {"data": read_array(path)})
 
 
 def read_matlab(path: Path) -> Columns:
-    """Return the columns of a MATLAB file of version 4 to 7.
-
-    Raises:
-        ValueError: the file is damaged.
-    """
+    """Return the columns of a MATLAB file of version 4 to 7."""
     from scipy.io import loadmat
 
     with _damaged(text_of):
@@ -55,15 +47,13 @@ def read_hdf5(path: Path) -> Columns:
     """Return the columns of an HDF5 file, or of a MATLAB 7.3 file, whose arrays are transposed.
 
     Raises:
-        ValueError: it is damaged.
         WorkError: the library h5py is not installed.
     """
     try:
         import h5py as library  # pyright: ignore[reportMissingImports, reportMissingTypeStubs]
     except ImportError as error:
-        raise WorkError(
-            f"{path.name} is an HDF5 file; reading it needs the library h5py: pip install skincal[hdf5]"
-        ) from error
+        needs = "reading it needs the library h5py: pip install skincal[hdf5]"
+        raise WorkError(f"{path.name} is an HDF5 file; {needs}") from error
     h5py: Any = library
     arrays: dict[str, Any] = {}
 
@@ -87,11 +77,7 @@ def read_hdf5(path: Path) -> Columns:
 
 
 def read_arrow(path: Path) -> Columns:
-    """Return the columns of a Parquet or Feather file; an index with a name is one of them.
-
-    Raises:
-        ValueError: the file is damaged.
-    """
+    """Return the columns of a Parquet or Feather file; an index with a name is one of them."""
     import pandas as pd
 
     with open_input(path) as file:

@@ -22,11 +22,7 @@ INDEX_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class Bag:
-    """An open bag.
-
-    Attributes:
-        types: type of the messages of each topic.
-    """
+    """An open bag; ``types`` are those of the messages of each topic."""
 
     path: Path
     reader: Any

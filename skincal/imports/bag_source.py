@@ -61,12 +61,7 @@ def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Rec
 
 
 def collect(path: Path, mapping: Mapping) -> tuple[Collector, list[Problem]]:
-    """Return the content of a bag that a mapping needs, and the problems.
-
-    Raises:
-        InputError: it cannot be opened.
-        WorkError: the library rosbags is not installed.
-    """
+    """Return the content of a bag that a mapping needs, and the problems; raise as :func:`read_bags`."""
     assert isinstance(mapping.file, BagMapping)
     findings = Findings()
     collector, named = Collector(mapping, findings), mapping.file.bag.definitions

@@ -48,16 +48,11 @@ def parse_path(path: str) -> tuple[Step, ...]:
         found = _STEP.match(path, at)
         if not found:
             raise FieldError(f'invalid path from "{path[at:]}" on')
-        name, inside = found[1], found[2]
-        key, _, word = (inside or "").partition("=")
-        if inside is None:
-            steps.append(Step(name))
-        elif word:
-            steps.append(Step(name, key=key, word=word))
-        elif key.isdecimal():
-            steps.append(Step(name, index=int(key)))
-        else:
-            raise FieldError(f'"[{inside}]": an index, or a key = word')
+        key, _, word = (found[2] or "").partition("=")
+        if found[2] is not None and not word and not key.isdecimal():
+            raise FieldError(f'"[{found[2]}]": an index, or a key = word')
+        index = int(key) if key and not word else None
+        steps.append(Step(found[1], index, key if word else "", word))
         at = found.end()
     if not steps:
         raise FieldError("an empty path")
@@ -79,12 +74,7 @@ def value_at(message: Any, steps: Sequence[Step]) -> Any:
 
 
 def number_at(message: Any, steps: Sequence[Step]) -> float:
-    """Return the number at a path.
-
-    Raises:
-        FieldError: the value is not a number.
-        NotHereError: an element does not exist.
-    """
+    """Return the number at a path; raise as :func:`value_at`, and if the value is not a number."""
     value = value_at(message, steps)
     if isinstance(value, bool | int | float | np.number):
         return float(cast("float", value))
@@ -92,12 +82,7 @@ def number_at(message: Any, steps: Sequence[Step]) -> float:
 
 
 def array_at(message: Any, steps: Sequence[Step]) -> FloatArray:
-    """Return the array of numbers at a path, flat.
-
-    Raises:
-        FieldError: the value is not an array of numbers.
-        NotHereError: an element does not exist.
-    """
+    """Return the array of numbers at a path, flat; raise as :func:`value_at`, and if the value is no such array."""
     value = value_at(message, steps)
     try:
         if isinstance(value, str):
@@ -114,13 +99,13 @@ def _element(value: Any, step: Step) -> Any:
         if step.index >= len(value):
             raise NotHereError
         return value[step.index]
-    if step.key:
-        keys = parse_path(step.key)
-        for item in value:
-            if str(value_at(item, keys)) == step.word:
-                return item
-        raise NotHereError
-    return value
+    if not step.key:
+        return value
+    keys = parse_path(step.key)
+    for item in value:
+        if str(value_at(item, keys)) == step.word:
+            return item
+    raise NotHereError
 
 
 def _names(message: Any) -> list[str]:

@@ -28,6 +28,7 @@ Order = Literal["file", "time"]
 Slides = Literal["cut", "keep", "refuse"]
 Count = Annotated[int, Key("a whole number, 0 or more", 0)]
 _Triple = tuple[float, float, float]
+_Quaternion = tuple[float, float, float, float]
 _Time = Annotated[float, Key("a time [s], 0 or more", 0.0)]
 
 
@@ -38,7 +39,6 @@ class CutRules(Table, unknown="refuse"):
     Attributes:
         by: what a press is: a contact by force or by taxels, a plateau, or a number in a column.
         on_n: a contact is a stretch above ``off_n`` that rises above this force [N].
-        off_n: see ``on_n`` [N].
         band: half width of the hold, relative to the force that is kept longest.
         settle_s: time at the start of a hold that still counts as loading [s].
         min_hold_s: a press with a shorter hold is left out [s].
@@ -46,8 +46,7 @@ class CutRules(Table, unknown="refuse"):
         start_at_zero: whether the session clock begins at the first sample.
         own_clocks: whether each file has its own clock; then files follow each other.
         gap_s: gap between such files [s].
-        slides: treatment of a contact that slides in its hold: the hold is cut to where the contact rests, or it is
-            kept, or the import refuses.
+        slides: of a contact that slides in its hold: that is cut to where it rests, or kept, or the import refuses.
         still_m: largest motion of a contact that rests [m]; None: sigma_m of the positions.
     """
 
@@ -184,7 +183,6 @@ class JoinedFormat(CsvFormat):
     Attributes:
         file: its name, or a pattern of names; relative to the mapping.
         time: its stamps; None with a fixed rate.
-        resample: method of resampling at the times of the taxels.
         max_age_s: validity of a value [s]; None: three of its own steps.
         offset_s: offset from its clock to that of the taxels [s], or that it is found by correlation.
         within_s: largest offset that is searched then [s].
@@ -262,9 +260,7 @@ class Frame(Table, unknown="refuse"):
 
     matrix: Annotated[tuple[_Triple, _Triple, _Triple] | None, Key("three rows of three numbers")] = None
     rotation_deg: Annotated[_Triple | None, Key("three angles about x, y, z [deg]")] = None
-    quaternion_xyzw: Annotated[tuple[float, float, float, float] | None, Key("four numbers x, y, z, w")] = (
-        None
-    )
+    quaternion_xyzw: Annotated[_Quaternion | None, Key("four numbers x, y, z, w")] = None
     translation_m: Annotated[_Triple, Key("three numbers [m]")] = (0.0, 0.0, 0.0)
     project: bool = False
 

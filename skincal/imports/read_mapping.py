@@ -171,9 +171,8 @@ def _check_files(
             report.violation(place, "the clock of the file with the taxels", got)
         elif quantity.topic and quantity.topic not in names:
             known = f"a table of [files], which has {', '.join(names) or 'none'}"
-            report.violation(
-                place, known, got, meant(quantity.topic, names, f"Add [files.{quantity.topic}].")
-            )
+            fix = meant(quantity.topic, names, f"Add [files.{quantity.topic}].")
+            report.violation(place, known, got, fix)
     for name in names:
         if all(quantity.topic != name for quantity in quantities):
             fix = f'Write file = "{name}" there.'

@@ -49,16 +49,14 @@ def rested(
     spans: list[Span] = []
     rejected = list(found.rejected)
     parts = _rests(found, {span.number for span in sliding}, position, still, noise)
+    why = f"the contact rests for less than {mapping.cut.min_hold_s:g} s of its hold (min_hold_s)"
     for span, (start, stop) in zip(found.spans, parts, strict=True):
-        if span not in sliding:
-            spans.append(span)
-            continue
         time = series.time_s[span.hold + start : span.hold + stop]
-        if len(time) < 2 or time[-1] - time[0] < mapping.cut.min_hold_s:
-            why = f"the contact rests for less than {mapping.cut.min_hold_s:g} s of its hold (min_hold_s)"
+        short = len(time) < 2 or time[-1] - time[0] < mapping.cut.min_hold_s
+        if span in sliding and short:
             rejected.append(Rejected(span.start, span.stop, why))
-            continue
-        spans.append(replace(span, hold=span.hold + start, hold_stop=span.hold + stop))
+        else:
+            spans.append(replace(span, hold=span.hold + start, hold_stop=span.hold + stop))
     return Cut(tuple(spans), tuple(rejected))
 
 

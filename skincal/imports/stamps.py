@@ -83,13 +83,8 @@ def read_clock(
 ) -> Clock:
     """Return the clock of some files, in the order of the session.
 
-    Args:
-        tables: the files.
-        time: source of the stamps; None: rows at ``rate_hz``.
-        form: their layout.
-        findings: collects the errors.
-        own_clocks: whether each file has its own clock; else a wrap may lie between two files.
-        slow: whether there may be minutes between two rows, as in a list of places.
+    ``time`` is the source of the stamps, None for rows at ``rate_hz``. Unless each file has its own clock, a wrap may
+    lie between two files; ``slow`` says that minutes may lie between two rows, as in a list of places.
     """
     sizes = [table.rows for table in tables]
     if time is None or not time.sources:
@@ -121,14 +116,12 @@ def read_clock(
     for table, time_s in zip(tables, times, strict=True):
         _check_order(table, time_s, time, findings)
     if equal := sum(int((np.diff(part) == 0).sum()) for part in times):
-        notes.append(
-            f"{time.place}: {equal} rows have the stamp of the previous row; they were spread evenly up to the "
-            "next stamp"
+        said = (
+            f"{equal} rows have the stamp of the previous row; they were spread evenly up to the next stamp"
         )
-    return Clock(
-        tuple(spread_equal(part) if len(part) else part for part in times), tuple(rows), kind,
-        tuple(dict.fromkeys(notes)),
-    )  # fmt: skip
+        notes.append(f"{time.place}: {said}")
+    times_s = tuple(spread_equal(part) if len(part) else part for part in times)
+    return Clock(times_s, tuple(rows), kind, tuple(dict.fromkeys(notes)))
 
 
 def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
@@ -151,18 +144,17 @@ def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
     if not time.format and day.any() and (day | ~given).all():
         parsed = pd.to_timedelta(cells.where(given).str.replace(",", "."), errors="coerce")
         return np.asarray(parsed.dt.total_seconds(), dtype=np.float64), "day"
-    dates = pd.to_datetime(
-        cells.where(given), errors="coerce", utc=True, format=time.format or "ISO8601"
-    )  # stamps without a zone share one, which does not matter
-    good = dates.notna().to_numpy()
-    expected = (
-        f'a date and time like "{time.format}" (format)'
-        if time.format
-        else "a date and time like 2026-11-20 12:00:00.250, or in all rows a time of day like 12:00:00.250"
-    )
-    likely = next((str(cell) for cell in cells.to_numpy()[given & ~good]), "")
-    fix = "" if time.format else _format_hint(likely)
-    table.sheet.bad_rows(name, given & ~good, cells.to_numpy(), expected, fix)
+    # Stamps without a zone share one, which does not matter.
+    form = time.format or "ISO8601"
+    dates = pd.to_datetime(cells.where(given), errors="coerce", utc=True, format=form)
+    wrong = given & dates.isna().to_numpy()
+    expected, fix = f'a date and time like "{time.format}" (format)', ""
+    if not time.format:
+        expected = (
+            "a date and time like 2026-11-20 12:00:00.250, or in all rows a time of day like 12:00:00.250"
+        )
+        fix = _format_hint(next((str(cell) for cell in cells.to_numpy()[wrong]), ""))
+    table.sheet.bad_rows(name, wrong, cells.to_numpy(), expected, fix)
     if time.format and not any(mark in time.format for mark in DATE_MARKS):
         within = dates - dates.dt.normalize()
         return np.asarray(within.dt.total_seconds(), dtype=np.float64), "day"
@@ -208,9 +200,8 @@ def _mended(
             notes.append(f"{time.place}: the clock {got}; it was unwrapped")
     missing = int(np.isnan(stamps).sum())
     if 0 < missing < len(stamps):
-        notes.append(
-            f"{time.place}: {missing} rows have no stamp; they were placed evenly between their neighbours"
-        )
+        said = f"{missing} rows have no stamp; they were placed evenly between their neighbours"
+        notes.append(f"{time.place}: {said}")
         stamps = with_missing(stamps)
     return stamps, notes
 
@@ -225,15 +216,14 @@ def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings
     factor = time.unit.factor
     raw = max((usual_step(part) for part in stamps), default=0.0) * abs(time.scale)
     if raw == 0 and np.nanmin(together) == np.nanmax(together):
-        expected = "stamps that grow from row to row"
+        got = f"{np.nanmedian(together):.10g} in every row"
         fix = "Single precision does not hold seconds since 1970. Set rate_hz in [csv] instead."
-        findings.error(time.place, expected, f"{np.nanmedian(together):.10g} in every row", fix)
+        findings.error(time.place, "stamps that grow from row to row", got, fix)
         return
     if any(_clock_digits(part) for part in stamps):
-        findings.error(
-            f"{time.place} unit", f'times in "{time.unit.name}"', "times of day written as HHMMSS",
-            'Set unit = "datetime" and format = "%H%M%S.%f" (without .%f if they have no decimals).',
-        )  # fmt: skip
+        expected, got = f'times in "{time.unit.name}"', "times of day written as HHMMSS"
+        fix = 'Set unit = "datetime" and format = "%H%M%S.%f" (without .%f if they have no decimals).'
+        findings.error(f"{time.place} unit", expected, got, fix)
         return
     found, middle = epoch_unit(together, known), float(np.nanmedian(together))
     wrong = 0 < raw * factor < 1 / FASTEST_HZ or (raw * factor > 1 / SLOWEST_HZ and not slow)

@@ -90,9 +90,8 @@ def read_text_table(
     names, kept = _header(path.name, form, lines, findings)
     if form.header and (again := [number for number, text in kept if text == lines[0][1]]):
         # A logger that was restarted goes on in the same file with another header.
-        findings.note(
-            path.name, "one header", f"the same line again, in line {', '.join(map(str, again[:SHOWN]))}"
-        )
+        got = f"the same line again, in line {first_of(again)}"
+        findings.note(path.name, "one header", got)
         kept = [(number, text) for number, text in kept if text != lines[0][1]]
     # The elements of a list in a cell are columns "name[0]", "name[1]", ….
     elements = {name: ELEMENT.sub(r"\1", name) for name in numbers if name not in names}
