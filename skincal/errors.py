@@ -7,7 +7,7 @@ on standard error and its ``exit_status``; a library user catches it as an ordin
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -101,6 +101,13 @@ def _text(error: BaseException) -> str:
         else:
             members.append(one)
     return f"{error.message}: {'; '.join(map(quoted, members))}"
+
+
+def first_of(words: Iterable[object], shown: int = 3, total: int | None = None) -> str:
+    """Return the first words of a list, and how many more of ``total`` there are."""
+    every = [*map(str, words)]
+    more = (len(every) if total is None else total) - shown
+    return ", ".join(every[:shown]) + (f" and {more} more" if more > 0 else "")
 
 
 _PLAIN: tuple[type, ...] = (bool, int, float, complex, str, bytes, type(None))

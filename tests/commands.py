@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import io
+import os
+import select
+import subprocess
+import sys
+import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -23,3 +30,53 @@ def captured(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[in
     status = run(*arguments)
     out, err = capsys.readouterr()
     return status, out, err
+
+
+class Fork:
+    """A verb in a fork of this process, which has most modules already; it is used like ``subprocess.Popen``."""
+
+    def __init__(self, folder: Path, arguments: list[str]) -> None:
+        self.returncode: int | None = None
+        self._err, err_end = os.pipe()
+        self.pid = os.fork()
+        if self.pid:
+            os.close(err_end)
+            return
+        status = 70
+        try:
+            os.setsid()  # a signal to suspend that comes after the last word would leave it waiting for a shell
+            os.chdir(folder)
+            os.dup2(err_end, 2)
+            os.close(err_end)
+            sys.stderr, sys.stdout = os.fdopen(2, "w", buffering=1), io.StringIO()
+            main(arguments)
+        except SystemExit as ended:
+            status = ended.code if isinstance(ended.code, int) else 0
+        finally:
+            sys.stderr.flush()
+            os._exit(status)
+
+    def poll(self, options: int = os.WNOHANG) -> int | None:
+        if self.returncode is None and (found := os.waitpid(self.pid, options))[0]:
+            self.returncode = os.waitstatus_to_exitcode(found[1])
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def communicate(self, timeout: float) -> tuple[str, str]:
+        """Return what it wrote, of which standard output is not kept, when it has ended.
+
+        Raises:
+            TimeoutExpired: it has not ended in time.
+        """
+        deadline, said = time.monotonic() + timeout, b""
+        while select.select([self._err], [], [], max(0.0, deadline - time.monotonic()))[0]:
+            if not (part := os.read(self._err, 1 << 16)):
+                os.close(self._err)
+                self.poll(0)
+                return "", said.decode()
+            said += part
+        os.kill(self.pid, 9)
+        raise subprocess.TimeoutExpired("skincal", timeout)

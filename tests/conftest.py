@@ -9,6 +9,7 @@ import os
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")
 
+import shutil
 import signal
 from collections.abc import Callable
 from functools import partial
@@ -104,11 +105,18 @@ def session() -> Callable[..., Dataset]:
     return make_session
 
 
+@pytest.fixture(scope="session")
+def written_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A good dataset on disk, with frames, for all tests that only read it."""
+    path = tmp_path_factory.mktemp("written") / "session"
+    write_dataset(make_session(), path, frames_as="csv")
+    return path
+
+
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path: Path, written_session: Path) -> Path:
     """A good dataset on disk, with frames."""
-    write_dataset(make_session(), tmp_path / "session", frames_as="csv")
-    return tmp_path / "session"
+    return Path(shutil.copytree(written_session, tmp_path / "session"))
 
 
 def shared_folder() -> Path | None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from skincal.errors import Problem, quoted, shown, text_of
+from skincal.errors import Problem, first_of, quoted, shown, text_of
 
 
 class OddError(Exception):
@@ -107,3 +107,10 @@ def test_endless_names_of_a_file_are_cut() -> None:
         Problem(f"plan.csv, column {endless}", f"one of {endless}", endless, f'Did you mean "{endless}"?')
     )
     assert told.startswith("plan.csv, column xxx") and len(told) < 3100
+
+
+def test_first_of_many_words():
+    assert first_of(["a", "b", "c"]) == "a, b, c"
+    assert first_of(range(5)) == "0, 1, 2 and 2 more"
+    assert first_of(["a"], shown=1, total=9) == "a and 8 more"
+    assert first_of([]) == ""

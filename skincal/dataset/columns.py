@@ -13,9 +13,7 @@ from skincal.bounded import LARGEST
 from skincal.covariates import ANY, COLUMNS, NOT_NEGATIVE, POSITIVE, TEXT, WHOLE
 from skincal.dataset.findings import did_you_mean
 from skincal.dataset.table_file import RawTable
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 TAXEL = re.compile(r"taxel_(\d+)_(\d+)")
 JOINT = re.compile(r"(q|tau)_(\d+)")
@@ -81,19 +79,22 @@ class ColumnReader:
     def require(self, names: Sequence[str]) -> None:
         """Add one error for the required columns that are missing."""
         missing = [name for name in names if not self.has(name)]
-        if not missing:
-            return
         spare = [name for name in self._table.columns if name not in names and name not in OPTIONAL]
-        hints = [
-            f'Does "{close}" stand for {name}?' for name in missing if (close := did_you_mean(name, spare))
-        ]
+        close = {name: did_you_mean(name, spare) for name in missing}
+        hints = [f'Does "{other}" stand for {name}?' for name, other in close.items() if other]
         what = "column" if len(missing) == 1 else f"{len(missing)} columns"
-        self.sheet.findings.error(
-            self.sheet.file,
-            f"the {what} {_first(missing)}",
-            f"the columns {_first(list(self._table.columns), 12)}",
-            " ".join(hints[:3]) or self._separator_hint() or _how_to_add(missing),
-        )
+        names = [*self._table.columns]
+        one = len(names) == 1 and ";" in names[0]
+        separator = "The cells are separated by semicolons; separate them by commas." if one else ""
+        fix = " ".join(hints[:3]) or separator or _how_to_add(missing)
+        expected, got = f"the {what} {_first(missing)}", f"the columns {_first(names, 12)}"
+        if missing:
+            self.sheet.findings.error(self.sheet.file, expected, got, fix)
+
+    def require_rows(self, expected: str, fix: str) -> None:
+        """Add an error for a table without rows."""
+        if not self.rows:
+            self.sheet.findings.error(self.sheet.file, expected, "no rows", fix)
 
     def numbers(self, name: str) -> FloatArray:
         """Return a column as numbers, shape (rows,), with NaN for empty cells; report cells that are not numbers."""
@@ -112,7 +113,7 @@ class ColumnReader:
             values = np.where(bad, np.nan, values) if bad.any() else values
         return values
 
-    def whole(self, name: str, expected: str, low: int, fix: str = "") -> NDArray[np.int64]:
+    def whole(self, name: str, expected: str, low: int, fix: str = "") -> IntArray:
         """Return a column of whole numbers from ``low`` on, shape (rows,), with ``low`` - 1 for invalid cells."""
         values, text = self._numbers(name)
         if not self.has(name):
@@ -127,10 +128,16 @@ class ColumnReader:
 
     def matrix(self, names: Sequence[str]) -> FloatArray:
         """Return several columns side by side, shape (rows, columns); missing ones are NaN."""
-        matrix = np.empty((self.rows, len(names)), dtype=np.float64)
+        matrix = np.empty((self.rows, len(names)))
         for j, name in enumerate(names):
             matrix[:, j] = self.numbers(name)
         return matrix
+
+    def checked_matrix(
+        self, names: Sequence[str], kind: str, *, may_be_nan: BoolArray | bool = True
+    ) -> FloatArray:
+        """Return several columns side by side as :meth:`checked` does each, shape (rows, columns)."""
+        return np.column_stack([self.checked(name, kind, may_be_nan=may_be_nan) for name in names])
 
     def said(self, name: str) -> BoolArray:
         """Return which cells of a column were already reported as not numeric, shape (rows,)."""
@@ -143,24 +150,20 @@ class ColumnReader:
     def optional(
         self, known: Mapping[str, str], taken: Collection[str]
     ) -> Iterator[tuple[str, NDArray[Any]]]:
-        """Every column that is not ``taken``, in the file's order: known ones checked, others as they are.
+        """Yield every column that is not ``taken``, in the file's order: known ones checked, others as they are.
 
         Those that are not known and hold lists or bytes are left out, unread.
         """
-        hinted = 0
-        for name in self._table.columns:
-            if name in taken:
-                continue
-            if self._kind(name, known) is None and hinted < MOST_HINTS:
-                hinted += 1
-                self._hint_unknown(name, known)
-            if self._kind(name, known) is None and name in self._table.others:
-                got = self._table.others[name]
-                self.sheet.findings.note(
-                    self.sheet.column(name), "single numbers or texts", got, "It is left out."
-                )
-                continue
-            yield name, self.one_optional(name, known)
+        names = [name for name in self._table.columns if name not in taken]
+        unknown = [name for name in names if self._kind(name, known) is None]
+        for name in unknown[:MOST_HINTS]:
+            self._hint_unknown(name, known)
+        for name in names:
+            if name in self._table.others and self._kind(name, known) is None:
+                place, got = self.sheet.column(name), self._table.others[name]
+                self.sheet.findings.note(place, "single numbers or texts", got, "It is left out.")
+            else:
+                yield name, self.one_optional(name, known)
 
     def one_optional(self, name: str, known: Mapping[str, str]) -> NDArray[Any]:
         """Return one column, checked if it is known."""
@@ -177,12 +180,9 @@ class ColumnReader:
         findings, place = self.sheet.findings, self.sheet.column(name)
         match = TAXEL.fullmatch(name)
         if match:
-            findings.error(
-                place,
-                "a taxel within [sensor] rows and cols",
-                f"row {match[1]}, column {match[2]}",
-                "Correct rows and cols in dataset.toml, or take the column out.",
-            )
+            fix = "Correct rows and cols in dataset.toml, or take the column out."
+            got = f"row {match[1]}, column {match[2]}"
+            findings.error(place, "a taxel within [sensor] rows and cols", got, fix)
         elif close := did_you_mean(name, [k for k in known if not self.has(k)]):
             fix = f'It is kept but not used. Did you mean "{close}"?'
             findings.warn(place, "a known column", "an unknown one", fix)
@@ -202,11 +202,6 @@ class ColumnReader:
         self.sheet.bad_rows(name, text, column, "a number", fix)
         return values, text
 
-    def _separator_hint(self) -> str:
-        names = list(self._table.columns)
-        one = len(names) == 1 and ";" in names[0]
-        return "The cells are separated by semicolons; separate them by commas." if one else ""
-
 
 def _converted(column: NDArray[Any], convert: Callable[[Any], Any]) -> NDArray[Any]:
     """Return a column with every cell converted; a column of a million rows has few distinct words."""
@@ -218,10 +213,11 @@ def _converted(column: NDArray[Any], convert: Callable[[Any], Any]) -> NDArray[A
 
 
 def _word(cell: object) -> str:
-    """Return a cell as text, '' if it is empty."""
-    if isinstance(cell, bool | int):
-        return str(cell)
-    return "" if cell != cell or cell in ("NaN", "nan") else _as_whole(str(cell))
+    """Return a cell as text, '' if it is empty, without the ``.0`` of whole numbers in a column that has gaps."""
+    if cell != cell or cell in ("NaN", "nan"):
+        return ""
+    whole, point, rest = str(cell).partition(".")
+    return whole if point and rest.strip("0") == "" and whole.lstrip("-").isdigit() else str(cell)
 
 
 def _number(cell: object) -> float | None:
@@ -244,9 +240,3 @@ def _how_to_add(missing: Sequence[str]) -> str:
 
 def _first(names: Sequence[str], shown: int = 6) -> str:
     return ", ".join(names[:shown]) + (f", … ({len(names)} in all)" if len(names) > shown else "")
-
-
-def _as_whole(text: str) -> str:
-    """Return a cell of a column of whole numbers without the ``.0`` that programs write where the column has gaps."""
-    whole, point, rest = text.partition(".")
-    return whole if point and rest.strip("0") == "" and whole.lstrip("-").isdigit() else text

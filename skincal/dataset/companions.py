@@ -1,19 +1,27 @@
-"""Files that a description names: meshes, and the positions of taxels that form no grid."""
+"""Files that a description names: meshes, and the positions of taxels that form no grid (``taxels.csv``)."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from skincal.bounded import MOST_MESH_BYTES, read_bytes
+from skincal.covariates import ANY, POSITIVE
+from skincal.dataset.columns import ColumnReader, repeated
 from skincal.dataset.findings import Findings
-from skincal.dataset.keys import TWICE
+from skincal.dataset.keys import MILLIMETRES, TWICE
 from skincal.dataset.model_objects import mesh_arrays
-from skincal.dataset.position_table import positions_from
 from skincal.dataset.spec import IndenterSpec, SensorSpec, SurfaceSpec
-from skincal.dataset.table_file import read_table
+from skincal.dataset.table_file import RawTable, read_table
 from skincal.dataset.tables import TaxelPositions
-from skincal.errors import text_of
+from skincal.errors import first_of, text_of
 from skincal.files import reason
+
+COLUMNS = ("r", "c", "u_m", "v_m", "du_m", "dv_m")
+COUNT = "Rows and columns count from 0; or correct rows and cols in dataset.toml."
 
 LARGEST_M, SMALLEST_M = 1.0, 1e-4
 """Extents that no mesh in metres has: too small, too large."""
@@ -27,18 +35,12 @@ def read_positions(folder: Path, file: str, sensor: SensorSpec, findings: Findin
     name = sensor.positions
     if not name:
         if (folder / "taxels.csv").is_file():
-            findings.warn(
-                "taxels.csv", f'positions = "taxels.csv" in {file}, [sensor]', "nothing", "It is not used."
-            )
+            expected = f'positions = "taxels.csv" in {file}, [sensor]'
+            findings.warn("taxels.csv", expected, "nothing", "It is not used.")
         return None
-    path = folder / name
-    if Path(name).name != name or not path.exists():
-        findings.error(
-            f"{file}, [sensor] positions", "a file in the same folder", f'"{name}": no such file', COPY
-        )
-        return None
-    table = read_table(path, findings)
-    return None if table is None else positions_from(table, sensor)
+    path = _beside(folder, name, f"{file}, [sensor] positions", findings)
+    table = None if path is None else read_table(path, findings)
+    return None if table is None else _positions_from(table, sensor)
 
 
 def read_meshes(
@@ -47,32 +49,84 @@ def read_meshes(
     """Return the content of the mesh files that ``[surface]`` and ``[indenter]`` of ``file`` name, by name."""
     found: dict[str, bytes] = {}
     for table, spec in (("surface", surface), ("indenter", indenter)):
-        content = _mesh(folder, f"{file}, [{table}] file", spec, findings)
-        if content is not None and spec.file is not None:
+        if (
+            spec.file
+            and (content := _mesh(folder, f"{file}, [{table}] file", spec.file, findings)) is not None
+        ):
             found[spec.file] = content
     return found
 
 
-def _mesh(folder: Path, place: str, spec: SurfaceSpec | IndenterSpec, findings: Findings) -> bytes | None:
-    if not spec.file:
-        return None
-    path = folder / spec.file
-    if Path(spec.file).name != spec.file or not path.exists():
-        findings.error(place, "a file in the same folder", f'"{spec.file}": no such file', COPY)
+def _beside(folder: Path, name: str, place: str, findings: Findings) -> Path | None:
+    """Return the path of a file that a description names; None, with an error added, if it is not in the folder."""
+    if Path(name).name == name and (folder / name).exists():
+        return folder / name
+    findings.error(place, "a file in the same folder", f'"{name}": no such file', COPY)
+    return None
+
+
+def _mesh(folder: Path, place: str, name: str, findings: Findings) -> bytes | None:
+    path = _beside(folder, name, place, findings)
+    if path is None:
         return None
     try:
         content = read_bytes(path, MOST_MESH_BYTES, folder)
-        vertices, _ = mesh_arrays(content, spec.file)
+        vertices, _ = mesh_arrays(content, name)
     except OSError as error:
-        findings.error(place, "a file in the same folder", f'"{spec.file}": {reason(error)}', COPY)
+        findings.error(place, "a file in the same folder", f'"{name}": {reason(error)}', COPY)
         return None
     except ValueError as error:
-        findings.error(spec.file, "a triangle mesh (STL, OBJ, PLY, …)", text_of(error), EXPORT)
+        findings.error(name, "a triangle mesh (STL, OBJ, PLY, …)", text_of(error), EXPORT)
         return None
-    extent = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
+    extent = float(np.ptp(vertices, axis=0).max())
     if extent > LARGEST_M:
         fix = "It looks like millimetres; the file is in metres: scale it by 0.001."
-        findings.error(spec.file, f"a mesh in metres, at most {LARGEST_M:g} m wide", f"{extent:g} m", fix)
+        findings.error(name, f"a mesh in metres, at most {LARGEST_M:g} m wide", f"{extent:g} m", fix)
     elif extent < SMALLEST_M:
-        findings.error(spec.file, f"a mesh in metres, at least {SMALLEST_M:g} m wide", f"{extent:g} m", TWICE)
+        findings.error(name, f"a mesh in metres, at least {SMALLEST_M:g} m wide", f"{extent:g} m", TWICE)
     return content
+
+
+def _positions_from(table: RawTable, sensor: SensorSpec) -> TaxelPositions | None:
+    """Return the positions of the taxels in a table, in the order of the flat index.
+
+    Every taxel of ``rows`` x ``cols`` must occur once. Problems are added to the table's findings.
+    """
+    if not sensor.taxels:  # the description gives no number of taxels, which has been reported
+        return None
+    reader = ColumnReader(table)
+    reader.require(COLUMNS)
+    if not all(reader.has(name) for name in COLUMNS):
+        return None
+    r = reader.whole("r", f"a whole number below {sensor.rows}", low=0)
+    c = reader.whole("c", f"a whole number below {sensor.cols}", low=0)
+    centres = reader.checked_matrix(COLUMNS[2:4], ANY, may_be_nan=False)
+    sizes = reader.checked_matrix(COLUMNS[4:], POSITIVE, may_be_nan=False)
+    for name, values in zip(COLUMNS[2:], (*centres.T, *sizes.T), strict=True):
+        too_large = np.abs(values) > LARGEST_M
+        reader.sheet.bad_rows(name, too_large, values, f"at most {LARGEST_M:g} m", MILLIMETRES)
+    reader.sheet.bad_rows("r", r >= sensor.rows, r, f"a row below [sensor] rows = {sensor.rows}", COUNT)
+    reader.sheet.bad_rows("c", c >= sensor.cols, c, f"a column below [sensor] cols = {sensor.cols}", COUNT)
+    if (np.minimum(r, c) < 0).any():  # the taxel cannot be identified
+        return None
+    flat, names = r * sensor.cols + c, sensor.taxel_columns()
+    again = repeated(flat)
+    # A taxel that does not exist is named by its number.
+    known = [names[j] if j < len(names) else str(j) for j in flat]
+    reader.sheet.bad_rows("r, c", again, known, "each taxel once", "Remove the copy.")
+    missing = np.setdiff1d(np.arange(sensor.taxels), flat)
+    if missing.size:
+        got = f"none for {first_of((names[j] for j in missing), 6)}"
+        fix = "Where the image has gaps, number the taxels in one row: rows = 1, cols = their number."
+        reader.sheet.findings.error(reader.sheet.file, "a row for every taxel of rows x cols", got, fix)
+    if missing.size or again.any() or len(flat) != sensor.taxels:
+        return None
+    order = np.argsort(flat)
+    return TaxelPositions(centres[order], sizes[order])
+
+
+def position_columns(sensor: SensorSpec, positions: TaxelPositions) -> dict[str, NDArray[Any]]:
+    """Return the table of taxel positions, as columns to write."""
+    r, c = np.divmod(np.arange(sensor.taxels), sensor.cols)
+    numbers = (*positions.centres_m.T, *positions.sizes_m.T)
+    return dict(zip(COLUMNS, (r, c, *numbers), strict=True))

@@ -39,11 +39,7 @@ def converter_top(counts: FloatArray) -> float | None:
 
 
 def clips_at_zero(columns: Iterable[FloatArray]) -> bool:
-    """Return whether single readings are never below 0 and often 0: noise goes to either side of a level.
-
-    Args:
-        columns: the readings of each taxel (N,), one after the other; NaN where not read.
-    """
+    """Return whether single readings, of each taxel (N,), are never below 0 and often 0: noise goes to either side."""
     read, at_zero = 0, 0
     for counts in columns:
         if (counts < 0).any():
@@ -67,12 +63,9 @@ def with_converter_range(dataset: Dataset, sheet: Sheet) -> Dataset:
     if not found:
         return dataset
     written = " and ".join(f"{name} = {value:g}" for name, value in found.items())
-    sheet.findings.note(
-        sheet.file,
-        "[sensor] value_min and value_max where the converter clips",
-        "readings that pile up at " + " and ".join(f"{value:g}" for value in found.values()),
-        f"They are taken to be clipped there. If they are, write {written} in [sensor].",
-        code=CONVERTER_RANGE,
-    )
+    expected = "[sensor] value_min and value_max where the converter clips"
+    got = "readings that pile up at " + " and ".join(f"{value:g}" for value in found.values())
+    fix = f"They are taken to be clipped there. If they are, write {written} in [sensor]."
+    sheet.findings.note(sheet.file, expected, got, fix, code=CONVERTER_RANGE)
     assumed = (*dataset.meta.assumed, *(f"sensor.{name}" for name in found))
     return replace(dataset, meta=replace(dataset.meta, sensor=replace(sensor, **found), assumed=assumed))

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset.columns import GIVE_OR_DROP, ColumnReader, is_number
-from skincal.dataset.findings import BadCells, Sheet
+from skincal.dataset.findings import BadCells
 from skincal.dataset.spec import SensorSpec
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from skincal.errors import first_of
+from skincal.model.arrays import BoolArray, FloatArray
 
 NO_INTEGERS = 'Set integer = false, or baseline = "subtracted" if the level at rest was taken off.'
 
@@ -47,19 +45,22 @@ def check_counts(
         if whole and sensor.integer and sensor.baseline == "raw":
             broken.add(name, np.isfinite(counts) & (counts != np.rint(counts)), counts)
     sheet = reader.sheet
-    expected = (
-        f"a number of counts (a dead taxel is NaN throughout, or in {DEAD_STRETCH} or more successive rows)"
-    )
     lost = sum(stray.counts.values())
     # A row without any reading is no image.
     empty = not dead.all() and (missing_in_row == len(names)).any()
     if lost and (empty or lost > MOST_LOST * reader.rows * len(names)):
-        sheet.bad_cells(stray, expected, GIVE_OR_DROP)
+        dead_is = f"a dead taxel is NaN throughout, or in {DEAD_STRETCH} or more successive rows"
+        sheet.bad_cells(stray, f"a number of counts ({dead_is})", GIVE_OR_DROP)
     elif lost:
         got = f"none in {lost} of {reader.rows * len(names)} cells"
         sheet.findings.warn(sheet.file, "a reading of every taxel in every row", got, "Taken as lost there.")
-    _warn_dead(sheet, names, dead, "nothing but NaN from", "Taken as dead.")
-    _warn_dead(sheet, names, partly, "NaN for a part of the session from", "Taken as dead there.")
+    for which, when, where in (
+        (dead, "nothing but NaN", ""),
+        (partly, "NaN for a part of the session", " there"),
+    ):
+        if which.any():
+            got = f"{when} from {first_of((names[j] for j in np.flatnonzero(which)), 6)}"
+            sheet.findings.warn(sheet.file, "counts from every taxel", got, f"Taken as dead{where}.")
     sheet.bad_cells(infinite, "a finite number of counts", GIVE_OR_DROP)
     expected = f"counts within [{low:g}, {high:g}] (value_min, value_max)"
     sheet.bad_cells(outside, expected, "Correct value_min and value_max, or the counts.")
@@ -72,18 +73,6 @@ def _bounds(sensor: SensorSpec) -> tuple[float, float]:
     low = -np.inf if sensor.value_min is None else sensor.value_min
     high = np.inf if sensor.value_max is None else sensor.value_max
     return (low, high) if sensor.baseline == "raw" else (low - high, high - low)
-
-
-def _warn_dead(sheet: Sheet, names: list[str], dead: BoolArray, what: str, fix: str) -> None:
-    index = np.flatnonzero(dead)
-    if index.size:
-        sheet.findings.warn(sheet.file, "counts from every taxel", f"{what} {named(names, index)}", fix)
-
-
-def named(names: list[str], index: NDArray[np.int64], shown: int = 6) -> str:
-    """Return the first names at some indices, and the number of further ones."""
-    more = f" and {len(index) - shown} more" if len(index) > shown else ""
-    return ", ".join(names[i] for i in index[:shown]) + more
 
 
 def long_stretches(mask: BoolArray, length: int) -> BoolArray:

@@ -14,6 +14,7 @@ from skincal.dataset.model_objects import converter_of, indenter_of, layout_of, 
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.tables import Frames, Presses, TaxelPositions
 from skincal.errors import Problem
+from skincal.model.arrays import FloatArray
 from skincal.shown import Shown
 
 if TYPE_CHECKING:
@@ -59,11 +60,9 @@ class Dataset(Shown):
         return surface_of(self.meta.surface, self.meshes)
 
     def indenter(self, radius_m: float | None = None) -> Indenter:
-        """Return the indenter.
+        """Return the indenter; the radius of a press [m] overrides that of ``[indenter]``.
 
-        Args:
-            radius_m: radius of a press [m], which overrides that of ``[indenter]`` (the optional column
-                ``indenter_radius_m``); None or NaN: that of ``[indenter]``. A mesh has none and ignores it.
+        None and NaN do not, and a mesh has none and ignores it.
         """
         return indenter_of(self.meta.indenter, self.meshes, radius_m)
 
@@ -75,14 +74,11 @@ class Dataset(Shown):
         different, kinds = np.unique(radii, return_inverse=True)
         return tuple(self.indenter(float(r)) for r in different), kinds.astype(np.intp).reshape(-1)
 
-    def indenter_radii_m(self) -> NDArray[np.float64]:
+    def indenter_radii_m(self) -> FloatArray:
         """Return the radius of the indenter in each press [m], shape (K,); NaN for a mesh."""
-        own = self.presses.column("indenter_radius_m")
-        default = self.meta.indenter.radius_m
+        own, default = self.presses.column("indenter_radius_m"), self.meta.indenter.radius_m
         radii = np.full(len(self.presses), np.nan if default is None else default)
-        if own is None or default is None:
-            return radii
-        return np.where(np.isnan(own), radii, own)
+        return radii if own is None or default is None else np.where(np.isnan(own), radii, own)
 
     def frame_presses(self) -> NDArray[np.intp]:
         """Return the row (M,) of each frame's press in the table of presses; -1 for a frame without press."""

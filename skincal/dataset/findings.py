@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, first_of
+from skincal.model.arrays import BoolArray
 
 SHOWN = 3
 """Number of rows of one kind that a message names; further rows are counted."""
@@ -28,11 +29,7 @@ LONGEST_NAME = 64
 
 
 class Findings:
-    """Errors and warnings found so far, in the order of the files.
-
-    Args:
-        folder: folder of the files; a place that begins with the name of one of them is shown with the folder.
-    """
+    """Errors and warnings found so far, in the order of the files; places in a ``folder`` are shown with it."""
 
     def __init__(self, folder: Path | None = None) -> None:
         self._folder = folder
@@ -92,21 +89,19 @@ class Sheet:
         self.file = file
         self._header_lines = header_lines
 
-    def column(self, name: str) -> str:
-        """Return the place of a column."""
-        return f"{self.file}, column {name}"
+    def column(self, *names: str) -> str:
+        """Return the place of a column, or of several."""
+        return f"{self.file}, column{'s' * (len(names) > 1)} {', '.join(names)}"
 
     def rows(self, name: str, rows: ArrayLike, total: int | None = None) -> str:
         """Return the place of some rows (counted from 0) of a column, the first of ``total``; messages count from 1."""
         index = np.asarray(rows)
         count = index.size if total is None else total
-        if count == 1:
-            row = int(index[0]) + 1
-            line = "" if self._header_lines is None else f" (line {row + self._header_lines})"
-            return f"{self.column(name)}, row {row}{line}"
-        named = ", ".join(str(int(row) + 1) for row in index[:SHOWN])
-        more = f" and {count - SHOWN} more" if count > SHOWN else ""
-        return f"{self.column(name)}, rows {named}{more}"
+        line = (
+            "" if count > 1 or self._header_lines is None else f" (line {index[0] + 1 + self._header_lines})"
+        )
+        named = first_of(index[:SHOWN] + 1, SHOWN, count)
+        return f"{self.column(name)}, {'row' if count == 1 else 'rows'} {named}{line}"
 
     def bad_rows(
         self,
@@ -137,9 +132,8 @@ class Sheet:
             rows = np.array([row for row, *_ in first])
             self.findings.error(self.rows(name, rows, total), expected, got, fix, code, **details)
             return
-        named = ", ".join(f"{name} row {row + 1}" for row, _, name, _ in first)
-        more = f" and {total - SHOWN} more cells" if total > SHOWN else ""
-        place = f"{self.file}, {len(cells.counts)} columns: {named}{more}"
+        named = first_of((f"{name} row {row + 1}" for row, _, name, _ in first), SHOWN, total)
+        place = f"{self.file}, {len(cells.counts)} columns: {named}{' cells' if total > SHOWN else ''}"
         self.findings.error(place, expected, got, fix, code, **details)
 
 
@@ -150,7 +144,7 @@ class BadCells:
         self.counts: dict[str, int] = {}
         self.first: list[tuple[int, int, str, Any]] = []
 
-    def add(self, name: str, bad: NDArray[np.bool_], values: NDArray[Any]) -> None:
+    def add(self, name: str, bad: BoolArray, values: NDArray[Any]) -> None:
         """Add the rows of a column where ``bad`` holds, shape (rows,)."""
         if bad.any():
             index = np.flatnonzero(bad)
@@ -174,3 +168,9 @@ def did_you_mean(name: str, known: Iterable[str]) -> str | None:
     spelling = {word.lower(): word for word in known}
     close = difflib.get_close_matches(name.lower(), spelling, n=1, cutoff=0.6 if len(name) < 6 else 0.75)
     return spelling[close[0]] if close else None
+
+
+def meant(name: str, known: Iterable[str], otherwise: str = "") -> str:
+    """Return the advice for a mistyped name: the known one that is close, else what to do."""
+    close = did_you_mean(name, known)
+    return f'Did you mean "{close}"?' if close else otherwise

@@ -23,8 +23,7 @@ def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> 
     taxels = meta.sensor.taxel_columns()
     reader.require(REQUIRED)
     reader.require(taxels)
-    if not table.rows:
-        reader.sheet.findings.error(reader.sheet.file, "at least one frame", "no rows", "Leave the file out.")
+    reader.require_rows("at least one frame", "Leave the file out.")
     press = reader.whole("press", "a whole number, 0 or more, or -1 where nothing touches", low=-1)
     phase = _phase(reader)
     unmeasured = (phase == IDLE) | math.isinf(meta.position.sigma_m)
@@ -34,7 +33,7 @@ def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> 
         "phase": phase,
         "time_s": reader.checked("time_s", ANY, may_be_nan=False),
         "force_n": reader.checked("force_n", ANY, may_be_nan=False),
-        "position_m": _position(reader, unmeasured),
+        "position_m": reader.checked_matrix(POSITION, ANY, may_be_nan=unmeasured),
     }
     present = [j for j, name in enumerate(taxels) if reader.has(name)]
     if table.is_large:
@@ -47,7 +46,9 @@ def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> 
         counts = reader.matrix(taxels)
         frames = Frames(**own, counts=counts, columns=dict(optional))
         check_counts(reader, meta.sensor, counts[:, present].T, whole=True)
-    _check_order(reader, frames)
+    back = np.diff(frames.time_s, prepend=frames.time_s[:1]) < 0
+    fix = "Sort them; time runs on from press to press and does not restart."
+    reader.sheet.bad_rows("time_s", back, frames.time_s, "frames ordered in time over the whole session", fix)
     if reader.has("press"):
         _check_presses(reader, frames, presses)
     return frames
@@ -63,29 +64,13 @@ def _phase(reader: ColumnReader) -> np.ndarray:
     return np.where(phase < 0, np.int8(IDLE), phase)
 
 
-def _position(reader: ColumnReader, unmeasured: np.ndarray) -> np.ndarray:
-    position = np.empty((reader.rows, len(POSITION)))
-    for j, name in enumerate(POSITION):
-        position[:, j] = reader.checked(name, ANY, may_be_nan=unmeasured)
-    return position
-
-
-def _check_order(reader: ColumnReader, frames: Frames) -> None:
-    back = np.zeros(len(frames), dtype=bool)
-    back[1:] = np.diff(frames.time_s) < 0
-    fix = "Sort them; time runs on from press to press and does not restart."
-    reader.sheet.bad_rows("time_s", back, frames.time_s, "frames ordered in time over the whole session", fix)
-
-
 def _check_presses(reader: ColumnReader, frames: Frames, presses: Presses | None) -> None:
     nothing = frames.press == -1
     if reader.has("phase"):
         bad = nothing & (frames.phase != IDLE)
-        names = np.array(PHASES)[frames.phase[bad][:3]]
-        values = np.full(len(frames), "", dtype=object)
-        values[np.flatnonzero(bad)[:3]] = names
         fix = "Give the press, or set the phase to idle."
-        reader.sheet.bad_rows("phase", bad, values, '"idle" where press is -1', fix)
+        words = reader.text("phase") if bad.any() else []
+        reader.sheet.bad_rows("phase", bad, words, '"idle" where press is -1', fix)
     if presses is not None:
         strangers = (frames.press >= 0) & ~np.isin(frames.press, presses.press)
         fix = "Add the press to that table, or take its frames out."

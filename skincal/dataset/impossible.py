@@ -35,10 +35,7 @@ def impossible_readings(counts: FloatArray, force: FloatArray) -> BoolArray:
     A taxel carries the whole force at most, so what it reads for each newton has an upper end, and places and forces
     that differ fill the range below it. Readings for each newton that lie above all others with an empty gap between,
     seldom and on any taxel, are no images. Where all images are one taxel alone, those are no few of what answers.
-
-    Args:
-        counts: (K, J) mean counts of presses; NaN where not read.
-        force: (K,) of each press [N].
+    ``counts`` (K, J) are means of presses of some forces (K,) [N], NaN where not read.
     """
     found = levels_from_presses(counts)
     change = counts - found.level
@@ -65,25 +62,21 @@ def without_impossible(dataset: Dataset, sheet: Sheet) -> Dataset:
     Under uniform pressure no press leaves a taxel alone, and nothing is left out.
     """
     presses = dataset.presses
-    if uniform_pressure(dataset):
-        return dataset
     impossible = impossible_readings(presses.counts, presses.force_n)
-    if not impossible.any():
+    if not impossible.any() or uniform_pressure(dataset):
         return dataset
     level = levels_from_presses(np.where(impossible, np.nan, presses.counts)).level
     sheet.findings.note(
-        sheet.file,
-        "readings that some load explains",
+        sheet.file, "readings that some load explains",
         f"{impossible.sum()} readings of {impossible.any(axis=1).sum()} presses far above all others, with nothing "
         "between: a taxel dropped out to full scale there",
         "They are left out. Look at the connection of the sensor; leave such words empty where they are read.",
         code=IMPOSSIBLE,
-    )
+    )  # fmt: skip
     frames = dataset.frames
     if frames is not None:
-        frames = frames.below(
-            _limit(presses.counts - level, presses.force_n, impossible, frames.force_n) + level
-        )
+        limit = _limit(presses.counts - level, presses.force_n, impossible, frames.force_n)
+        frames = frames.below(limit + level)
     presses = replace(presses, counts=np.where(impossible, np.nan, presses.counts))
     return replace(dataset, presses=presses, frames=frames)
 

@@ -11,7 +11,7 @@ from skincal.covariates import TIMES
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.tables import Frames, Presses
-from skincal.errors import InputError, Problem
+from skincal.errors import InputError, Problem, input_error
 
 GAP_S = 10.0
 """The second session begins so long after the first, if its clock does not say that it was later [s]."""
@@ -20,13 +20,9 @@ Table = TypeVar("Table", Presses, Frames)
 
 
 def joined(first: Dataset, second: Dataset) -> Dataset:
-    """Return the presses of a session and of a later one, numbered on, on one clock.
+    """Return the presses of a session and of a later one of its rig and source, numbered on, on one clock.
 
     A column that only one of them has is empty in the rows of the other.
-
-    Args:
-        first: the earlier session; what it says of sensor, rig and source holds for both.
-        second: the later one.
 
     Raises:
         InputError: they are of different sensors or surfaces, or only one of them has frames.
@@ -34,7 +30,7 @@ def joined(first: Dataset, second: Dataset) -> Dataset:
     place = "dataset" if second.folder is None else str(second.folder)
     check_same_rig(first.meta, second.meta, place)
     if (first.frames is None) != (second.frames is None):
-        raise InputError([Problem(f"{place}: frames", "frames in both sessions or in none", "frames in one")])
+        raise input_error(f"{place}: frames", "frames in both sessions or in none", "frames in one")
     number = int(first.presses.press.max(initial=-1)) + 1
     later, taxels = _later_s(first, second), first.meta.sensor.taxel_columns()
     presses = _concatenated(first.presses, second.presses, number, later, taxels)
@@ -51,14 +47,12 @@ def check_same_rig(first: DatasetMeta, second: DatasetMeta, place: str) -> None:
         InputError: they are not; ``place`` says where the second one comes from.
     """
     pairs = ((first.sensor, second.sensor, "sensor"), (first.surface, second.surface, "surface"))
-    problems = [
-        Problem(
-            f"{place}: [{name}]", f"that of the first session, {mine}", str(other), "Press the same sensor."
-        )
+    fix = "Press the same sensor."
+    if problems := [
+        Problem(f"{place}: [{name}]", f"that of the first session, {mine}", str(other), fix)
         for mine, other, name in pairs
         if mine != other
-    ]
-    if problems:
+    ]:
         raise InputError(problems)
 
 

@@ -9,7 +9,7 @@ from datetime import date, datetime
 from enum import EnumType
 from typing import Any, cast
 
-from skincal.dataset.findings import did_you_mean
+from skincal.dataset.findings import meant
 
 MILLIMETRES = "It looks like millimetres; the file is in metres: divide by 1000."
 TWICE = "It looks as if millimetres were converted to metres twice; multiply by 1000."
@@ -23,14 +23,9 @@ NUMBER = {"float_type": "a number", "finite_number": "a number", "int_type": "a 
 
 @dataclass(frozen=True)
 class Key:
-    """A requirement of a value beyond its type.
+    """A requirement of a value beyond its type: bounds of its numbers, and whether they may be infinite.
 
-    Attributes:
-        expected: what an error says of it.
-        low: smallest number.
-        high: largest number.
-        inf: whether a number may be infinite.
-        fix: what to do about a wrong value.
+    An error says what was ``expected``, and in ``fix`` what to do.
     """
 
     expected: str
@@ -72,18 +67,17 @@ class Key:
 
     def _fault(self, value: Any) -> tuple[str, str] | None:
         """Return what was expected of a value of the right type, and what to do; None if nothing is wrong."""
-        inside = all(
+        inside = (
             self.low <= one <= self.high and (self.inf or math.isfinite(one)) for one in _numbers(value)
         )
-        return None if inside else (self.expected, self.fix)
+        return None if all(inside) else (self.expected, self.fix)
 
 
 @dataclass(frozen=True)
 class Length(Key):
     """A length [m], or several, whose size lies within the bounds; its error tells millimetres.
 
-    Attributes:
-        signed: whether it may be negative.
+    With ``signed`` it may be negative.
     """
 
     signed: bool = False
@@ -113,11 +107,7 @@ class Size(Length):
 
 @dataclass(frozen=True)
 class Range(Key):
-    """A pair ``[low, high]`` in order; ``high`` of the key bounds both.
-
-    Attributes:
-        beyond: what to do about a pair beyond that bound.
-    """
+    """A pair ``[low, high]`` in order; ``high`` of the key bounds both, and ``beyond`` says what to do otherwise."""
 
     beyond: str = ""
 
@@ -182,9 +172,8 @@ class When(Key):
 def choice(value: object, options: Iterable[str]) -> tuple[str, str]:
     """Return what was expected where none of some words came, and which one was meant."""
     words = list(options)
-    close = did_you_mean(value, words) if isinstance(value, str) else None
     expected = "one of " + ", ".join(f'"{word}"' for word in words)
-    return expected, f'Did you mean "{close}"?' if close else ""
+    return expected, meant(value, words) if isinstance(value, str) else ""
 
 
 def wrong(expected: str, fix: str = "", **told: Any) -> Any:

@@ -20,13 +20,9 @@ FILE = "dataset.toml"
 
 
 def read_meta(folder: Path, findings: Findings) -> DatasetMeta | None:
-    """Read ``dataset.toml``.
+    """Return the content of ``dataset.toml``; None if the file is missing or not TOML.
 
-    A wrong value adds an error and reads as a placeholder, so that the tables can still be checked against the
-    rest.
-
-    Returns:
-        The content; None if the file is missing or not TOML.
+    A wrong value adds an error and reads as a placeholder, so that the tables can still be checked against the rest.
     """
     values = load_toml(folder / FILE, findings, what="dataset", within=folder)
     if values is None:
@@ -47,13 +43,9 @@ def write_meta(meta: DatasetMeta, path: Path) -> None:
 
 
 def dataset_hash(path: str | Path) -> str:
-    """Return the SHA-256 over names and contents of the files that belong to a dataset.
+    """Return the SHA-256 over names and contents of the files of a dataset, in hexadecimal, 64 characters.
 
-    These are ``dataset.toml``, the tables, and the files that ``dataset.toml`` names. Other files in the folder, such
-    as a README, do not count.
-
-    Returns:
-        The hash in hexadecimal, 64 characters.
+    These are ``dataset.toml``, the tables, and the files that ``dataset.toml`` names; a README does not count.
 
     Raises:
         OSError: a file cannot be read.
@@ -61,8 +53,8 @@ def dataset_hash(path: str | Path) -> str:
     """
     folder = Path(path)
     values = parse_toml(read_text(folder / FILE, within=folder))
-    named = [values.get("surface", {}).get("file"), values.get("indenter", {}).get("file")]
-    return hash_of(folder, [*named, values.get("sensor", {}).get("positions")])
+    keys = (("surface", "file"), ("indenter", "file"), ("sensor", "positions"))
+    return hash_of(folder, [values.get(table, {}).get(key) for table, key in keys])
 
 
 def hash_of(folder: Path, named: Iterable[str | None]) -> str:

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset.kinds import INDENTERS, SURFACES, Kind
 from skincal.dataset.spec import IndenterSpec, MountSpec, SensorSpec, SurfaceSpec
 from skincal.dataset.tables import TaxelPositions
 from skincal.errors import quoted
+from skincal.model.arrays import FloatArray, IntArray
 from skincal.units import rad
 
 if TYPE_CHECKING:
@@ -24,14 +24,11 @@ def layout_of(sensor: SensorSpec, positions: TaxelPositions | None) -> TaxelLayo
     """Return the layout of the taxels: the grid of ``[sensor]``, or the table of positions if there is one."""
     from skincal.model import TaxelLayout
 
+    rows, cols = sensor.rows, sensor.cols
     if positions is not None:
-        return TaxelLayout(
-            rows=sensor.rows, cols=sensor.cols, centres_m=positions.centres_m, sizes_m=positions.sizes_m
-        )
+        return TaxelLayout(rows=rows, cols=cols, centres_m=positions.centres_m, sizes_m=positions.sizes_m)
     assert sensor.taxel_size_m is not None and sensor.pitch_m is not None
-    return TaxelLayout.grid(
-        sensor.rows, sensor.cols, taxel_size_m=sensor.taxel_size_m, pitch_m=sensor.pitch_m
-    )
+    return TaxelLayout.grid(rows, cols, taxel_size_m=sensor.taxel_size_m, pitch_m=sensor.pitch_m)
 
 
 def surface_of(spec: SurfaceSpec, meshes: Mapping[str, bytes]) -> Surface:
@@ -80,12 +77,8 @@ MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off")
 """Supported mesh formats: those that hold only triangles and are not compressed."""
 
 
-def mesh_arrays(content: bytes, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the vertices [m], shape (V, 3), and the faces, shape (F, 3), of a mesh file.
-
-    Args:
-        content: the file's bytes.
-        name: its name; the suffix gives the format (STL, OBJ, PLY, ...).
+def mesh_arrays(content: bytes, name: str) -> tuple[FloatArray, IntArray]:
+    """Return the vertices [m], shape (V, 3), and the faces, shape (F, 3), of a mesh file, whose suffix is its format.
 
     Raises:
         ValueError: trimesh cannot read the mesh, or it is empty.

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from skincal.model.arrays import FloatArray
 
 if TYPE_CHECKING:
     from skincal.model import SensorPose, Surface
 
-FloatArray = NDArray[np.float64]
 
 GRID = 81
 """Grid points along each side of the patch on a mesh from which the search starts."""
@@ -26,26 +27,22 @@ def patch_coordinates(
 
     Args:
         surface: the surface.
-        pose: pose of the patch on the surface.
+        pose: of the patch on the surface.
         points_m: contact points, fingertip frame [m], shape (K, 3); those off the surface are projected.
         reach_m: on a surface that cannot be unrolled, largest distance of a point from the patch's centre [m].
 
     Returns:
-        ``(u, v)`` [m], shape (K, 2); NaN where a point is NaN. Exact on a cylinder and a plane; on a mesh
-        as accurate as its facets.
+        ``(u, v)`` [m], shape (K, 2); NaN where a point is NaN. On a mesh as accurate as its facets, else exact.
     """
     points = np.asarray(points_m, dtype=np.float64)
     if not surface.is_uniform:
         return _nearest(surface, pose, points, reach_m)
     (across, along), radius = surface.unrolled(points), surface.arc_radius_m
     if radius is None:
-        return _turned_back(pose, across - pose.x_m, along - pose.y_m)
-    turn = across / radius - pose.beta_rad
-    return _turned_back(pose, radius * (np.mod(turn + np.pi, 2 * np.pi) - np.pi), along - pose.y_m)
-
-
-def _turned_back(pose: SensorPose, across: FloatArray, along: FloatArray) -> FloatArray:
-    cos, sin = np.cos(pose.alpha_rad), np.sin(pose.alpha_rad)
+        across = across - pose.x_m
+    else:
+        across = radius * (np.mod(across / radius - pose.beta_rad + np.pi, 2 * np.pi) - np.pi)
+    along, cos, sin = along - pose.y_m, np.cos(pose.alpha_rad), np.sin(pose.alpha_rad)
     return np.column_stack([across * cos + along * sin, along * cos - across * sin])
 
 

@@ -9,30 +9,30 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.covariates import POSITION, TARGET
 from skincal.dataset.dataset import Dataset
-from skincal.dataset.findings import Findings
+from skincal.dataset.findings import Sheet, listed
 from skincal.dataset.keys import MILLIMETRES, TWICE
 from skincal.dataset.sliding import SMALLEST_M, sample_noise_m, slide_m
-from skincal.dataset.tables import HOLD, IDLE
+from skincal.dataset.tables import HOLD, IDLE, Frames
 from skincal.dataset.unit_checks import (
     CODE,
     FORCE_BEYOND_DOUBT_N,
     any_of,
     check_values,
+    column_medians,
     force_units,
     length_unit,
     scaled_by,
     unit_of_ratio,
 )
+from skincal.errors import first_of
+from skincal.model.arrays import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from skincal.model import Surface
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 HIGHEST_PRESSURE_PA = 3e6
 LOWEST_PRESSURE_PA = 100.0
@@ -58,59 +58,52 @@ LARGEST_RADIUS_M, SMALLEST_RADIUS_M = 1.0, 5e-5
 FASTEST_M_PER_S = 0.5
 
 
-def check_plausible(dataset: Dataset, files: dict[str, str], findings: Findings) -> None:
-    """Report implausible values of well-formed data; ``files`` names the files of ``presses`` and ``frames``."""
-    presses, frames = dataset.presses, dataset.frames
-    surface = dataset.surface()
-    _check_positions(dataset, surface, presses.position_m, (files["presses"], POSITION), findings)
-    targets = [presses.column(name) for name in TARGET]
-    if all(column is not None for column in targets):
-        points = np.column_stack([np.asarray(column) for column in targets])
-        _check_positions(dataset, surface, points, (files["presses"], TARGET), findings)
-    _check_forces(dataset, presses.force_n, f"{files['presses']}, column force_n", findings)
-    _check_covariates(dataset, files["presses"], findings)
-    check_values(dataset, files, findings)
-    if frames is not None:
+def check_plausible(dataset: Dataset, sheet: Sheet, frame_sheet: Sheet | None) -> None:
+    """Report implausible values of well-formed data in the findings of the sheets of presses and frames."""
+    presses, frames, surface = dataset.presses, dataset.frames, dataset.surface()
+    _check_positions(dataset, surface, presses.position_m, sheet, POSITION)
+    targets = presses.vectors(TARGET)
+    if targets is not None:
+        _check_positions(dataset, surface, targets, sheet, TARGET)
+    _check_forces(dataset, sheet)
+    _check_covariates(dataset, sheet)
+    check_values(dataset, sheet, frame_sheet)
+    if frames is not None and frame_sheet is not None:
         touching = np.flatnonzero(frames.phase != IDLE)
         touched = frames.position_m[touching[:: max(len(touching) // MOST_POINTS, 1)]]
-        _check_positions(dataset, surface, touched, (files["frames"], POSITION), findings)
-        _check_frames(dataset, files["frames"], findings)
+        _check_positions(dataset, surface, touched, frame_sheet, POSITION)
+        _check_frames(dataset, frames, frame_sheet)
 
 
-def check_scale(points: FloatArray, file: str, findings: Findings) -> None:
+def check_scale(points: FloatArray, sheet: Sheet) -> None:
     """Check contact points without a description, and so without a surface."""
     size = _median(np.linalg.norm(points, axis=1))
     if size > 1.0:
-        fix = MILLIMETRES if size / 1000 < 1.0 else ""
-        place = f"{file}, columns x_m, y_m, z_m"
-        findings.error(
-            place, "contact points [m]", f"a median distance of {size:.3g} m", fix, **_millimetres(fix)
-        )
+        fix, details = (MILLIMETRES, {"code": CODE, "factor": 1e-3}) if size < 1000.0 else ("", {})
+        got = f"a median distance of {size:.3g} m"
+        sheet.findings.error(sheet.column(*POSITION), "contact points [m]", got, fix, **details)
 
 
 def _check_positions(
-    dataset: Dataset,
-    surface: Surface,
-    points: FloatArray,
-    at: tuple[str, tuple[str, ...]],
-    findings: Findings,
+    dataset: Dataset, surface: Surface, points: FloatArray, sheet: Sheet, columns: tuple[str, ...]
 ) -> None:
-    """Check that positions lie on the surface, near the patch; ``at`` is their file and columns."""
+    """Check that positions of some columns lie on the surface, near the patch."""
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
         return
-    place = f"{at[0]}, columns {', '.join(at[1])}"
+    place, findings = sheet.column(*columns), sheet.findings
     centre = surface.wrap(dataset.nominal_pose(), np.zeros((1, 2)))[0]
     reach = patch_reach_m(dataset)
-    away = _median_away(points, centre)
+    away = float(np.median(np.linalg.norm(points - centre, axis=1)))
     unit = length_unit(dataset, points, centre[0], reach) if away > OUT_OF_REACH * reach else None
     if away > FAR * reach or unit is not None:
         wrong = np.median(np.abs(points - centre), axis=0) > reach
         if wrong.sum() == 1:
-            place = f"{at[0]}, column {at[1][int(wrong.argmax())]}"
-        fix = WHICH_FRAME if unit is None else _metres(*unit)
-        got = f"a median distance of {away:.3g} m"
-        details: dict[str, Any] = {} if unit is None else {"code": CODE, "factor": unit[1]}
+            place = sheet.column(columns[int(wrong.argmax())])
+        fix, details, got = WHICH_FRAME, dict[str, Any](), f"a median distance of {away:.3g} m"
+        if unit is not None:
+            fix = f"It looks like {unit[0]}; the file is in metres: {scaled_by(unit[1])}."
+            details = {"code": CODE, "factor": unit[1]}
         findings.error(place, "contact points [m] near the patch", got, fix, **details)
         return
     off = _median_off(surface, points)
@@ -121,25 +114,8 @@ def _check_positions(
         got = f"a median of {off:.3g} m off it"
         findings.error(place, "contact points [m] on the surface", got, TWICE, code=CODE, factor=1000.0)
         return
-    findings.warn(
-        place,
-        f"contact points on the surface, within slack_m + 3 sigma_m = {allowed:.3g} m",
-        f"a median of {off:.3g} m off it",
-        WHICH_FRAME,
-    )
-
-
-def _metres(unit: str, factor: float) -> str:
-    """Return the advice for positions in another unit."""
-    return f"It looks like {unit}; the file is in metres: {scaled_by(factor)}."
-
-
-def _millimetres(fix: str) -> dict[str, Any]:
-    return {"code": CODE, "factor": 1e-3} if fix == MILLIMETRES else {}
-
-
-def _median_away(points: FloatArray, centre: FloatArray) -> float:
-    return float(np.median(np.linalg.norm(points - centre, axis=1)))
+    expected = f"contact points on the surface, within slack_m + 3 sigma_m = {allowed:.3g} m"
+    findings.warn(place, expected, f"a median of {off:.3g} m off it", WHICH_FRAME)
 
 
 def _median_off(surface: Surface, points: FloatArray) -> float:
@@ -175,8 +151,9 @@ def pressed_area_m2(dataset: Dataset) -> float:
     return own if everywhere else min(own, patch)
 
 
-def _check_forces(dataset: Dataset, force: FloatArray, place: str, findings: Findings) -> None:
-    median, area = _median(force), pressed_area_m2(dataset)
+def _check_forces(dataset: Dataset, sheet: Sheet) -> None:
+    place, findings = sheet.column("force_n"), sheet.findings
+    median, area = _median(dataset.presses.force_n), pressed_area_m2(dataset)
     pressure = median / area
     got = f"a median of {median:.3g} N, {pressure:.2g} Pa under the indenter"
     if median <= 0:
@@ -187,21 +164,17 @@ def _check_forces(dataset: Dataset, force: FloatArray, place: str, findings: Fin
     if not units:
         return
     factor = next(iter(units.values()))
-    beyond = (
-        pressure > HIGHEST_PRESSURE_PA and median > FORCE_BEYOND_DOUBT_N
-    ) or pressure < LOWEST_PRESSURE_PA
-    if beyond:
-        fix = f"It looks like {any_of(units)}."
-        findings.error(place, "forces [N]", got, fix, code=CODE, factor=factor, units=units)
+    details = {"code": CODE, "factor": factor, "units": units}
+    too_high = pressure > HIGHEST_PRESSURE_PA and median > FORCE_BEYOND_DOUBT_N
+    if too_high or pressure < LOWEST_PRESSURE_PA:
+        findings.error(place, "forces [N]", got, f"It looks like {any_of(units)}.", **details)
         return
     say = findings.warn if pressure > 1 and factor < 1 else findings.note
-    fix = f"Is it in {any_of(units)}?"
-    say(place, "forces [N] that are plausible on a skin", got, fix, code=CODE, factor=factor, units=units)
+    say(place, "forces [N] that are plausible on a skin", got, f"Is it in {any_of(units)}?", **details)
 
 
-def _check_covariates(dataset: Dataset, file: str, findings: Findings) -> None:
-    place = f"{file}, column {{}}".format
-    presses = dataset.presses
+def _check_covariates(dataset: Dataset, sheet: Sheet) -> None:
+    place, findings, presses = sheet.column, sheet.findings, dataset.presses
     radius = _median(presses.column("indenter_radius_m"))
     if radius > LARGEST_RADIUS_M or radius < SMALLEST_RADIUS_M:
         fix = MILLIMETRES if radius > LARGEST_RADIUS_M else TWICE
@@ -239,66 +212,59 @@ def _median(column: FloatArray | None) -> float:
     return float(np.nanmedian(column))
 
 
-def _check_frames(dataset: Dataset, file: str, findings: Findings) -> None:
+def _check_frames(dataset: Dataset, frames: Frames, sheet: Sheet) -> None:
     """Check that frames agree with the table of presses in force and time."""
-    frames, presses = dataset.frames, dataset.presses
-    assert frames is not None
+    presses, findings, place = dataset.presses, sheet.findings, sheet.column("force_n")
     step = _median(np.diff(frames.time_s))
     if step > 5:
         fix = "It looks like milliseconds; divide by 1000."
-        findings.error(f"{file}, column time_s", "times [s]", f"a median step of {step:.3g} s", fix)
+        findings.error(sheet.column("time_s"), "times [s]", f"a median step of {step:.3g} s", fix)
     force, middle = hold_means(dataset, frames.force_n), hold_means(dataset, frames.time_s)
     held = np.isfinite(middle)
     if not held.any():
-        findings.warn(f"{file}, column phase", "frames of the hold of each press", "none")
+        findings.warn(sheet.column("phase"), "frames of the hold of each press", "none")
         return
     ratio = _median(force[held]) / _median(presses.force_n[held])
-    unit = unit_of_ratio(ratio)
+    unit, got = unit_of_ratio(ratio), f"{ratio:.3g} times those of the presses in the hold"
     if ratio <= 0:
-        got = f"{ratio:.3g} times those of the presses in the hold"
         fix = "Was the force recorded? Leave the frames out if it was not."
-        findings.error(f"{file}, column force_n", "the forces of the presses", got, fix)
+        findings.error(place, "the forces of the presses", got, fix)
     elif ratio > 30 or ratio < 1 / 30 or unit is not None:
         name, factor = unit or (("millinewtons", 1e-3) if ratio > 30 else ("kilonewtons", 1e3))
-        got = f"{ratio:.3g} times those of the presses in the hold"
         fix = f"It looks like {name}; {scaled_by(factor)}."
-        findings.error(f"{file}, column force_n", "forces [N]", got, fix, code=CODE, factor=factor)
+        findings.error(place, "forces [N]", got, fix, code=CODE, factor=factor)
     elif abs(ratio - 1) > 0.2:
-        got = f"{ratio:.3g} times those of the presses in the hold"
-        findings.warn(f"{file}, column force_n", "the same forces as in the table of presses", got)
+        findings.warn(place, "the same forces as in the table of presses", got)
     if not held.all():
         got = f"none for {int(np.sum(~held))} of {len(presses)}"
-        findings.warn(f"{file}, column phase", "frames of the hold of each press", got)
-    _check_dropouts(dataset, force, file, findings)
-    _check_slides(dataset, file, findings)
-    _check_same_presses(dataset, force, file, findings)
-    _check_session_clock(dataset, middle, held, file, findings)
+        findings.warn(sheet.column("phase"), "frames of the hold of each press", got)
+    _check_dropouts(dataset, frames, force, sheet)
+    _check_slides(dataset, frames, sheet)
+    _check_same_presses(dataset, frames, force, sheet)
+    _check_session_clock(dataset, middle, held, sheet)
 
 
-def _check_dropouts(dataset: Dataset, force: FloatArray, file: str, findings: Findings) -> None:
+def _check_dropouts(dataset: Dataset, frames: Frames, force: FloatArray, sheet: Sheet) -> None:
     """Check that frames of a hold have about the mean force (K,) of their press's hold, apart from a few."""
-    frames = dataset.frames
-    assert frames is not None
     row = dataset.frame_presses()
     held = np.flatnonzero((frames.phase == HOLD) & (row >= 0) & np.isfinite(frames.force_n))
     own = force[row[held]]
     lost = held[frames.force_n[held] < own * DROPPED]
     if len(lost) > MOST_DROPPED * max(len(held), 1):
-        found = ", ".join(str(row + 1) for row in lost[:3].tolist())
-        got = f"less than a third of it in {len(lost)} of {len(held)} (rows {found} ...)"
-        fix = "Did the force sensor drop out? Leave these rows out."
-        findings.warn(
-            f"{file}, column force_n", "about the force of the press in frames of its hold", got, fix
+        got = (
+            f"less than a third of it in {len(lost)} of {len(held)} (rows {listed(lost[:3] + 1, len(lost))})"
         )
+        fix = "Did the force sensor drop out? Leave these rows out."
+        expected = "about the force of the press in frames of its hold"
+        sheet.findings.warn(sheet.column("force_n"), expected, got, fix)
 
 
-def _check_same_presses(dataset: Dataset, force: FloatArray, file: str, findings: Findings) -> None:
+def _check_same_presses(dataset: Dataset, frames: Frames, force: FloatArray, sheet: Sheet) -> None:
     """Check that the frames of a press belong to the press of that number: similar in image, and in place or force."""
-    frames, presses = dataset.frames, dataset.presses
-    assert frames is not None
+    presses = dataset.presses
     image, place = hold_means(dataset, frames.taxel_columns()), hold_means(dataset, frames.position_m)
     both = np.isfinite(image) & np.isfinite(presses.counts)
-    usual = _usual(presses.counts, both)
+    usual = column_medians(np.where(both, presses.counts, np.nan))
     size = np.where(both, presses.counts - usual, 0.0)
     apart = np.where(both, image - presses.counts, 0.0)
     away = np.linalg.norm(place - presses.position_m, axis=1) > max(APART_M, dataset.meta.position.sigma_m)
@@ -308,17 +274,16 @@ def _check_same_presses(dataset: Dataset, force: FloatArray, file: str, findings
     looked = int(both.any(axis=1).sum())
     if not other.any() or looked < FEWEST_COMPARED:
         return
-    numbers = ", ".join(str(press) for press in presses.press[other][:6].tolist())
+    numbers = ", ".join(map(str, presses.press[other][:6]))
     got = f"another image at another place or force for {int(other.sum())} of {looked} (press {numbers})"
-    say = findings.error if other.sum() > looked / 2 else findings.warn
+    say = sheet.findings.error if other.sum() > looked / 2 else sheet.findings.warn
     fix = "Are the presses numbered equally in both files?"
-    say(f"{file}, column press", "frames of the presses of the table", got, fix)
+    say(sheet.column("press"), "frames of the presses of the table", got, fix)
 
 
-def _check_slides(dataset: Dataset, file: str, findings: Findings) -> None:
+def _check_slides(dataset: Dataset, frames: Frames, sheet: Sheet) -> None:
     """Check that contacts rest while they are held: the mean image over a slide belongs to no place."""
-    frames, presses, sigma = dataset.frames, dataset.presses, dataset.meta.position.sigma_m
-    assert frames is not None
+    presses, sigma = dataset.presses, dataset.meta.position.sigma_m
     if not np.isfinite(sigma):
         return
     hold = np.flatnonzero(frames.phase == HOLD)
@@ -326,37 +291,19 @@ def _check_slides(dataset: Dataset, file: str, findings: Findings) -> None:
     numbers, starts = np.unique(frames.press[order], return_index=True)
     holds = np.split(frames.position_m[order], starts[1:])
     noise = sample_noise_m(holds)
-    slides = {
-        int(number): slide_m(held, noise)
-        for number, held in zip(numbers, holds, strict=True)
-        if number in presses.press
-    }
+    slides = {int(number): slide_m(held, noise) for number, held in zip(numbers, holds, strict=True)}
+    slides = {number: slid for number, slid in slides.items() if number in presses.press}
     sliding = [number for number, slid in slides.items() if slid > max(sigma, SMALLEST_M)]
-    if not sliding:
-        return
-    shown = ", ".join(f"{number} ({1e3 * slides[number]:.2g} mm)" for number in sliding[:6])
-    more = f" and {len(sliding) - 6} more" if len(sliding) > 6 else ""
-    findings.warn(
-        f"{file}, columns x_m, y_m, z_m", f"contacts that stay in place in their hold, within sigma_m = {sigma:.2g} m",
-        f"{len(sliding)} of {len(slides)} that slide: press {shown}{more}",
-        "Shorten their holds to where the contact rests; `skincal import` does so.",
-        code="slides_in_hold", presses=sliding,
-    )  # fmt: skip
+    if sliding:
+        shown = first_of((f"{number} ({1e3 * slides[number]:.2g} mm)" for number in sliding), 6)
+        expected = f"contacts that stay in place in their hold, within sigma_m = {sigma:.2g} m"
+        got = f"{len(sliding)} of {len(slides)} that slide: press {shown}"
+        fix = "Shorten their holds to where the contact rests; `skincal import` does so."
+        place = sheet.column(*POSITION)
+        sheet.findings.warn(place, expected, got, fix, code="slides_in_hold", presses=sliding)
 
 
-def _usual(counts: FloatArray, both: NDArray[np.bool_]) -> FloatArray:
-    """Return the median image (J,), without NaN."""
-    return np.array(
-        [
-            np.median(column[seen]) if seen.any() else 0.0
-            for column, seen in zip(counts.T, both.T, strict=True)
-        ]
-    )
-
-
-def _check_session_clock(
-    dataset: Dataset, middle: FloatArray, held: NDArray[np.bool_], file: str, findings: Findings
-) -> None:
+def _check_session_clock(dataset: Dataset, middle: FloatArray, held: BoolArray, sheet: Sheet) -> None:
     """Check that the hold of a press lies in its frames where ``t_hold_s`` to ``t_release_s`` says."""
     start, end = dataset.presses.column("t_hold_s"), dataset.presses.column("t_release_s")
     if start is None or end is None:
@@ -364,8 +311,8 @@ def _check_session_clock(
     outside = held & ((middle < start - 1) | (middle > end + 1))
     if np.mean(outside[held]) > 0.5:
         first = int(np.flatnonzero(outside)[0])
-        findings.error(
-            f"{file}, column time_s",
+        sheet.findings.error(
+            sheet.column("time_s"),
             "one session clock: hold frames between t_hold_s and t_release_s of their press",
             f"press {dataset.presses.press[first]} held at {middle[first]:.4g} s in the frames, "
             f"from {start[first]:.4g} s to {end[first]:.4g} s in the presses",

@@ -20,19 +20,17 @@ TWICE = "Remove the copy; if they are two presses, give each its own number."
 
 def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
     """Return the presses of a table; add problems to the table's findings."""
-    reader = ColumnReader(table)
     taxels = meta.sensor.taxel_columns()
+    reader = ColumnReader(table)
     reader.require(REQUIRED)
     reader.require(taxels)
-    if not table.rows:
-        fix = "Was the table cut short, or filtered too strictly?"
-        reader.sheet.findings.error(reader.sheet.file, "at least one press", "no rows", fix)
+    reader.require_rows("at least one press", "Was the table cut short, or filtered too strictly?")
     press = reader.whole("press", "a whole number, 0 or more", 0, "Number the presses 0, 1, 2, …")
     counts = reader.matrix(taxels)
     unknown = math.isinf(meta.position.sigma_m)
     presses = Presses(
         press=press,
-        position_m=np.column_stack([reader.checked(name, ANY, may_be_nan=unknown) for name in POSITION]),
+        position_m=reader.checked_matrix(POSITION, ANY, may_be_nan=unknown),
         force_n=reader.checked("force_n", ANY, may_be_nan=False, if_empty=NO_FORCE),
         counts=counts,
         normals=_normals(reader),
@@ -43,18 +41,19 @@ def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
             )
         ),
     )
-    if reader.has("press"):
-        _check_unique(reader, press)
+    if reader.has("press"):  # invalid numbers have been reported
+        again = repeated(press) & (press >= 0)
+        reader.sheet.bad_rows("press", again, press, "each number once", TWICE)
     present = [j for j, name in enumerate(taxels) if reader.has(name)]
     check_counts(reader, meta.sensor, counts[:, present].T, whole=False)
-    _check_branch(reader, presses)
-    _check_times(reader, presses)
+    branch = presses.column("branch")
+    if branch is not None:
+        bad = ~np.isin(branch.astype(str), ["up", "down", ""])
+        reader.sheet.bad_rows("branch", bad, branch, '"up", "down" or nothing')
+    for earlier, later in pairwise(name for name in TIMES if name in presses.columns):
+        before, after = presses.columns[earlier], presses.columns[later]
+        reader.sheet.bad_rows(later, after < before, after, f"a time not before {earlier}", CORRECT_OR_EMPTY)
     return presses
-
-
-def _check_unique(reader: ColumnReader, press: np.ndarray) -> None:
-    # Invalid press numbers have been reported.
-    reader.sheet.bad_rows("press", repeated(press) & (press >= 0), press, "each number once", TWICE)
 
 
 def _normals(reader: ColumnReader) -> np.ndarray | None:
@@ -63,30 +62,16 @@ def _normals(reader: ColumnReader) -> np.ndarray | None:
     if not present:
         return None
     reader.require(NORMAL)
-    normals = np.column_stack([reader.checked(name, ANY) for name in NORMAL])
-    if len(present) < 3:
-        return normals
-    given = np.isfinite(normals)
-    partial = given.any(axis=1) & ~given.all(axis=1)
-    reader.sheet.bad_rows(
-        "nx, ny, nz", partial, normals, "all three, or none", "Give all three, or leave the cells empty."
-    )
-    length = np.linalg.norm(normals, axis=1)
-    wrong = given.all(axis=1) & (np.abs(length - 1) > 0.01)
-    reader.sheet.bad_rows("nx, ny, nz", wrong, length, "a vector of length 1", "Divide by its length.")
+    normals = reader.checked_matrix(NORMAL, ANY)
+    if len(present) == 3:
+        given, names, fix = (
+            np.isfinite(normals),
+            ", ".join(NORMAL),
+            "Give all three, or leave the cells empty.",
+        )
+        partial = given.any(axis=1) & ~given.all(axis=1)
+        reader.sheet.bad_rows(names, partial, normals, "all three, or none", fix)
+        length = np.linalg.norm(normals, axis=1)
+        wrong = given.all(axis=1) & (np.abs(length - 1) > 0.01)
+        reader.sheet.bad_rows(names, wrong, length, "a vector of length 1", "Divide by its length.")
     return normals
-
-
-def _check_branch(reader: ColumnReader, presses: Presses) -> None:
-    branch = presses.column("branch")
-    if branch is not None:
-        bad = ~np.isin(branch.astype(str), ["up", "down", ""])
-        reader.sheet.bad_rows("branch", bad, branch, '"up", "down" or nothing')
-
-
-def _check_times(reader: ColumnReader, presses: Presses) -> None:
-    """Check that start, hold, release and end follow each other."""
-    names = [name for name in TIMES if presses.column(name) is not None]
-    for earlier, later in pairwise(names):
-        before, after = presses.columns[earlier], presses.columns[later]
-        reader.sheet.bad_rows(later, after < before, after, f"a time not before {earlier}", CORRECT_OR_EMPTY)

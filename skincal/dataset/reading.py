@@ -28,13 +28,7 @@ NO_FOLDER = "Give the folder that holds dataset.toml."
 
 @dataclass(frozen=True)
 class Check:
-    """Result of checking a dataset's folder.
-
-    Attributes:
-        errors: problems that make it unusable, in the order of the files.
-        warnings: problems that do not forbid its use.
-        dataset: the data; None if there are errors.
-    """
+    """Problems of a dataset's folder in the order of the files, and the data; None if there are errors."""
 
     errors: tuple[Problem, ...]
     warnings: tuple[Problem, ...]
@@ -42,13 +36,7 @@ class Check:
 
 
 def read_dataset(path: str | Path) -> Dataset:
-    """Read and check a dataset's folder (contract ``skincal-dataset/1``).
-
-    Args:
-        path: the folder.
-
-    Returns:
-        The dataset; its ``warnings`` do not forbid its use.
+    """Read and check a dataset's folder (contract ``skincal-dataset/1``); its ``warnings`` do not forbid its use.
 
     Raises:
         InputError: the folder has violations; ``problems`` holds all of them.
@@ -73,9 +61,8 @@ def check_dataset(path: str | Path) -> Check:
 
 def _read(folder: Path, findings: Findings) -> Dataset | None:
     if not folder.is_dir():
-        findings.error(
-            str(folder), "a dataset's folder", "a file" if folder.exists() else "no such folder", NO_FOLDER
-        )
+        got = "a file" if folder.exists() else "no such folder"
+        findings.error(str(folder), "a dataset's folder", got, NO_FOLDER)
         return None
     before = file_states(folder, ())
     meta = read_meta(folder, findings)
@@ -93,23 +80,21 @@ def _read(folder: Path, findings: Findings) -> Dataset | None:
     if presses is None or press_table is None:
         return None
     if not described:
-        check_scale(presses.position_m, press_table.sheet.file, findings)
+        check_scale(presses.position_m, press_table.sheet)
         return None
     dataset = Dataset(meta, presses, frames, positions, meshes, folder.resolve())
     if _check_model(dataset, findings):
-        files = {"presses": press_table.sheet.file, "frames": frame_table.sheet.file if frame_table else ""}
-        check_plausible(dataset, files, findings)
+        check_plausible(dataset, press_table.sheet, frame_table and frame_table.sheet)
     if findings.errors:
         return None
     dataset = with_converter_range(without_impossible(dataset, press_table.sheet), press_table.sheet)
-    add_remarks(dataset, press_table.sheet, findings)
+    add_remarks(dataset, press_table.sheet)
     sha256 = ""
     with suppress(OSError):
         sha256 = hash_of(folder, named)
     if file_states(folder, named) != before or not sha256:
-        findings.error(
-            str(folder), "a dataset that stays as it is", "one that changed while it was read", "Run again."
-        )
+        got = "one that changed while it was read"
+        findings.error(str(folder), "a dataset that stays as it is", got, "Run again.")
         return None
     return replace(dataset, sha256=sha256, warnings=tuple(findings.warnings))
 
@@ -129,23 +114,19 @@ def _check_model(dataset: Dataset, findings: Findings) -> bool:
         (sensor, "a layout of taxels", dataset.layout),
         (f"{FILE}, [surface]", "a surface", dataset.surface),
         (f"{FILE}, [indenter]", "an indenter", dataset.indenter),
-        (f"{FILE}, [mount]", "a pose on the surface", lambda: _wrapped(dataset)),
     ):
         try:
             make()
         except ValueError as error:
             findings.error(place, expected, error)
             return False
-    return True
-
-
-def _wrapped(dataset: Dataset) -> None:
-    """Place the taxel centres on the surface.
-
-    Raises:
-        ValueError: the surface has no room for them.
-    """
-    points, _ = dataset.surface().wrap(dataset.nominal_pose(), dataset.layout().centres_m)
-    if not np.isfinite(points).all():
-        outside = int(np.sum(~np.isfinite(points).all(axis=1)))
-        raise ValueError(f"{outside} taxels beyond the surface; compare the patch's size with the surface's")
+    place, expected = f"{FILE}, [mount]", "a pose on the surface"
+    try:
+        points, _ = dataset.surface().wrap(dataset.nominal_pose(), dataset.layout().centres_m)
+    except ValueError as error:
+        findings.error(place, expected, error)
+        return False
+    if outside := int(np.sum(~np.isfinite(points).all(axis=1))):
+        got = f"{outside} taxels beyond the surface; compare the patch's size with the surface's"
+        findings.error(place, expected, got)
+    return not outside

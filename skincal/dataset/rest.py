@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.tables import IDLE
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 ACTIVE_COUNTS = 5.0
 """Default threshold above the level at rest from which a taxel is active [counts]."""
@@ -30,23 +31,18 @@ FEWEST_IDLE = 20
 """Idle frames that an estimate of the level at rest needs."""
 
 
-def rest_levels(dataset: Dataset) -> NDArray[np.float64]:
-    """Return the level of each taxel at rest.
+def rest_levels(dataset: Dataset) -> FloatArray:
+    """Return the level of each taxel at rest [counts], shape (J,); NaN for a taxel that is dead throughout.
 
     It is the median over the idle frames; without idle frames, the mean of the low readings over the presses, most of
     which do not reach a given taxel. Counts with a subtracted level rest at 0.
-
-    Returns:
-        Levels [counts], shape (J,); NaN for a taxel that is dead throughout.
     """
+    from skincal.model.rest import rest_from_presses
+
     if dataset.meta.sensor.baseline == "subtracted":
         return np.zeros(dataset.meta.sensor.taxels)
     levels = _of_idle_frames(dataset, np.nanmedian)
-    if levels is None:
-        from skincal.model.rest import rest_from_presses
-
-        return rest_from_presses(dataset.presses.counts)[0]
-    return levels
+    return rest_from_presses(dataset.presses.counts)[0] if levels is None else levels
 
 
 def rest_in_doubt(dataset: Dataset) -> bool:
@@ -62,11 +58,10 @@ def rest_in_doubt(dataset: Dataset) -> bool:
     return bool(len(levels)) and float(levels.max() - np.median(levels)) > ACTIVE_COUNTS
 
 
-def idle_means(dataset: Dataset) -> NDArray[np.float64] | None:
-    """Return the mean counts of untouched taxels, which clipped noise lifts above their level at rest.
+def idle_means(dataset: Dataset) -> FloatArray | None:
+    """Return the mean counts (J,) of untouched taxels, which clipped noise lifts above their level at rest.
 
-    Returns:
-        Means [counts], shape (J,), NaN for a taxel that is dead throughout; None where there are too few idle frames.
+    NaN for a taxel that is dead throughout; None where there are too few idle frames.
     """
     return _of_idle_frames(dataset, np.nanmean)
 
@@ -84,7 +79,7 @@ def noise_at_rest(dataset: Dataset) -> float:
     return float(np.median(alive)) if alive.size else 0.0
 
 
-def _low_spread(counts: NDArray[np.float64]) -> np.floating:
+def _low_spread(counts: FloatArray) -> np.floating:
     """Return the standard deviation of the lower half of readings, by two quantiles 1.03 sigmas apart if normal."""
     middle, low = np.quantile(counts[np.isfinite(counts)], (0.4, 0.1))
     return (middle - low) / 1.028
@@ -105,7 +100,7 @@ def active_threshold(dataset: Dataset) -> float:
     return max(ACTIVE_SIGMAS * noise_at_rest(dataset), min(ACTIVE_SHARE * max(top, 0.0), most))
 
 
-def _idle(dataset: Dataset) -> NDArray[np.bool_] | None:
+def _idle(dataset: Dataset) -> BoolArray | None:
     """Return which frames are idle (M,); None if there are too few."""
     frames = dataset.frames
     if frames is None or np.sum(idle := frames.phase == IDLE) < FEWEST_IDLE:
@@ -113,9 +108,7 @@ def _idle(dataset: Dataset) -> NDArray[np.bool_] | None:
     return idle
 
 
-def _of_idle_frames(
-    dataset: Dataset, statistic: Callable[[NDArray[np.float64]], np.floating]
-) -> NDArray[np.float64] | None:
+def _of_idle_frames(dataset: Dataset, statistic: Callable[[FloatArray], np.floating]) -> FloatArray | None:
     """Return a statistic of each taxel's counts over the idle frames (J,), NaN for a dead one; None if too few."""
     idle = _idle(dataset)
     if idle is None or dataset.frames is None:
@@ -124,15 +117,10 @@ def _of_idle_frames(
     return np.array([statistic(c) if np.isfinite(c).any() else np.nan for c in columns], dtype=np.float64)
 
 
-def active_taxels(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> NDArray[np.bool_]:
-    """Return which taxels are active in which press: more than a threshold above their level at rest.
+def active_taxels(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> BoolArray:
+    """Return which taxels are active in which press (K, J): more than a threshold [counts] above their level at rest.
 
-    Args:
-        dataset: the data.
-        threshold_counts: the threshold [counts].
-
-    Returns:
-        Shape (K, J); a dead taxel (NaN) is never active.
+    A dead taxel (NaN) is never active.
     """
     return dataset.presses.counts - rest_levels(dataset) > threshold_counts
 
@@ -144,16 +132,13 @@ _FEWEST, _CLEAR = 5, 3.0
 """Presses that a variance needs; standard deviations above the lower bound from which nothing is clipped."""
 
 
-def rest_drift(dataset: Dataset) -> NDArray[np.float64] | None:
-    """Return by how much the level at rest of each taxel has moved when each press begins.
+def rest_drift(dataset: Dataset) -> FloatArray | None:
+    """Return by how much the level at rest of each taxel has moved when each press begins [counts], shape (K, J).
 
     The mean of the idle frames right before a press, less that of all presses (less 0, where the level has been
     subtracted), shrunk by the part of its variance that the noise of these frames explains (James and Stein). So
-    nothing is taken off where nothing drifts.
-
-    Returns:
-        Shifts [counts], shape (K, J), 0 where they are not known or the converter clips; None without idle frames
-        between presses.
+    nothing is taken off where nothing drifts. 0 where it is not known or the converter clips; None without idle frames
+    between presses.
     """
     frames, presses = dataset.frames, dataset.presses
     if frames is None:
@@ -163,8 +148,8 @@ def rest_drift(dataset: Dataset) -> NDArray[np.float64] | None:
     known = np.array([len(rows) > 1 for rows in spans])
     if known.sum() < _FEWEST:
         return None
-    many = np.array([len(rows) for rows in spans], dtype=np.float64)[known]
-    rows = [span for span, is_known in zip(spans, known, strict=True) if is_known]
+    rows = [span for span in spans if len(span) > 1]
+    many = np.array([len(span) for span in rows], dtype=np.float64)
     sensor, shifts = dataset.meta.sensor, np.zeros(presses.counts.shape)
     low = -np.inf if sensor.value_min is None or sensor.baseline == "subtracted" else sensor.value_min
     for j, counts in enumerate(frames.taxel_columns()):
@@ -182,9 +167,7 @@ def rest_drift(dataset: Dataset) -> NDArray[np.float64] | None:
     return shifts
 
 
-def _idle_before(
-    idle: NDArray[np.bool_], press: NDArray[np.int64], numbers: NDArray[np.int64]
-) -> list[NDArray[np.intp]]:
+def _idle_before(idle: BoolArray, press: IntArray, numbers: IntArray) -> list[NDArray[np.intp]]:
     """Return for each press the last idle frames in a row before it; none where other frames lie between."""
     touched = np.flatnonzero(~idle)
     known, first = np.unique(press[touched], return_index=True)

@@ -126,21 +126,16 @@ def read_table(
     """Return the content of a file as an object; add an error for every violation.
 
     A wrong value reads as a placeholder (NaN, 0, '', empty), so that the rest can be checked as well; the errors
-    prevent that a placeholder is used.
-
-    Args:
-        kind: the dataclass of the file.
-        values: its content.
-        findings: collects errors and warnings.
-        file: its name.
-        form: value of its key ``format``; '' if it has none.
-        first: number of the first table of a list.
-        within: the table of the file that is read; (): all of it.
+    prevent that a placeholder is used. ``form`` is the value of the key ``format``, '' if the file has none; ``first``
+    the number of the first table of a list; ``within`` the table of the file that is read, () for all of it.
     """
     from pydantic_core import ValidationError
 
     if form:
-        _check_format(values.get("format", ABSENT), form, findings, file)
+        if (given := values.get("format", ABSENT)) != form:
+            other = "Another kind of file, or from a newer version of skincal."
+            fix = "Add it as the first line." if given is ABSENT else other
+            findings.error(f"{file}, format", f'"{form}"', shown(given), fix)
         values = {key: value for key, value in values.items() if key != "format"}
     translator = Translator(findings, file, first, within)
     validate = _validator(kind)
@@ -189,13 +184,6 @@ def _validator(kind: type[Table]) -> Callable[..., Any]:
     return TypeAdapter(kind).validate_python
 
 
-def _check_format(value: object, form: str, findings: Findings, file: str) -> None:
-    if value != form:
-        fix = "Another kind of file, or from a newer version of skincal."
-        fix = "Add it as the first line." if value is ABSENT else fix
-        findings.error(f"{file}, format", f'"{form}"', shown(value), fix)
-
-
 def _blank(values: dict[str, Any], place: Place) -> None:
     """Put BLANK at a place of nested tables and lists, whose copies replace the originals."""
     inside: Any = values
@@ -231,31 +219,22 @@ def _read_table(cls: type[Any], value: Any, handler: Callable[[Any], Any], info:
     from pydantic_core import ValidationError
 
     known = {field.name: field for field in fields(cls) if field.name != "extra"}
-    needed = [
-        k for k, field in known.items() if field.default is MISSING and field.default_factory is MISSING
-    ]
-    absent = ABSENT
-    if value is BLANK:
-        value, absent = {}, BLANK
+    needed = {
+        name for name, one in known.items() if one.default is MISSING and one.default_factory is MISSING
+    }
+    absent, value = (BLANK, {}) if value is BLANK else (ABSENT, value)
     if not isinstance(value, Mapping):
         raise wrong(cls.wanted, table=True)
     table = cast("Mapping[str, Any]", value)
     extra = {key: inner for key, inner in table.items() if key not in known}
-    given = dict.fromkeys(needed, absent) | {
-        name: inner
-        for name, inner in table.items()
-        if name in known and (name in needed or inner is not BLANK)
-    }
+    # What is missing or wrong, and not needed, has its default.
+    kept = [name for name in known if name in needed or table.get(name, BLANK) is not BLANK]
+    given = {name: table.get(name, absent) for name in kept}
     if len(known) < len(fields(cls)):
         given["extra"] = extra
     free = [name for name in known if name not in table]
-    problems = (
-        []
-        if info.context
-        else [
-            unknown_key(key, extra[key], cls.unknown_keys, [*known], free) for key in [*extra][:MOST_UNKNOWN]
-        ]
-    )
+    looked = [] if info.context else [*extra][:MOST_UNKNOWN]
+    problems = [unknown_key(key, extra[key], cls.unknown_keys, [*known], free) for key in looked]
     try:
         found = handler(given)
     except ValidationError as error:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import Field
 from enum import Enum
 from typing import Any, cast
 
-from skincal.dataset.findings import Findings, did_you_mean
+from skincal.dataset.findings import Findings, meant
 from skincal.dataset.keys import NUMBER, OURS, choice, wrong
 
 KEPT = "It is kept but not used."
@@ -83,8 +84,10 @@ class Translator:
             if told.get("table"):
                 expected = expected or f"a table [{self._path(table)}]"
                 fix = "Add it." if got is ABSENT else f"Write [{self._path(table)}] on its own line."
-            elif told.get("number") and isinstance(got, str) and _is_text_of_number(got):
-                fix = "Write it without quotes."
+            elif told.get("number") and isinstance(got, str):
+                with suppress(ValueError):
+                    float(got)
+                    fix = "Write it without quotes."
             words = told.get("got") or shown(got)
             self._add(
                 table, key, expected, words, fix or self._add_it(table, key, got),
@@ -123,14 +126,6 @@ class Translator:
         return f"Add {key[-1]} = … to {where}." if got is ABSENT else ""
 
 
-def _is_text_of_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
 def shown(value: Any) -> str:
     """Return a value of a file as an error shows it."""
     if value is ABSENT:
@@ -144,17 +139,16 @@ def shown(value: Any) -> str:
 
 def unknown_key(key: str, value: Any, unknown: str, known: Sequence[str], absent: Sequence[str]) -> Any:
     """Return the error of an unknown key; None where any is welcome."""
-    close, told = did_you_mean(key, absent or known), {"key": (key,), "unknown": True}
+    fix, told = meant(key, absent or known), {"key": (key,), "unknown": True}
+    expected = f"one of {', '.join(known)}"
     if unknown == "keep":
         return None
     if unknown == "refuse":
-        close = close or did_you_mean(key, known)
-        fix = f'Did you mean "{close}"?' if close else "Remove it."
-        error = wrong(f"one of {', '.join(known)}", fix, got="an unknown key", **told)
-    elif close:
-        error = wrong("a known key", f'Did you mean "{close}"?', got="an unknown one", **told)
+        error = wrong(expected, fix or meant(key, known, "Remove it."), got="an unknown key", **told)
+    elif fix:
+        error = wrong("a known key", fix, got="an unknown one", **told)
     else:
-        error = wrong(f"one of {', '.join(known)}", KEPT, got="an unknown key", warn=True, **told)
+        error = wrong(expected, KEPT, got="an unknown key", warn=True, **told)
     return {"type": error, "loc": (key,), "input": value}
 
 

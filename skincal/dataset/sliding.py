@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from skincal.model.arrays import FloatArray
 
 SMALLEST_M: Final = 1e-4
 """A contact that moves less than this rests, however well its position is known [m]."""
@@ -24,11 +23,7 @@ NOISE_SIGMAS: Final = 6.0
 
 
 def sample_noise_m(holds: Sequence[FloatArray]) -> float:
-    """Return the standard deviation of a single position (as a vector), the median over the holds of a session [m].
-
-    Args:
-        holds: positions by sample, each (n, 3).
-    """
+    """Return the standard deviation of a single position (as a vector) [m], the median over holds, each (n, 3)."""
     found: list[float] = []
     for position in holds:
         if len(position) >= FEWEST_SAMPLES and np.isfinite(position).all():
@@ -40,11 +35,9 @@ def sample_noise_m(holds: Sequence[FloatArray]) -> float:
 
 
 def slide_m(position_m: FloatArray, noise_m: float) -> float:
-    """Return how far a contact moves in its hold [m], corrected for position noise; NaN for unknown positions.
+    """Return how far a contact moves in its hold (n, 3) [m]; NaN for unknown positions.
 
-    Args:
-        position_m: positions by sample, shape (n, 3).
-        noise_m: standard deviation of a single position (:func:`sample_noise_m`).
+    It is corrected for ``noise_m``, the standard deviation of a single position (:func:`sample_noise_m`).
     """
     path, width = _path(position_m)
     if len(path) < 2:
@@ -54,12 +47,9 @@ def slide_m(position_m: FloatArray, noise_m: float) -> float:
 
 
 def rests(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, int]:
-    """Return the longest stretch ``[start, stop)`` of a hold in which the contact moves no farther than ``still_m``.
+    """Return the longest stretch ``[start, stop)`` of a hold (n, 3) in which the contact moves at most ``still_m``.
 
-    Args:
-        position_m: positions by sample, shape (n, 3).
-        still_m: largest motion of a contact that rests [m].
-        noise_m: standard deviation of a single position.
+    It is corrected for noise as :func:`slide_m`.
     """
     path, width = _path(position_m)
     allowed = still_m + NOISE_SIGMAS * noise_m / np.sqrt(width)

@@ -40,7 +40,6 @@ class SensorSpec(Table):
         unit: unit of a taxel value, for labels (``V``, ``kPa``, ``uT``); None: counts.
         baseline: whether the level at rest has been subtracted from the counts.
         positions: file with the taxels' positions, for a layout without a grid.
-        extra: unknown keys.
     """
 
     rows: Count
@@ -82,9 +81,8 @@ class SensorSpec(Table):
             yield missing("taxel_size_m", "the side of a taxel [m], or [du, dv]")
         if pitch is None:
             yield missing("pitch_m", "the distance of taxels [m], or [du, dv]")
-        for axis, count, step, side in zip(
-            "uv", (self.cols, self.rows), pitch or (), size or (), strict=False
-        ):
+        counts = (self.cols, self.rows)
+        for axis, count, step, side in zip("uv", counts, pitch or (), size or (), strict=False):
             if count > 1 and side > step * (1 + 1e-9):
                 yield "pitch_m", f"at least the taxel's size {side:g} m along {axis}", step, "Taxels overlap."
 
@@ -207,7 +205,6 @@ class PositionSpec(Table):
     Attributes:
         sigma_m: standard deviation [m]; inf: the positions are unknown.
         slack_m: bound of the shift that the fit may give to a press [m].
-        extra: keys that skincal does not know.
     """
 
     sigma_m: Annotated[float, Length("a standard deviation [m], 0 or more, or inf", 0.0, 0.1, inf=True)]
@@ -222,12 +219,7 @@ class PositionSpec(Table):
 
 @dataclass(frozen=True)
 class ForceSpec(Table):
-    """Accuracy of the scale of the measured forces.
-
-    Attributes:
-        scale_sigma: relative standard deviation of an error that all forces of the session share.
-        extra: keys that skincal does not know.
-    """
+    """Accuracy of the measured forces: relative standard deviation of an error that all of a session share."""
 
     scale_sigma: Annotated[float, Key("a relative standard deviation, 0 to 0.5", 0.0, 0.5)] = 0.0
     extra: Mapping[str, Any] = field(default_factory=dict)
@@ -246,11 +238,6 @@ class Description(Table):
     """The tables that describe a sensor and its rig: in ``dataset.toml``, in a hand's file, in a mapping.
 
     Attributes:
-        sensor: taxels and converter.
-        surface: surface that carries the sensor.
-        indenter: the indenter.
-        mount: the sensor's nominal pose and the ranges to search.
-        position: accuracy of the contact positions.
         force: accuracy of the force scale; None: unknown, taken as exact.
         clock: agreement of the clocks; None: unknown.
     """
@@ -288,7 +275,6 @@ class DatasetMeta(Description):
         created: date of the recording; None: not given.
         source: free text.
         assumed: names of the quantities that were assumed, not measured.
-        extra: unknown keys.
     """
 
     created: Annotated[datetime | date | None, When()] = None

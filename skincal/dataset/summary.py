@@ -9,20 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.covariates import TARGET
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels
-from skincal.dataset.tables import PHASES, Frames
+from skincal.dataset.tables import PHASES
+from skincal.model.arrays import FloatArray
 
 
 @dataclass(frozen=True)
 class Summary:
-    """Summary of a dataset.
+    """Summary of a dataset: numbers of presses, of frames, and of frames by phase.
 
     Attributes:
-        presses: number of presses.
         sites: number of different targets, or None without targets.
-        frames: number of frames; 0 where there are none.
-        phases: number of frames by phase.
         session_s: length of the session [s]; None without times.
         force_n: least, median and greatest force of the presses [N].
         threshold_counts: threshold above the level at rest from which a taxel is active [counts].
@@ -59,64 +58,44 @@ LABELS = ("branch", "pose", "cycle", "speed_m_per_s", "indenter_radius_m")
 def summarise(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> Summary:
     """Return the summary of a dataset; a taxel is active from a threshold above its level at rest on [counts]."""
     presses, frames = dataset.presses, dataset.frames
-    active = active_taxels(dataset, threshold_counts)
-    names = dataset.meta.sensor.taxel_columns()
+    phases = () if frames is None else np.bincount(frames.phase, minlength=len(PHASES)).tolist()
+    active, targets = active_taxels(dataset, threshold_counts), presses.vectors(TARGET)
+    names = np.array(dataset.meta.sensor.taxel_columns())
     dead = np.asarray(np.isnan(presses.counts).all(axis=0))
     force = presses.force_n
     return Summary(
         presses=len(presses),
-        sites=_sites(dataset),
+        sites=None if targets is None else len(np.unique(targets.round(6), axis=0)),
         frames=0 if frames is None else len(frames),
-        phases={} if frames is None else _phases(frames),
+        phases=dict(zip(PHASES, phases, strict=False)),
         session_s=_session_s(dataset),
         force_n=(float(force.min()), float(np.median(force)), float(force.max())),
         threshold_counts=threshold_counts,
         active=tuple(np.bincount(active.sum(axis=1)).tolist()),
-        silent=_names(names, np.asarray(~active.any(axis=0) & ~dead)),
-        dead=_names(names, dead),
+        silent=tuple(names[~active.any(axis=0) & ~dead].tolist()),
+        dead=tuple(names[dead].tolist()),
         labels={name: _counted(presses.columns[name]) for name in LABELS if name in presses.columns},
         columns=tuple(name for name in presses.columns if name not in LABELS),
     )
 
 
-def _phases(frames: Frames) -> dict[str, int]:
-    counts = np.bincount(frames.phase, minlength=len(PHASES)).tolist()
-    return dict(zip(PHASES, counts, strict=True))
-
-
-def session_times_s(dataset: Dataset) -> NDArray[np.float64] | None:
+def session_times_s(dataset: Dataset) -> FloatArray | None:
     """Return the time of each press: the middle of its hold, or its start [s], shape (K,); None if unknown."""
-    presses = dataset.presses
-    hold, release = presses.column("t_hold_s"), presses.column("t_release_s")
+    column = dataset.presses.column
+    hold, release = column("t_hold_s"), column("t_release_s")
     if hold is not None and release is not None:
         return (hold + release) / 2
-    for name in ("t_hold_s", "t_start_s"):
-        if presses.column(name) is not None:
-            return presses.columns[name]
-    return None
+    return column("t_start_s") if hold is None else hold
 
 
 def _session_s(dataset: Dataset) -> float | None:
-    if dataset.frames is not None:
-        return float(np.ptp(dataset.frames.time_s))
-    times = session_times_s(dataset)
+    times = session_times_s(dataset) if dataset.frames is None else dataset.frames.time_s
     if times is None or not np.isfinite(times).any():
         return None
     return float(np.nanmax(times) - np.nanmin(times))
-
-
-def _sites(dataset: Dataset) -> int | None:
-    targets = [dataset.presses.column(f"target_{axis}_m") for axis in "xyz"]
-    if any(column is None for column in targets):
-        return None
-    return len(np.unique(np.column_stack([np.asarray(column) for column in targets]).round(6), axis=0))
 
 
 def _counted(column: NDArray[np.generic]) -> dict[str, int]:
     texts = [value if isinstance(value, str) else f"{value:g}" for value in column.tolist()]
     counted = Counter("not given" if text in ("", "nan") else text for text in texts)
     return dict(sorted(counted.items()))
-
-
-def _names(names: tuple[str, ...], which: NDArray[np.bool_]) -> tuple[str, ...]:
-    return tuple(names[j] for j in np.flatnonzero(which))

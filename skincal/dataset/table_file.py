@@ -16,14 +16,17 @@ from numpy.typing import NDArray
 from skincal.bounded import UnreadableError, check_table_size
 from skincal.dataset.findings import SHOWN, Findings, Sheet, listed
 from skincal.dataset.tables import OnUse
-from skincal.errors import InputError, Problem, text_of
+from skincal.errors import first_of, input_error, text_of
 from skincal.files import check_input, open_input, reason
+from skincal.model.arrays import BoolArray
 
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
 Column = NDArray[Any]
+Opened = tuple[list[str], int, Mapping[str, Column], dict[str, str]]
+"""Names, rows and columns of a file, and the types of its columns that hold lists, tables or bytes."""
 
 MOST_ROWS_HELD = 1_000_000
 """Largest number of rows of a table that is held in memory: presses, draws, taxels."""
@@ -67,9 +70,8 @@ def find_table(folder: Path, stem: str, findings: Findings) -> Path | None:
     """Return the file of a table, ``stem.csv`` or ``stem.parquet``; None if there is none."""
     found = [folder / f"{stem}{suffix}" for suffix in SUFFIXES if (folder / f"{stem}{suffix}").exists()]
     if len(found) > 1:
-        findings.error(
-            str(folder), f"one table of {stem}", " and ".join(p.name for p in found), "Remove one of them."
-        )
+        got = " and ".join(path.name for path in found)
+        findings.error(str(folder), f"one table of {stem}", got, "Remove one of them.")
     return found[0] if found else None
 
 
@@ -80,27 +82,21 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
     """
     import pyarrow as pa
 
-    sheet = Sheet(findings, path.name, 1 if path.suffix == ".csv" else None)
+    is_csv = path.suffix == ".csv"
+    sheet = Sheet(findings, path.name, 1 if is_csv else None)
     try:
         check_input(path, within=path.parent)
     except OSError as error:
         findings.error(path.name, "a table", reason(error))
         return None
-    others: dict[str, str] = {}
     try:
-        if path.suffix == ".csv":
-            table = _read_csv(path, findings)
-            if table is None:
-                return None
-            rows, names = table.num_rows, table.column_names
-            columns: Mapping[str, Column] = {
-                name: _to_numpy(table.column(i), sheet, name) for i, name in enumerate(names)
-            }
-        else:
-            names, rows, columns, others = _open_parquet(path, sheet)
+        found = _read_csv(path, sheet) if is_csv else _open_parquet(path, sheet)
+        if found is None:
+            return None
+        names, rows, columns, others = found
         check_table_size(rows, len(names), most_rows)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        what = "a readable CSV file" if path.suffix == ".csv" else "a whole Parquet file"
+        what = "a readable CSV file" if is_csv else "a whole Parquet file"
         findings.error(path.name, what, text_of(error).rstrip("."), CUT_SHORT)
         return None
     except UnreadableError as error:
@@ -108,17 +104,13 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
         return None
     for name, count in Counter(names).items():
         if count > 1:
-            findings.error(
-                sheet.column(name),
-                "each column once",
-                f"{count} of that name",
-                "Rename or remove the others.",
-            )
+            fix = "Rename or remove the others."
+            findings.error(sheet.column(name), "each column once", f"{count} of that name", fix)
     return RawTable(sheet, rows, columns, others)
 
 
-def _open_parquet(path: Path, sheet: Sheet) -> tuple[list[str], int, OnUse, dict[str, str]]:
-    """Return names, rows and columns of a Parquet file, and the types of columns that hold lists, tables or bytes.
+def _open_parquet(path: Path, sheet: Sheet) -> Opened:
+    """Return a Parquet file, whose columns are read on use.
 
     Raises:
         UnreadableError: a column is too large.
@@ -158,24 +150,21 @@ def _parquet_column(
             raise pa.ArrowInvalid(f"{len(column)} of {rows} rows in column {name}")
         return _to_numpy(column, sheet, name)
     except UnreadableError as error:
-        raise InputError([Problem(str(path), error.expected, error.got)]) from None
+        raise input_error(str(path), error.expected, error.got) from None
     except (pa.ArrowException, KeyError, OSError, UnicodeDecodeError) as error:
-        raise InputError(
-            [Problem(str(path), "a whole Parquet file", text_of(error).rstrip("."), CUT_SHORT)]
-        ) from None
+        got = text_of(error).rstrip(".")
+        raise input_error(str(path), "a whole Parquet file", got, CUT_SHORT) from None
 
 
 def _is_single(kind: pa.DataType) -> bool:
     """Return whether the cells of a column are single numbers, texts or dates."""
     import pyarrow as pa
 
-    return (
-        pa.types.is_primitive(kind)
-        or pa.types.is_null(kind)
-        or pa.types.is_decimal(kind)
-        or str(kind) in _TEXTS
-        or (isinstance(kind, pa.DictionaryType) and _is_single(kind.value_type))
-    )
+    if isinstance(kind, pa.DictionaryType):
+        return _is_single(kind.value_type)
+    types = pa.types
+    single = types.is_primitive(kind) or types.is_null(kind) or types.is_decimal(kind)
+    return single or str(kind) in _TEXTS
 
 
 def file_state(path: Path) -> tuple[int, ...]:
@@ -197,12 +186,14 @@ def write_table(path: Path, columns: Mapping[str, Column] | pd.DataFrame) -> Non
     table = pa.Table.from_arrays(
         [_arrow(column) for _, column in columns.items()], names=[*map(str, columns)]
     )
-    if path.suffix == ".parquet":
-        with path.open("wb") as file:
-            pq.write_table(table, file)
-        return
     with path.open("wb") as file:
-        file.write((",".join(map(_quoted, table.column_names)) + "\n").encode())
+        if path.suffix == ".parquet":
+            pq.write_table(table, file)
+            return
+        names = [
+            f'"{n.replace(chr(34), 2 * chr(34))}"' if {*n} & {*',"\n'} else n for n in table.column_names
+        ]
+        file.write((",".join(names) + "\n").encode())
         pcsv.write_csv(table, file, pcsv.WriteOptions(include_header=False, quoting_style="needed"))
 
 
@@ -231,25 +222,29 @@ def _arrow(column: Any) -> pa.Array:
     return pa.array(column, from_pandas=True)
 
 
-def _bits(flags: NDArray[np.bool_]) -> pa.Buffer:
+def _bits(flags: BoolArray) -> pa.Buffer:
     import pyarrow as pa
 
     return pa.py_buffer(np.packbits(flags, bitorder="little"))
 
 
-def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
+def _read_csv(path: Path, sheet: Sheet) -> Opened | None:
+    """Return a CSV file; None, with an error added, if it holds no text or nothing.
+
+    Raises:
+        UnreadableError: the file is too large.
+        OSError, pyarrow.ArrowException: the file is incomplete or invalid.
+    """
     import pyarrow as pa
     import pyarrow.csv as pcsv
 
     text = {name: pa.string() for name in TEXT_COLUMNS}
     cells = pcsv.ConvertOptions(column_types=text, timestamp_parsers=["never"])
-
-    state = file_state(path)
-    if path.stat().st_size > MOST_CSV_BYTES:
-        raise UnreadableError(
-            f"a CSV file of at most {MOST_CSV_BYTES >> 20} MiB", "a larger one; write it as Parquet"
-        )
-    if not path.stat().st_size:
+    findings, state, size = sheet.findings, file_state(path), path.stat().st_size
+    if size > MOST_CSV_BYTES:
+        expected = f"a CSV file of at most {MOST_CSV_BYTES >> 20} MiB"
+        raise UnreadableError(expected, "a larger one; write it as Parquet")
+    if not size:
         findings.error(path.name, "a header line and rows", "an empty file", "Write it again.")
         return None
     if line := _other_bytes(path):
@@ -267,7 +262,9 @@ def _read_csv(path: Path, findings: Findings) -> pa.Table | None:
             ragged = read_rows(source, options, cells)[1] or ragged
         fix = "Was the file cut short, or does a text hold a comma that is not quoted?"
         report_ragged(path.name, ragged, [row.number for row in ragged], findings, fix)
-    return table
+    names = table.column_names
+    columns = {name: _to_numpy(table.column(i), sheet, name) for i, name in enumerate(names)}
+    return names, table.num_rows, columns, {}
 
 
 def read_rows(source: Any, options: Any, cells: Any, delimiter: str = ",") -> tuple[Any, list[Any]]:
@@ -288,8 +285,7 @@ def report_ragged(
     file: str, ragged: Sequence[Any], lines: Sequence[int], findings: Findings, fix: str
 ) -> None:
     """Add an error for rows with too few or too many cells, in lines of a file."""
-    more = f" and {len(ragged) - SHOWN} more" if len(ragged) > SHOWN else ""
-    place = f"{file}, line {', '.join(map(str, lines[:SHOWN]))}{more}"
+    place = f"{file}, line {first_of(lines, SHOWN)}"
     got = f"{listed([row.actual_columns for row in ragged[:SHOWN]], len(ragged))} cells"
     findings.error(place, f"{ragged[0].expected_columns} cells as in the header", got, fix)
 
@@ -359,7 +355,3 @@ def _numbers(chunk: pa.Array) -> Column:
     rows = slice(chunk.offset, chunk.offset + len(chunk))
     present = np.unpackbits(np.frombuffer(valid, np.uint8), bitorder="little")[rows].astype(np.bool_)
     return np.where(present, np.frombuffer(values, chunk.type.to_pandas_dtype())[rows], np.nan)
-
-
-def _quoted(name: str) -> str:
-    return '"' + name.replace('"', '""') + '"' if any(c in name for c in ',"\n') else name

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.covariates import NORMAL, POSITION
+from skincal.model.arrays import FloatArray, IntArray
 
 if TYPE_CHECKING:
     import pandas as pd
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 PHASES = ("idle", "load", "hold", "unload")
 """Names of the phases; ``Frames.phase`` holds their index."""
@@ -26,12 +25,7 @@ IDLE, LOAD, HOLD, UNLOAD = range(4)
 
 
 class OnUse(Mapping[str, NDArray[Any]]):
-    """Columns that are read from their file whenever they are used.
-
-    Args:
-        names: their names.
-        read: returns the column of a name.
-    """
+    """Columns that are read from their file, by a function of their name, whenever they are used."""
 
     def __init__(self, names: Iterable[str], read: Callable[[str], NDArray[Any]]) -> None:
         self._names, self._read = dict.fromkeys(names), read
@@ -71,10 +65,10 @@ class _Table:
                 array = np.asarray(value, dtype=self.types.get(name, np.float64))
                 object.__setattr__(self, name, _read_only(_shaped(name, array, (rows, len(own)))))
         if not isinstance(self.columns, OnUse):
-            columns = {
-                name: _read_only(_shaped(name, np.asarray(column), (rows, 1)))
-                for name, column in self.columns.items()
+            given = {
+                name: _shaped(name, np.asarray(column), (rows, 1)) for name, column in self.columns.items()
             }
+            columns = {name: _read_only(column) for name, column in given.items()}
             object.__setattr__(self, "columns", MappingProxyType(columns))
 
     def __len__(self) -> int:
@@ -83,6 +77,11 @@ class _Table:
     def column(self, name: str) -> NDArray[Any] | None:
         """Return an optional column, shape (rows,); None if the table does not have it."""
         return self.columns.get(name)
+
+    def vectors(self, names: Sequence[str]) -> FloatArray | None:
+        """Return optional columns side by side, shape (rows, columns); None if one is missing."""
+        found = [self.columns[name] for name in names if name in self.columns]
+        return np.column_stack(found) if len(found) == len(names) else None
 
     def select(self, rows: ArrayLike) -> Self:
         """Return the table with only these rows: a boolean mask, shape (rows,), or indices in any order."""
@@ -109,8 +108,7 @@ class _Table:
     def to_columns(self, taxels: Sequence[str]) -> dict[str, Any]:
         """Return the columns as a file has them, one for each quantity, NaN or '' where nothing was measured.
 
-        Args:
-            taxels: names of the taxel columns, ``sensor.taxel_columns()``.
+        ``taxels`` are the names of the taxel columns, ``sensor.taxel_columns()``.
         """
         parts: dict[str, Any] = {}
         for name, own in self.names.items():
@@ -266,8 +264,8 @@ class TaxelPositions:
     sizes_m: FloatArray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "centres_m", _read_only(np.asarray(self.centres_m, dtype=float)))
-        object.__setattr__(self, "sizes_m", _read_only(np.asarray(self.sizes_m, dtype=float)))
+        for name in ("centres_m", "sizes_m"):
+            object.__setattr__(self, name, _read_only(np.asarray(getattr(self, name), dtype=float)))
 
 
 def _shaped(name: str, array: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:

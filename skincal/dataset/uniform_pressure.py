@@ -66,8 +66,7 @@ def notes_on(dataset: Dataset) -> tuple[str, ...]:
 def levels_by_lines(dataset: Dataset) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """Return the level at rest of each taxel (J,) where its line in the force meets no load [counts].
 
-    Under uniform pressure no press leaves a taxel alone. NaN for a taxel of fewer than three readings within the
-    converter's range.
+    NaN for a taxel of fewer than three readings within the converter's range.
     """
     counts, force = dataset.presses.counts, dataset.presses.force_n
     sensor = dataset.meta.sensor
@@ -88,13 +87,9 @@ RADIUS = "indenter_radius_m"
 def at_centre(dataset: Dataset, margin_m: float) -> Dataset:
     """Return the dataset of a chamber with the contacts that a modelled skin bears; any other dataset as it is.
 
-    ``force_n`` of a chamber is the pressure times the area of its punch, and a modelled skin ends a margin beyond its
-    taxels. So contacts of unknown position move to the sensor's nominal centre, the punch becomes one that covers the
-    whole modelled skin, and forces become the pressure times the area of that skin.
-
-    Args:
-        dataset: a dataset.
-        margin_m: margin of the modelled skin beyond the taxels [m].
+    ``force_n`` of a chamber is the pressure times the area of its punch, and a modelled skin ends a margin [m] beyond
+    its taxels. So contacts of unknown position move to the sensor's nominal centre, the punch becomes one that covers
+    the whole modelled skin, and forces become the pressure times the area of that skin.
     """
     if not uniform_pressure(dataset):
         return dataset
@@ -113,7 +108,7 @@ def at_centre(dataset: Dataset, margin_m: float) -> Dataset:
     if frames is not None:
         # One punch stands for the pressure of all frames; frames outside presses have no force.
         frames = frames.moved(placed(frames.position_m), frames.force_n * float(np.median(share)))
-        if frames.column(RADIUS) is not None:
+        if RADIUS in frames.columns:
             frames = replace(frames, columns={k: v for k, v in frames.columns.items() if k != RADIUS})
     presses = replace(
         presses,

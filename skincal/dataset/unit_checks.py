@@ -6,17 +6,14 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skincal.dataset.count_checks import named
 from skincal.dataset.dataset import Dataset
-from skincal.dataset.findings import Findings
+from skincal.dataset.findings import Sheet
 from skincal.dataset.rest import noise_at_rest, rest_levels
 from skincal.dataset.tables import HOLD, IDLE, Frames
 from skincal.dataset.word_checks import bytes_swapped, correlation, find_falls, find_wrapped
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from skincal.errors import first_of
+from skincal.model.arrays import FloatArray, IntArray
 
 MOST_FRAMES: Final = 200_000
 """Number of frames that are checked."""
@@ -67,18 +64,15 @@ REACH_PITCHES: Final = 1.5
 def force_units(median_n: float, area_m2: float) -> dict[str, float]:
     """Return the units, with their factors, that would make a median force plausible; the most usual first.
 
-    Magnitude alone does not tell units apart whose factors are near each other. None if the force is plausible.
-
-    Args:
-        median_n: median of the forces, read as newtons.
-        area_m2: largest area that the indenter presses on.
+    Magnitude alone does not tell units apart whose factors are near each other. None if the force, read as newtons, is
+    plausible on the largest area that the indenter presses on [m²].
     """
-    pressure = median_n / area_m2
-    low = median_n / min(area_m2, CONTACT_M2) < LOW_PRESSURE_PA and median_n / area_m2 < LOW_PRESSURE_PA
-    high = pressure > HIGH_PRESSURE_PA and median_n > FORCE_BEYOND_DOUBT_N
+    least_area = min(area_m2, CONTACT_M2)
+    low = median_n / least_area < LOW_PRESSURE_PA
+    high = median_n / area_m2 > HIGH_PRESSURE_PA and median_n > FORCE_BEYOND_DOUBT_N
     if not (low or high) or median_n <= 0:
         return {}
-    area = min(area_m2, CONTACT_M2) if low else area_m2
+    area = least_area if low else area_m2
 
     def unlikely(name: str) -> float:
         return abs(float(np.log(median_n * FORCE_UNITS[name] / area / USUAL_PRESSURE_PA)))
@@ -96,15 +90,10 @@ def any_of(units: dict[str, float]) -> str:
 def length_unit(
     dataset: Dataset, points: FloatArray, centre: FloatArray, reach_m: float
 ) -> tuple[str, float] | None:
-    """Return the unit of positions that are no metres, with its factor; None if there is none.
+    """Return the unit of positions (n, 3) that are no metres, with its factor; None if there is none.
 
-    Of the units that bring most presses within reach of the patch, it is the one whose places go best with the images.
-
-    Args:
-        dataset: the presses.
-        points: positions as they are, shape (n, 3).
-        centre: nominal centre of the patch [m], shape (3,).
-        reach_m: largest distance from there at which the patch is touched [m].
+    Of the units that bring most presses within ``reach_m`` of the nominal centre (3,) of the patch [m], it is the one
+    whose places go best with the images.
     """
     wrong = np.median(np.abs(points - centre), axis=0) > reach_m
 
@@ -137,15 +126,14 @@ def scaled_by(factor: float) -> str:
     return f"divide by {1 / factor:.6g}" if whole else f"multiply by {factor:.6g}"
 
 
-def check_values(dataset: Dataset, files: dict[str, str], findings: Findings) -> None:
-    """Report problems of the taxel values themselves; ``files`` names those of ``presses`` and ``frames``."""
-    tables = [(files["presses"], dataset.presses.counts)]
-    if dataset.frames is not None:
-        tables.insert(0, (files["frames"], dataset.frames.counts_of(_some(dataset.frames))))
-    if any(_check_words(dataset, file, counts, findings) for file, counts in tables):
-        return
-    _check_whole(dataset, files, findings)
-    _check_direction(dataset, files["presses"], findings)
+def check_values(dataset: Dataset, sheet: Sheet, frame_sheet: Sheet | None) -> None:
+    """Report problems of the taxel values themselves in the findings of the sheets of presses and frames."""
+    tables = [(sheet, dataset.presses.counts)]
+    if dataset.frames is not None and frame_sheet is not None:
+        tables.insert(0, (frame_sheet, dataset.frames.counts_of(_some(dataset.frames))))
+    if not any(_check_words(dataset, own, counts) for own, counts in tables):
+        _check_whole(dataset, sheet)
+        _check_direction(dataset, sheet)
 
 
 def expected_load(dataset: Dataset) -> FloatArray:
@@ -167,13 +155,14 @@ def _some(frames: Frames, phase: int | None = None) -> IntArray:
     return rows[:: max(1, len(rows) // MOST_FRAMES)]
 
 
-def _check_words(dataset: Dataset, file: str, counts: FloatArray, findings: Findings) -> bool:
+def _check_words(dataset: Dataset, sheet: Sheet, counts: FloatArray) -> bool:
+    """Report words that were read wrongly; return whether they were."""
     names = list(dataset.meta.sensor.taxel_columns())
     word = bytes_swapped(counts)
     if word:
         mapping = "[taxels] swap_bytes = true" + (', word = "int16"' if word == "int16" else "")
-        findings.warn(
-            file, "readings whose high byte changes with load, and whose low byte is the fine part",
+        sheet.findings.warn(
+            sheet.file, "readings whose high byte changes with load, and whose low byte is the fine part",
             "readings that scatter far less with their two bytes exchanged",
             f"The two bytes of each reading are exchanged: import again with {mapping}.",
             code="bytes_swapped", mapping=mapping,
@@ -186,68 +175,49 @@ def _check_words(dataset: Dataset, file: str, counts: FloatArray, findings: Find
         rows = np.arange(min(len(dataset.frames), MOST_FRAMES))
         frames = dataset.frames
         wrapped = find_falls(frames.counts_of(rows), frames.press[rows], frames.force_n[rows])
-    if wrapped is not None:
-        size = 2**wrapped.bits
-        mapping = f'[taxels] word = "{wrapped.word}"' if wrapped.word else ""
-        mend = f", or import again with {mapping}" if mapping else ""
-        between = "with nothing between, " if wrapped.apart else "where the load is largest, "
-        findings.warn(
-            file, "readings within the range of their words",
-            f"{wrapped.readings} readings at the other end of {wrapped.bits} bits, {between}from "
-            f"{named(names, wrapped.taxels)}",
-            f"The words have overflowed: {wrapped.mend}{mend}.",
-            code="counter_wrapped", modulus=size, mapping=mapping,
-            taxels=[names[j] for j in wrapped.taxels],
-        )  # fmt: skip
-        return True
-    return False
+    if wrapped is None:
+        return False
+    mapping = f'[taxels] word = "{wrapped.word}"' if wrapped.word else ""
+    mend = f", or import again with {mapping}" if mapping else ""
+    between = "with nothing between, " if wrapped.apart else "where the load is largest, "
+    taxels = [names[j] for j in wrapped.taxels]
+    sheet.findings.warn(
+        sheet.file, "readings within the range of their words",
+        f"{wrapped.readings} readings at the other end of {wrapped.bits} bits, {between}from {first_of(taxels, 6)}",
+        f"The words have overflowed: {wrapped.mend}{mend}.",
+        code="counter_wrapped", modulus=2**wrapped.bits, mapping=mapping, taxels=taxels,
+    )  # fmt: skip
+    return True
 
 
-def _check_whole(dataset: Dataset, files: dict[str, str], findings: Findings) -> None:
+def _check_whole(dataset: Dataset, sheet: Sheet) -> None:
     """Check that counts of a converter are whole numbers, and more than a few."""
     sensor = dataset.meta.sensor
-    if sensor.unit not in (None, "counts"):
-        return
     values = np.abs(dataset.presses.counts[np.isfinite(dataset.presses.counts)])
-    top = float(values.max()) if values.size else 0.0
-    if top == 0.0 or (top >= LEAST_COUNT and not _shares(values)):
-        return
+    top = float(values.max(initial=0.0))
     broken = (values != np.rint(values)).any()
-    if not broken:
+    if sensor.unit not in (None, "counts") or top >= LEAST_COUNT or not broken:
         return
     frames = dataset.frames
     step = value_step(dataset.presses.counts if frames is None else frames.counts_of(_some(frames)))
     details: dict[str, Any] = {} if step is None else {"factor": 1 / step}
     likely = "shares of full scale" if top <= 1.0 else "volts"
     mapping = '[sensor] unit = "V"' + (", integer = false" if sensor.integer else "")
-    scale = (
-        "" if step is None else f", or import with [taxels] scale = {1 / step:.6g}, which makes them whole"
-    )
+    scale = f", or import with [taxels] scale = {1 / step:.6g}, which makes them whole" if step else ""
     got = f"{top:.3g} at most: volts, or {likely}?" if likely != "volts" else f"{top:.3g} at most: volts?"
-    (findings.warn if sensor.integer else findings.note)(
-        files["presses"], "counts of a converter (no other [sensor] unit is given)", got,
+    (sheet.findings.warn if sensor.integer else sheet.findings.note)(
+        sheet.file, "counts of a converter (no other [sensor] unit is given)", got,
         f"Values of any unit can be fitted: write {mapping}, or the actual unit{scale}.",
         code=CODE, mapping=mapping, **details,
     )  # fmt: skip
 
 
-def _shares(values: FloatArray) -> bool:
-    return bool(values.max() <= 1.0)
-
-
 def value_step(counts: FloatArray) -> float | None:
-    """Return the step of a converter behind scaled values; None if they are not multiples of a step.
-
-    Args:
-        counts: readings, shape (n, J).
-    """
+    """Return the step of a converter behind scaled readings (n, J); None if they are not multiples of a step."""
     values = np.unique(counts[np.isfinite(counts)])
-    if len(values) < 3:
-        return None
-    steps = np.diff(values)
-    size = float(np.abs(values).max())
+    steps, size = np.diff(values), float(np.abs(values).max(initial=0.0))
     steps = steps[steps > 1e-6 * size]
-    if not steps.size:
+    if len(values) < 3 or not steps.size:
         return None
     step = float(steps.min())
     part = values / step
@@ -255,24 +225,21 @@ def value_step(counts: FloatArray) -> float | None:
     return step if np.abs(part - np.rint(part)).max() < 0.02 and size / step < 2**20 else None
 
 
-def _check_direction(dataset: Dataset, file: str, findings: Findings) -> None:
+def _check_direction(dataset: Dataset, sheet: Sheet) -> None:
     """Check that counts grow with load: readings far from rest lie above it."""
+    frames, subtracted = dataset.frames, dataset.meta.sensor.baseline == "subtracted"
     counts = dataset.presses.counts
     # Of a falling sensor, the readings at rest are the high ones.
     turned = replace(dataset, presses=replace(dataset.presses, counts=-counts))
     noise = min(noise_at_rest(dataset), noise_at_rest(turned))
     rest = rest_levels(dataset)
-    if (
-        dataset.frames is not None
-        and (dataset.frames.phase == IDLE).any()
-        and (dataset.frames.phase == HOLD).any()
-    ):
-        counts = dataset.frames.counts_of(_some(dataset.frames, HOLD))
-        idle = dataset.frames.counts_of(_some(dataset.frames, IDLE))
-        rest = np.where(np.isfinite(idle).any(axis=0), _median(idle), rest)
-    elif dataset.meta.sensor.baseline == "raw":
+    if frames is not None and np.bincount(frames.phase, minlength=4)[[IDLE, HOLD]].all():
+        counts = frames.counts_of(_some(frames, HOLD))
+        idle = frames.counts_of(_some(frames, IDLE))
+        rest = np.where(np.isfinite(idle).any(axis=0), column_medians(idle), rest)
+    elif not subtracted:
         # The level at rest of a falling sensor is not below its readings.
-        rest = _median(counts)
+        rest = column_medians(counts)
     apart = counts - rest
     clear = np.abs(apart) > FALLING_SIGMAS * np.maximum(noise, 1e-12)
     clear &= np.isfinite(apart)
@@ -281,19 +248,21 @@ def _check_direction(dataset: Dataset, file: str, findings: Findings) -> None:
     against = correlation(dataset.presses.counts, expected_load(dataset)) < FALLING_CORRELATION
     falls = cells >= FALLING_CELLS and below > FALLING_PART * above
     # Taxels that are pressed elsewhere than at the nominal pose also fall with their load, but stay above rest.
-    at_rest = dataset.meta.sensor.baseline == "subtracted" or counts is not dataset.presses.counts
+    at_rest = subtracted or counts is not dataset.presses.counts
     if not (falls or (against and (not at_rest or below > above))):
         return
-    mapping = "[taxels] falling_from = " + (
-        "0" if dataset.meta.sensor.baseline == "subtracted" else f"{float(np.nanmax(counts)):.6g}"
+    mapping = f"[taxels] falling_from = {0 if subtracted else float(np.nanmax(counts)):.6g}"
+    got, fix = (
+        f"values that fall by up to {float(-np.nanmin(apart)):.3g} below rest",
+        f"import with {mapping}",
     )
-    findings.warn(
-        file, "values that grow with load", f"values that fall by up to {float(-np.nanmin(apart)):.3g} below rest",
-        f"Convert them: import with {mapping}.", code=CODE, factor=-1.0, mapping=mapping,
+    sheet.findings.warn(
+        sheet.file, "values that grow with load", got, f"Convert them: {fix}.", CODE, factor=-1.0, mapping=mapping
     )  # fmt: skip
 
 
-def _median(values: FloatArray) -> FloatArray:
+def column_medians(values: FloatArray) -> FloatArray:
+    """Return the median of each column (J,); NaN for one that is NaN throughout."""
     result = np.full(values.shape[1], np.nan)
     alive = np.isfinite(values).any(axis=0)
     result[alive] = np.nanmedian(values[:, alive], axis=0)

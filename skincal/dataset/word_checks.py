@@ -6,14 +6,13 @@ between, or high bytes spread over their whole range while low bytes hardly chan
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 TO_SIGMA: Final = 1.4826
 """Standard deviation over the median absolute deviation of normal noise."""
@@ -65,7 +64,7 @@ class Wrapped:
 
     bits: int
     word: str
-    taxels: NDArray[np.int64]
+    taxels: IntArray
     readings: int
     apart: bool = True
     mend: str = ""
@@ -83,50 +82,49 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped 
     if not finite.any():
         return None
     low, high = float(counts[finite].min()), float(counts[finite].max())
+
+    def count(kind: Callable[[FloatArray, float], int], size: float) -> IntArray:
+        return np.array([kind(column[ok], size) for column, ok in zip(counts.T, finite.T, strict=True)])
+
     for bits in WIDTHS:
         size = 2.0**bits
+        signed, unsigned = f"int{bits}", f"uint{bits}"
         if low < 0 and low >= -size / 2 and high < size / 2:
             # Signed words above half of their range continued at the lower end.
-            found = [_signed(column[ok], size) for column, ok in zip(counts.T, finite.T, strict=True)]
-            if sum(found) >= FEWEST_CELLS:
-                return Wrapped(
-                    bits,
-                    f"uint{bits}",
-                    np.flatnonzero(found),
-                    sum(found),
-                    mend=f"add {size:g} to negative ones",
-                )
+            mend = f"add {size:g} to negative ones"
+            found = count(_signed, size)
+            if found.sum() >= FEWEST_CELLS:
+                return Wrapped(bits, unsigned, np.flatnonzero(found), int(found.sum()), mend=mend)
             negative = finite & (counts < -size / 16)
-            if (
-                load is not None
-                and high > size / 4
-                and negative.sum() >= FEWEST_CELLS
-                and _whole(counts[finite])
-            ):
-                word = f"uint{bits}"
-                if correlation(as_word(counts, word), load) > correlation(counts, load) + GAINED:
-                    return Wrapped(
-                        bits, word, np.flatnonzero(negative.any(axis=0)), int(negative.sum()), apart=False,
-                        mend=f"add {size:g} to negative ones",
-                    )  # fmt: skip
+            some = high > size / 4 and negative.sum() >= FEWEST_CELLS and _whole(counts[finite])
+            gained = 0.0
+            if load is not None and some:
+                gained = correlation(as_word(counts, unsigned), load) - correlation(counts, load)
+            if gained > GAINED:
+                return _by_load(bits, unsigned, negative, mend)
         elif low >= 0 and high < size:
-            found = [_overflowed(column[ok], size) for column, ok in zip(counts.T, finite.T, strict=True)]
-            if sum(found) >= FEWEST_CELLS:
+            found = count(_overflowed, size)
+            if found.sum() >= FEWEST_CELLS:
                 # Both ends meet in a signed word, where all readings lie below zero and beyond by the same.
                 mend = f"add {size:g} to those that came out low"
-                return Wrapped(bits, f"int{bits}", np.flatnonzero(found), sum(found), mend=mend)
-            found = [_fell_below(column[ok], size) for column, ok in zip(counts.T, finite.T, strict=True)]
+                return Wrapped(bits, signed, np.flatnonzero(found), int(found.sum()), mend=mend)
+            found = count(_fell_below, size)
             if np.count_nonzero(found) > counts.shape[1] / 2:
                 mend = f"take {size:g} off high ones"
-                return Wrapped(bits, f"int{bits}", np.flatnonzero(found), sum(found), mend=mend)
-            lost = _below_rest(counts, load, high / size) if load is not None else np.zeros_like(finite)
-            if lost.any():
-                taxels = np.flatnonzero(lost.any(axis=0))
-                return Wrapped(bits, "", taxels, int(lost.sum()), apart=False, mend=NO_WORD_MENDS)
+                return Wrapped(bits, signed, np.flatnonzero(found), int(found.sum()), mend=mend)
+            if load is not None and (lost := _below_rest(counts, load, high / size)).any():
+                return _by_load(bits, "", lost, NO_WORD_MENDS)
     return None
 
 
-def find_falls(counts: FloatArray, press: NDArray[np.int64], force_n: FloatArray) -> Wrapped | None:
+def _by_load(bits: int, word: str, wrapped: BoolArray, mend: str) -> Wrapped:
+    """Return readings (n, J) that the load shows to have wrapped."""
+    return Wrapped(
+        bits, word, np.flatnonzero(wrapped.any(axis=0)), int(wrapped.sum()), apart=False, mend=mend
+    )
+
+
+def find_falls(counts: FloatArray, press: IntArray, force_n: FloatArray) -> Wrapped | None:
     """Return readings that fell by more than half of their word while the force did not; None if there are none.
 
     Between two frames of a press a load passes the top of its word, and comes out low. A reading that drops out falls
@@ -150,11 +148,10 @@ def find_falls(counts: FloatArray, press: NDArray[np.int64], force_n: FloatArray
     held = (press[1:] == press[:-1]) & (press[1:] >= 0) & (force_n[1:] > KEPT * force_n[:-1])
     falls = held[:, None] & (counts[:-1] - counts[1:] > size / 2)
     falls &= np.abs(counts[1:] - rest) > SINKS * np.maximum(noise, 1.0)
-    frame, taxel = np.nonzero(falls)
-    presses = len(np.unique(press[1:][frame]))
+    presses = len(np.unique(press[1:][falls.any(axis=1)]))
     if presses < FEWEST_CELLS or len(np.unique(counts[1:][falls])) < FEWEST_CELLS:
         return None
-    return Wrapped(bits, "", np.unique(taxel), len(frame), apart=False, mend=NO_WORD_MENDS)
+    return _by_load(bits, "", falls, NO_WORD_MENDS)
 
 
 def _below_rest(counts: FloatArray, load: FloatArray, filled: float) -> BoolArray:
@@ -179,16 +176,10 @@ def _below_rest(counts: FloatArray, load: FloatArray, filled: float) -> BoolArra
 
 
 def correlation(counts: FloatArray, load: FloatArray) -> float:
-    """Return the correlation of the taxels' readings with their loads, each about its mean; 0 if nothing changes.
-
-    Args:
-        counts: readings, shape (n, J).
-        load: load of each taxel, shape (n, J).
-    """
+    """Return the correlation of readings (n, J) with loads (n, J), each about its mean; 0 if nothing changes."""
     both = np.isfinite(counts) & np.isfinite(load)
     number = np.maximum(both.sum(axis=0), 1)
-    x = np.where(both, counts - np.where(both, counts, 0).sum(axis=0) / number, 0.0)
-    y = np.where(both, load - np.where(both, load, 0).sum(axis=0) / number, 0.0)
+    x, y = (np.where(both, one - np.where(both, one, 0).sum(axis=0) / number, 0.0) for one in (counts, load))
     size = float(np.sqrt((x**2).sum() * (y**2).sum()))
     return float((x * y).sum()) / size if size > 0 else 0.0
 
@@ -211,16 +202,12 @@ def swapped(values: FloatArray) -> FloatArray:
 
 
 def bytes_swapped(counts: FloatArray) -> str:
-    """Return the word type of readings of 16 bits whose bytes are swapped; '' if they are not.
-
-    Args:
-        counts: readings as stored, shape (n, J).
-    """
+    """Return the word type of readings of 16 bits (n, J) whose bytes are swapped; '' if they are not."""
     finite = np.isfinite(counts)
     values = counts[finite]
     if len(counts) < 8 or not values.size or values.min() < -32768 or not 256 <= values.max() < 65536:
         return ""
-    if (values != np.rint(values)).any():
+    if not _whole(values):
         return ""
     words = np.where(finite, np.mod(np.where(finite, counts, 0), 65536), np.nan)
     low = np.mod(words, 256)[finite]
@@ -229,7 +216,7 @@ def bytes_swapped(counts: FloatArray) -> str:
     if not low.any() or not alive.any():
         return ""
     right = swapped(counts)[:, alive]
-    for extent in (_range, _shorth):
+    for extent in (lambda values: np.ptp(np.nanquantile(values, (0.02, 0.98), axis=0), axis=0), _shorth):
         extent_now = np.minimum(extent(words[:, alive]), extent(as_word(words[:, alive], "int16")))
         extents = {word: extent(as_word(right, word)) for word in ("uint16", "int16")}
         moves = extent_now > 0
@@ -237,11 +224,6 @@ def bytes_swapped(counts: FloatArray) -> str:
         if moves.any() and float(np.median(extents[word][moves] / extent_now[moves])) < SHRINKS:
             return word
     return ""
-
-
-def _range(values: FloatArray) -> FloatArray:
-    low, high = np.nanquantile(values, (0.02, 0.98), axis=0)
-    return high - low
 
 
 def _shorth(values: FloatArray) -> FloatArray:
@@ -253,29 +235,25 @@ def _shorth(values: FloatArray) -> FloatArray:
     return np.nanmin(np.where(row + half < len(values), ends - ordered, np.inf), axis=0)
 
 
-def _groups(values: FloatArray, size: float) -> tuple[FloatArray, FloatArray] | None:
-    """Return the readings below and above a gap of more than half of the range; None if there is no such gap."""
+def _groups(values: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
+    """Return the readings below and above a gap of more than half of the range; none below if there is no such gap."""
     ordered = np.sort(values)
-    steps = np.diff(ordered)
-    if not steps.size or steps.max() <= size / 2:
-        return None
-    at = int(steps.argmax()) + 1
+    gaps = np.flatnonzero(np.diff(ordered) > size / 2)
+    at = int(gaps[0]) + 1 if gaps.size else 0
     return ordered[:at], ordered[at:]
 
 
 def _signed(values: FloatArray, size: float) -> int:
-    groups = _groups(values, size)
-    if groups is None or groups[0][-1] >= 0 or groups[1][0] < 0:
-        return 0
-    return len(groups[0])
+    """Return how many readings of a taxel lie below zero, with a gap to the others."""
+    low, high = _groups(values, size)
+    return len(low) if len(low) and low[-1] < 0 <= high[0] else 0
 
 
 def _overflowed(values: FloatArray, size: float) -> int:
     """Return how many readings of a taxel that rests high passed the top when it was pressed hard."""
-    groups = _groups(values, size)
-    if groups is None:
+    low, high = _groups(values, size)
+    if not len(low):
         return 0
-    low, high = groups
     rest = float(np.median(high))
     rises, sinks = float(high[-1] - rest), float(rest - high[0])
     climbed = rises > size * NEAR_END and high[-1] > size * (1 - 4 * NEAR_END)
@@ -287,10 +265,9 @@ def _overflowed(values: FloatArray, size: float) -> int:
 
 def _fell_below(values: FloatArray, size: float) -> int:
     """Return how many readings of a taxel that rests at zero came out at the top when noise made them negative."""
-    groups = _groups(values, size)
-    if groups is None:
+    low, high = _groups(values, size)
+    if not len(low):
         return 0
-    low, high = groups
     tight = high[0] > size * (1 - NEAR_END) and len(np.unique(high)) > 1
     share = len(high) / len(values)
     return len(high) if tight and low[0] < size * NEAR_END and 0.1 < share < 0.9 else 0

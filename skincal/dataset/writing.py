@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+from skincal.dataset.companions import position_columns
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.meta_file import FILE, write_meta
-from skincal.dataset.position_table import position_columns
 from skincal.dataset.table_file import write_table
 from skincal.files import whole_folder
 
@@ -24,15 +24,8 @@ def write_dataset(
 ) -> None:
     """Write a dataset as a folder (contract ``skincal-dataset/1``); numbers are read back exactly.
 
-    Args:
-        dataset: the data.
-        path: folder to create.
-        presses_as: format of the table of presses.
-        frames_as: format of the table of frames.
-        force: whether to replace an existing dataset.
-
     Raises:
-        InputError: the folder exists and ``force`` is not given.
+        InputError: the folder exists, and ``force`` does not say to replace it.
         OSError: the disk is full, or not writable; then nothing is left behind.
     """
     with whole_folder(path, force=force, marker=FILE) as folder:

@@ -17,9 +17,7 @@ def real(path: str | Path) -> Path:
 
 
 def check_input(path: str | Path, within: str | Path | None = None) -> Path:
-    """Return the resolved path of a file to be read.
-
-    For libraries that open files by name; prefer :func:`open_input` where possible.
+    """Return the resolved path of a file to be read, for libraries that open files by name.
 
     Args:
         path: the file.
@@ -40,11 +38,7 @@ def check_input(path: str | Path, within: str | Path | None = None) -> Path:
 
 
 def open_input(path: str | Path, within: str | Path | None = None) -> BinaryIO:
-    """Open a plain file to read its bytes.
-
-    Args:
-        path: the file.
-        within: folder that must hold it (see :func:`check_input`).
+    """Open a plain file to read its bytes; arguments as :func:`check_input`.
 
     Raises:
         OSError: as :func:`check_input` says, or the file is not readable.

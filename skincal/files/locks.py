@@ -9,7 +9,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-from skincal.errors import InputError, Problem
+from skincal.errors import input_error
 from skincal.signals import held_back
 
 _LACKING = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)
@@ -34,10 +34,8 @@ def alone(file: Path, place: Path, *, create: bool = False) -> Generator[None]:
         with held_back():
             descriptor = lock(file, create=create)
         if descriptor is None:
-            fix = "Wait for it, or stop it."
-            raise InputError(
-                [Problem(str(place), "no other process at work", "another process at work", fix)]
-            )
+            expected, fix = "no other process at work", "Wait for it, or stop it."
+            raise input_error(str(place), expected, "another process at work", fix)
         yield
     finally:
         with held_back():
@@ -48,12 +46,9 @@ def alone(file: Path, place: Path, *, create: bool = False) -> Generator[None]:
 
 
 def lock(file: Path, *, create: bool = False, strict: bool = False) -> int | None:
-    """Lock a file; return its descriptor, or None if another process holds the lock.
+    """Lock a file, which may be created; return its descriptor, or None if another process holds the lock.
 
-    Args:
-        file: the file to lock.
-        create: whether the file may be created.
-        strict: whether a file system without locks is an error.
+    With ``strict`` a file system without locks is an error.
     """
     # Over NFS, only a file that is open for writing can be locked.
     descriptor = os.open(file, os.O_RDWR | os.O_CLOEXEC | (os.O_CREAT if create else 0), 0o644)

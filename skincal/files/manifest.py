@@ -17,6 +17,7 @@ NAME: Final = ".skincal.json"
 FORMAT: Final = "skincal-output/1"
 TEMPORARY: Final = r"\.{name}\.[a-z0-9_]{{8}}\.(part|old)"
 """Patterns of the names that killed processes leave next to an output."""
+_LEFTOVER: Final = re.compile(TEMPORARY.format(name=".+"))
 
 _PICTURES = (
     "valley", "draws", "images", "slack", "residuals", "scatter", "gap", "signature", "where", "candidates", "audit",
@@ -56,12 +57,7 @@ _ANYWHERE = (NAME, ".DS_Store", ".nfs*")
 
 
 def write_manifest(folder: Path, later: Iterable[str] = ()) -> None:
-    """Write the list of all files in a folder into that folder.
-
-    Args:
-        folder: a finished output.
-        later: names of files that will be written into it later.
-    """
+    """Write the list of all files in a finished output, and of those that ``later`` go into it, into its folder."""
     files = [path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()]
     content = {"tool": "skincal", "format": FORMAT, "files": sorted({*files, *later} - {NAME})}
     (folder / NAME).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -74,13 +70,11 @@ def strangers(folder: Path) -> list[str]:
     found: list[str] = []
     for root, inner, files in os.walk(folder):
         here = PurePosixPath(Path(root).relative_to(folder).as_posix())
-        names = [(here / name, False) for name in files] + [(here / name, True) for name in inner]
-        for name, is_folder in names:
-            link = (folder / name).is_symlink()
-            if _is_leftover(name.name) or (is_folder and not link and str(name) in folders):
-                continue
-            if (is_folder and not link) or not _is_known(name, known):
-                found.append(f"{name}/" if is_folder and not link else str(name))
+        for name in (here / name for name in (*files, *inner)):
+            is_folder = name.name in inner and not (folder / name).is_symlink()
+            expected = str(name) in folders if is_folder else _is_known(name, known)
+            if not expected and not _LEFTOVER.fullmatch(name.name):
+                found.append(f"{name}/" if is_folder else str(name))
         inner[:] = [name for name in inner if str(here / name) in folders]
     return sorted(found)
 
@@ -92,15 +86,9 @@ def holds(folder: Path, path: Path) -> bool:
 
 
 def _is_known(name: PurePosixPath, known: Sequence[str]) -> bool:
-    return (
-        str(name) in known
-        or any(fnmatchcase(str(name), one) for one in known if _ANY_ENDING.fullmatch(one))
-        or any(fnmatchcase(name.name, one) for one in _ANYWHERE)
-    )
-
-
-def _is_leftover(name: str) -> bool:
-    return re.fullmatch(TEMPORARY.format(name=".+"), name) is not None
+    patterns = [one for one in known if _ANY_ENDING.fullmatch(one)]
+    whole = str(name) in known or any(fnmatchcase(str(name), one) for one in patterns)
+    return whole or any(fnmatchcase(name.name, one) for one in _ANYWHERE)
 
 
 def _listed(folder: Path) -> list[str]:

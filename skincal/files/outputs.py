@@ -15,11 +15,11 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from skincal.errors import InputError
+from skincal.errors import InputError, input_error
 from skincal.files.locks import lock
 from skincal.files.manifest import NAME, write_manifest
 from skincal.files.moves import exchange, move_new, sync, sync_name
-from skincal.files.refusals import at_work, problem, refuse_existing, refuse_removal, temporary_beside
+from skincal.files.refusals import at_work, refuse_existing, refuse_removal, temporary_beside
 from skincal.signals import held_back
 
 
@@ -27,16 +27,13 @@ from skincal.signals import held_back
 def whole_folder(
     path: str | Path, *, force: bool = False, marker: str, later: Iterable[str] = ()
 ) -> Generator[Path]:
-    """Yield a folder to write into that becomes ``path`` when the block ends without an error.
+    """Yield a temporary folder to write into that becomes ``path`` when the block ends without an error.
 
     Args:
-        path: path of the output folder.
+        path: the output folder.
         force: whether to replace an earlier output.
         marker: file that identifies a folder as an earlier output (see :func:`refuse_existing`).
         later: names of files that will be written into it later.
-
-    Yields:
-        The temporary folder.
 
     Raises:
         InputError: the destination exists and must not be replaced.
@@ -47,26 +44,17 @@ def whole_folder(
     with _temporary(path) as temporary:
         yield temporary
         write_manifest(temporary, later)
-        temporary.chmod(0o777 & ~_umask())
+        os.umask(mask := os.umask(0))  # the mask of this process, which mkdtemp ignores
+        temporary.chmod(0o777 & ~mask)
         with at_work(path, marker if force else None):
             _put(temporary, path, force, marker, "")
 
 
 @contextmanager
 def whole_file(path: str | Path, *, force: bool = False, mark: str = "") -> Generator[Path]:
-    """Yield a file to write that becomes ``path`` when the block ends without an error.
+    """Yield a temporary path, with the suffix of ``path``, whose file becomes ``path`` as :func:`whole_folder` says.
 
-    Args:
-        path: path of the output file.
-        force: whether to replace an existing file.
-        mark: text that identifies an earlier output; no other file is replaced.
-
-    Yields:
-        The temporary path, with the suffix of ``path``.
-
-    Raises:
-        InputError: the destination exists and must not be replaced.
-        OSError: the disk is full, or not writable; the destination is unchanged.
+    With ``force`` a file is replaced that holds ``mark``, the text that identifies an earlier output.
     """
     path = Path(path)
     refuse_existing(path, force=force, mark=mark)
@@ -77,11 +65,7 @@ def whole_file(path: str | Path, *, force: bool = False, mark: str = "") -> Gene
 
 @contextmanager
 def reserved_room(path: str | Path, size: int) -> Generator[Callable[[], None]]:
-    """Keep room on the disk for an output that can only be written once its work is done; yield what gives it free.
-
-    Args:
-        path: the output.
-        size: of the output [bytes].
+    """Keep room for an output of a size [bytes] that is written once its work is done; yield what gives it free.
 
     Raises:
         OSError: there is not so much room, or no file can be written there.
@@ -127,31 +111,19 @@ def _put(new: Path, path: Path, force: bool, marker: str | None, mark: str) -> N
         with held_back():
             if force and os.path.lexists(path):
                 exchange(new, path, partial(refuse_removal, path, marker=marker, mark=mark))
-            else:
-                _move_new(new, path)
+                return
+            try:
+                move_new(new, path)
+            except OSError:
+                if not os.path.lexists(path):
+                    raise
+                got = f"a {'folder' if path.is_dir() else 'file'} of that name"
+                raise input_error(str(path), "nothing there, as when the work began", got) from None
     except InputError as error:
         token = (new.parent if marker is None else new).name.split(".")[-2]
         kept = path.with_name(f"{path.stem}-{token}{path.suffix}")
         move_new(new, kept)
-        raise InputError(
-            [replace(one, fix=f"The new output is complete, as {kept}.") for one in error.problems]
-        ) from None
+        fix = f"The new output is complete, as {kept}."
+        raise InputError([replace(one, fix=fix) for one in error.problems]) from None
     finally:
         sync_name(path)
-
-
-def _move_new(new: Path, path: Path) -> None:
-    try:
-        move_new(new, path)
-    except OSError:
-        if not os.path.lexists(path):
-            raise
-        what = "folder" if path.is_dir() else "file"
-        raise problem(path, "nothing there, as when the work began", f"a {what} of that name") from None
-
-
-def _umask() -> int:
-    """Return the process's file mode mask, which mkdtemp ignores but an output should not."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -10,8 +10,8 @@ from collections.abc import Generator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from skincal.errors import InputError, Problem
-from skincal.files.inputs import open_input, real
+from skincal.errors import first_of, input_error
+from skincal.files.inputs import open_input, real, reason
 from skincal.files.locks import alone
 from skincal.files.manifest import NAME, holds, strangers
 from skincal.files.recovery import recover
@@ -23,7 +23,6 @@ _NOT_THERE = {errno.ENAMETOOLONG: "Choose a shorter name."} | dict.fromkeys(
 )
 """Advice where no file of such a name can be written; /proc answers ENOENT."""
 
-_SHOWN = 3
 _ENDS = 4096
 """Number of bytes at both ends of a file that are searched for its mark."""
 
@@ -37,9 +36,8 @@ def refuse_existing(
         path: the output file or folder.
         inputs: input files and folders, which the output must not replace.
         force: whether an existing output may be replaced.
-        marker: for a folder, the file that identifies an earlier output. ``force`` replaces only a folder
-            that holds it (or is empty) and nothing that skincal did not write, so that a mistyped path cannot delete
-            somebody's work.
+        marker: for a folder, the file that identifies an earlier output. ``force`` replaces only a folder that holds
+            it (or is empty) and nothing that skincal did not write: a mistyped path deletes nobody's work.
         mark: for a file, text that identifies an earlier output; ``force`` replaces no other file.
 
     Raises:
@@ -47,12 +45,12 @@ def refuse_existing(
             has no name.
     """
     if path.name in ("", ".."):
-        raise problem(path, "a name for the output", "no name, but a place", "Add a name to it.")
+        raise input_error(str(path), "a name for the output", "no name, but a place", "Add a name to it.")
     if not path.parent.is_dir():
         file = next((above for above in path.parents if above.exists() and not above.is_dir()), None)
         got = "no such folder" if file is None else f"{file}, which is a file"
         fix = f"mkdir -p {shlex.quote(str(path.parent))}" if file is None else "Choose another name."
-        raise problem(path, "an output inside an existing folder", got, fix)
+        raise input_error(str(path), "an output inside an existing folder", got, fix)
     _refuse_unwritable(path)
     for one in inputs:
         _refuse_input(path, one)
@@ -62,7 +60,7 @@ def refuse_existing(
     if not force and not (marker is not None and path.is_symlink()):
         what = "folder" if path.is_dir() else "file"
         fix = "Add --force to replace it."
-        raise problem(path, "an output that does not exist yet", f"an existing {what}", fix)
+        raise input_error(str(path), "an output that does not exist yet", f"an existing {what}", fix)
     refuse_removal(path, path, marker, mark)
     with at_work(path, marker):
         pass
@@ -77,42 +75,33 @@ def refuse_removal(path: Path, place: Path, marker: str | None, mark: str) -> No
     other = "Choose another name."
     if marker is None:
         if place.is_dir():
-            raise problem(path, "a file to replace", "a folder", other)
+            raise input_error(str(path), "a file to replace", "a folder", other)
         if mark and not place.is_symlink() and not _has_mark(place, mark):
-            raise problem(path, f"a file to replace that holds {mark}", "another file", other)
+            raise input_error(str(path), f"a file to replace that holds {mark}", "another file", other)
         return
     if place.is_symlink():
         fix = "Give the folder itself, or another name."
-        raise problem(path, "a folder, or nothing yet", f"a link to {place.readlink()}", fix)
+        raise input_error(str(path), "a folder, or nothing yet", f"a link to {place.readlink()}", fix)
     if not place.is_dir():
-        raise problem(path, "a folder to replace", "a file", other)
+        raise input_error(str(path), "a folder to replace", "a file", other)
     if any(place.iterdir()) and not (place / marker).is_file():
-        raise problem(path, f"a folder with a {marker}", "a folder of something else", other)
-    found = strangers(place) if any(place.iterdir()) else []
-    if found:
-        more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+        raise input_error(str(path), f"a folder with a {marker}", "a folder of something else", other)
+    if any(place.iterdir()) and (found := strangers(place)):
         fix = "Move that elsewhere, or choose another name: --force removes only what skincal wrote."
-        raise problem(
-            path, "a folder with files of skincal only", f"also {', '.join(found[:_SHOWN])}{more}", fix
-        )
+        raise input_error(str(path), "a folder with files of skincal only", f"also {first_of(found)}", fix)
 
 
 def _refuse_input(path: Path, one: Path) -> None:
     out, source = real(path), real(one)
     if not source.exists():
         return
-    inside = source.is_dir() and out.is_relative_to(source) and holds(source, out)
-    if any(_is_same(out, place) for place in (source, *source.parents)) or inside:
+    same = source.is_dir() and out.is_relative_to(source) and holds(source, out)
+    for place in (source, *source.parents):
+        with suppress(OSError):  # by a mount, a hard link or letters of another case, too
+            same |= out == place or out.samefile(place)
+    if same:
         fix = "Choose another name: inputs are not replaced."
-        raise problem(path, "an output that is not an input", f"that of {one}", fix)
-
-
-def _is_same(path: Path, other: Path) -> bool:
-    """Return whether two paths lead to one file or folder, by a mount, a hard link or letters of another case, too."""
-    try:
-        return path == other or path.samefile(other)
-    except OSError:
-        return False
+        raise input_error(str(path), "an output that is not an input", f"that of {one}", fix)
 
 
 def _refuse_unwritable(path: Path) -> None:
@@ -125,9 +114,8 @@ def _refuse_unwritable(path: Path) -> None:
         if fix is None:  # a full disk, for instance: not a fault of the name
             error.filename = str(path)
             raise
-        reason = (error.strerror or str(error)).lower()
         expected = "a writable place for the output and its temporary folder"
-        raise problem(path, expected, reason, fix) from None
+        raise input_error(str(path), expected, reason(error), fix) from None
 
 
 @contextmanager
@@ -152,11 +140,6 @@ def _has_mark(path: Path, mark: str) -> bool:
         ends = file.read(_ENDS)
         file.seek(max(0, size - _ENDS))
         return not size or mark.encode() in ends + b"\0" + file.read(_ENDS)
-
-
-def problem(path: Path, expected: str, got: str, fix: str = "") -> InputError:
-    """Return the error about an output."""
-    return InputError([Problem(str(path), expected, got, fix)])
 
 
 def temporary_beside(path: Path) -> Path:

@@ -8,17 +8,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from skincal.imports.assembly import Imported
-    from skincal.imports.importing import bag_topics, import_csv, import_rosbag
-    from skincal.imports.recording import Dropped, ReadFile
+    from skincal.imports.importing import Dropped, Imported, ReadFile, bag_topics, import_csv, import_rosbag
     from skincal.imports.templates import template
-
-_MODULES = {
-    "assembly": ("Imported",),
-    "importing": ("bag_topics", "import_csv", "import_rosbag"),
-    "recording": ("Dropped", "ReadFile"),
-    "templates": ("template",),
-}
 
 __all__ = ["Dropped", "Imported", "ReadFile", "bag_topics", "import_csv", "import_rosbag", "template"]
 
@@ -28,9 +19,8 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> object:
-    module = next((module for module, names in _MODULES.items() if name in names), None)
-    if module is None:
+    if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    import importlib
+    from skincal.imports import importing, templates
 
-    return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    return getattr(templates if name == "template" else importing, name)

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from skincal.imports.clock import usual_step
-from skincal.imports.recording import FloatArray
+from skincal.imports.recording import BoolArray, FloatArray
 
 LEAST_OVERLAP: Final = 0.5
 """Smallest overlap of the recordings, as a part of the shorter one, at which lags are searched."""
@@ -29,6 +29,7 @@ ALIKE: Final = 1.2
 MOST_RATE: Final = 0.05
 """Largest relative difference of two clocks' rates that is searched; oscillators without a crystal are off by 2 %."""
 
+_NOTHING: Final = (0.0, np.zeros(0), np.zeros(0), np.zeros(0), "")
 PARTS: Final = 12
 SIGMAS: Final = 4.0
 MOST_SAMPLES: Final = 1 << 20
@@ -47,7 +48,7 @@ class JoinedClock:
     """Alignment of a file's clock with that of the taxels: ``t + offset_s + rate (t - middle_s)``.
 
     Attributes:
-        name: name of the file's table in the mapping.
+        name: of the file's table in the mapping.
         offset_s: time added to the file's times [s].
         sigma_s: standard deviation of the offset [s]; NaN if it was given.
         rate: relative rate by which the clock of the taxels runs faster; 0 if unknown.
@@ -120,10 +121,10 @@ def estimate_offset(
         return _estimated(name, taxels_s, images, file_s, columns, within_s)
     except _UnlikeError:
         rate = _likely_rate(taxels_s, images, file_s, columns)
-        stretched = file_s[0] + (1 + rate) * (file_s - file_s[0])
-        found = _estimated(name, taxels_s, images, stretched, columns, within_s) if rate else None
-        if found is None:
+        if not rate:
             raise
+        stretched = file_s[0] + (1 + rate) * (file_s - file_s[0])
+        found = _estimated(name, taxels_s, images, stretched, columns, within_s)
         return found.after(rate, float(file_s[0]))
 
 
@@ -135,20 +136,21 @@ def _likely_rate(
     Rates differ by as much from each other as moves the ends of the recording by the length of a contact.
     """
     best, taxels_s, file_s = (0.0, 0.0), taxels_s - taxels_s[0], file_s - file_s[0]
-    for activity in activities(images):
-        if np.ptp(activity) == 0:
-            continue
+    for activity in (one for one in activities(images) if np.ptp(one) > 0):
         length = _length(taxels_s, activity)
         step = max(common_step(taxels_s, file_s), length / 8)
         many = int(np.ceil(MOST_RATE * float(file_s[-1]) / length))
-        for values in columns.values():
-            given = np.isfinite(values)
-            if given.sum() < 3 or np.ptp(values[given]) == 0:
-                continue
+        for given, values in varying(columns).values():
             for rate in np.linspace(-MOST_RATE, MOST_RATE, 2 * many + 1).tolist():
-                found = _correlations(taxels_s, activity, (1 + rate) * file_s[given], values[given], step)[1]
+                found = _correlations(taxels_s, activity, (1 + rate) * file_s[given], values, step)[1]
                 best = max(best, (float(np.nanmax(np.abs(found), initial=0.0)), rate))
     return best[1]
+
+
+def varying(columns: Mapping[str, FloatArray]) -> dict[str, tuple[BoolArray, FloatArray]]:
+    """Return which rows of columns (n,) are measured, and their values, for columns in which anything changes."""
+    given = {name: (np.isfinite(values), values[np.isfinite(values)]) for name, values in columns.items()}
+    return {name: part for name, part in given.items() if len(part[1]) > 2 and np.ptp(part[1]) > 0}
 
 
 def _length(time_s: FloatArray, values: FloatArray) -> float:
@@ -161,40 +163,31 @@ def _length(time_s: FloatArray, values: FloatArray) -> float:
 
 
 def _estimated(
-    name: str,
-    taxels_s: FloatArray,
-    images: FloatArray,
-    file_s: FloatArray,
-    columns: Mapping[str, FloatArray],
+    name: str, taxels_s: FloatArray, images: FloatArray, file_s: FloatArray, columns: Mapping[str, FloatArray],
     within_s: float,
-) -> JoinedClock:
+) -> JoinedClock:  # fmt: skip
     """Return what :func:`estimate_offset` does, for clocks of nearly the same rate."""
     # Subtract the start: seconds since 1970 would cost the search the last digits.
     zeros = float(taxels_s[0]), float(file_s[0])
     apart = zeros[0] - zeros[1]
     taxels_s, file_s = taxels_s - zeros[0], file_s - zeros[1]
     step = common_step(taxels_s, file_s)
-    best: tuple[float, FloatArray, FloatArray, FloatArray, FloatArray, str] | None = None
-    for activity in activities(images):
-        for column, values in columns.items():
-            given = np.isfinite(values)
-            if given.sum() < 3 or np.ptp(values[given]) == 0 or np.ptp(activity) == 0:
-                continue
-            lags, found = _correlations(taxels_s, activity, file_s[given], values[given], step)
+    every: list[tuple[float, FloatArray, FloatArray, FloatArray, str]] = []
+    for activity in (one for one in activities(images) if np.ptp(one) > 0):
+        for column, (given, values) in varying(columns).items():
+            lags, found = _correlations(taxels_s, activity, file_s[given], values, step)
             found[np.abs(lags + apart) > within_s] = np.nan
-            peak = float(np.nanmax(np.abs(found), initial=0.0))
-            if best is None or peak > best[0]:
-                best = peak, lags, found, activity, values, column
-    if best is None or best[0] < LEAST_CORRELATION:
-        reached = "nothing in it changes" if best is None else f"a correlation of {best[0]:.2f} at most"
+            every.append((float(np.nanmax(np.abs(found), initial=0.0)), lags, found, activity, column))
+    peak, lags, found, activity, column = max(every, key=lambda one: one[0], default=_NOTHING)
+    if peak < LEAST_CORRELATION:
+        reached = f"a correlation of {peak:.2f} at most" if every else "nothing in it changes"
         raise _UnlikeError(f"no lag at which {', '.join(columns)} correlates with the taxels ({reached})")
-    peak, lags, found, activity, values, column = best
     at = int(np.nanargmax(np.abs(found)))
     check_unique(lags + apart, np.abs(found), at)
     if within_s - abs(lags[at] + apart) < step:
         raise NoOffsetError(f"the correlation is largest at the bound of {within_s:g} s (within_s)")
-    given = np.isfinite(values)
-    file_s, values = file_s[given], values[given] * np.sign(found[at])
+    given = np.isfinite(columns[column])
+    file_s, values = file_s[given], columns[column][given] * np.sign(found[at])
     offset, correlation = _refined(taxels_s, activity, file_s, values, float(lags[at]), 2 * step)
     sigma, rate, middle, offset = _parts(taxels_s, activity, file_s, values, offset, step)
     near = np.abs(lags - offset) < 10 * max(step, (taxels_s[-1] - taxels_s[0]) / 100)
@@ -253,20 +246,22 @@ def _correlations(
 def check_unique(lags: FloatArray, found: FloatArray, at: int) -> None:
     """Raise if a lag outside the peak is nearly as good."""
     filled = np.nan_to_num(found)
-    left, right = at, at
-    half = filled[at] / 2
-    while left > 0 and filled[left] > half:
-        left -= 1
-    while right < len(filled) - 1 and filled[right] > half:
-        right += 1
+    first, last = stretch_about(filled > filled[at] / 2, at)
     others = filled.copy()
-    others[left : right + 1] = 0.0
+    others[max(first - 1, 0) : last + 2] = 0.0
     second = int(others.argmax())
     if 1 - others[second] ** 2 < ALIKE * (1 - filled[at] ** 2) + 1e-9:
         raise NoOffsetError(
             f"offsets of {lags[at]:.4g} s and {lags[second]:.4g} s are equally good (correlations {filled[at]:.3f} and "
             f"{others[second]:.3f}): the presses are too similar; within_s narrows the search"
         )
+
+
+def stretch_about(mask: BoolArray, at: int) -> tuple[int, int]:
+    """Return the first and the last index of the stretch about ``at`` in which a mask holds."""
+    others = np.flatnonzero(~mask)
+    first = int(others[others < at].max(initial=-1)) + 1
+    return first, int(others[others > at].min(initial=len(mask))) - 1
 
 
 def _refined(
@@ -295,8 +290,7 @@ def _parts(
     edges = np.linspace(float(start), float(stop), PARTS + 1).tolist()
     reach = max(6 * step, 3 * usual_step(b_s), 0.5)
     total = float(np.var(a))
-    at: list[float] = []
-    found: list[float] = []
+    found: list[tuple[float, float]] = []
     for low, high in pairwise(edges):
         inside = (a_s >= low) & (a_s < high)
         # A part in which hardly anything happens is not informative.
@@ -304,12 +298,12 @@ def _parts(
             continue
         part, correlation = _refined(a_s[inside], a[inside], b_s, b, offset, reach)
         if correlation > LEAST_CORRELATION and abs(part - offset) < 0.95 * reach:
-            at.append((low + high) / 2 - offset)
-            found.append(part)
-    middle, floor = float(np.mean(at)) if at else 0.0, step / np.sqrt(12 * max(len(found), 1))
+            found.append(((low + high) / 2 - offset, part))
+    times, offsets = np.array(found).reshape(-1, 2).T
+    middle, floor = float(times.mean()) if found else 0.0, step / np.sqrt(12 * max(len(found), 1))
     if len(found) < 3:
         return max(usual_step(b_s), step), 0.0, middle, offset
-    offsets, times = np.array(found), np.array(at) - middle
+    times = times - middle
     if len(found) >= 5:
         (rate, mean), covariance = np.polyfit(times, offsets, 1, cov=True)
         span = float(np.ptp(times))

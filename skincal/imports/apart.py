@@ -52,40 +52,31 @@ def apart(read: Callable[..., Value], path: Path, *arguments: Any) -> Value:
         Exception: what the function raised.
     """
     most = min(MOST_BYTES, max(LEAST_BYTES, memory_bytes() // 2))
-    longest_s = LONGEST_S + _size(path) / BYTES_PER_S
+    files = path.iterdir() if path.is_dir() else [path]
+    longest_s = LONGEST_S + sum(file.stat().st_size for file in files if file.is_file()) / BYTES_PER_S
     asked = pickle.dumps(sys.path) + pickle.dumps((most, int(longest_s) + 1, read, path, arguments))
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     command = [sys.executable, "-P", "-c", _CHILD]
     try:
         done = subprocess.run(
-            command,
-            input=asked,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env=os.environ | one_thread,
-            timeout=WAIT * longest_s,
-            check=False,
-        )
+            command, input=asked, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=os.environ | one_thread,
+            timeout=WAIT * longest_s, check=False,
+        )  # fmt: skip
     except subprocess.TimeoutExpired:
-        raise _slow(longest_s) from None
-    if done.returncode == -signal.SIGXCPU:
-        raise _slow(longest_s)
+        done = None
+    if done is None or done.returncode == -signal.SIGXCPU:
+        raise UnreadableError(f"a file that is read within {longest_s:.0f} s", "one that is not")
     try:
         value, error = pickle.loads(done.stdout)
     except Exception:  # the process ended before or while it answered
         ended = f"signal {-done.returncode}" if done.returncode < 0 else f"status {done.returncode}"
-        raise UnreadableError(
-            "a whole file", f"one that crashes the library that reads it ({ended})"
-        ) from None
+        got = f"one that crashes the library that reads it ({ended})"
+        raise UnreadableError("a whole file", got) from None
     if isinstance(error, MemoryError):
         raise UnreadableError(f"a file that is read in {most >> 20} MiB of memory", "one that needs more")
     if error is not None:
         raise error
     return value
-
-
-def _slow(longest_s: float) -> UnreadableError:
-    return UnreadableError(f"a file that is read within {longest_s:.0f} s", "one that is not")
 
 
 def answer() -> None:
@@ -125,8 +116,3 @@ def _sendable(error: Exception) -> Exception:
     except Exception:
         return ValueError(quoted(error))
     return error
-
-
-def _size(path: Path) -> int:
-    files = path.iterdir() if path.is_dir() else [path]
-    return sum(file.stat().st_size for file in files if file.is_file())

@@ -2,13 +2,14 @@
 
 A one-dimensional array is a column with its name. A two-dimensional one gives the columns ``name[0]``, ``name[1]``, …,
 a three-dimensional one ``name[0,0]``, …; samples run along the first axis. A list of equal arrays, one per sample, is
-such an array as well. Dots and slashes join nested names.
+such an array as well. Dots and slashes join nested names. Readers raise ``ValueError`` for a damaged file.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,36 +17,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.bounded import read_array, read_arrays
+from skincal.dataset.findings import Findings
 from skincal.errors import WorkError, quoted, text_of
 from skincal.files import open_input
-from skincal.imports.columns_of import Columns
+from skincal.imports.recording import IntArray
+from skincal.imports.text_table import MOST_NAMED, SourceSheet, TextTable, check_columns
+
+Columns = dict[str, NDArray[Any]]
+"""One-dimensional columns by name; their lengths may differ."""
 
 
 def read_numpy(path: Path) -> Columns:
-    """Return the columns of a ``.npz`` or ``.npy`` file; the array of the latter is called ``data``.
-
-    Raises:
-        ValueError: the file is damaged, or holds objects, which would run code.
-    """
+    """Return the columns of a ``.npz`` or ``.npy`` file, whose array is ``data``; refuse objects, which run code."""
     with open_input(path) as file:
         zipped = file.read(2) == b"PK"
     return _columns(read_arrays(path) if zipped else {"data": read_array(path)})
 
 
 def read_matlab(path: Path) -> Columns:
-    """Return the columns of a MATLAB file of version 4 to 7.
-
-    Raises:
-        ValueError: the file is damaged.
-    """
+    """Return the columns of a MATLAB file of version 4 to 7."""
     from scipy.io import loadmat
 
-    try:
+    with _damaged(text_of):
         loaded = loadmat(path, simplify_cells=True)
-    except MemoryError:
-        raise
-    except Exception as error:  # the library raises whatever its parsers raise
-        raise ValueError(text_of(error)) from error
     return _columns({name: value for name, value in loaded.items() if not name.startswith("__")})
 
 
@@ -53,15 +47,13 @@ def read_hdf5(path: Path) -> Columns:
     """Return the columns of an HDF5 file, or of a MATLAB 7.3 file, whose arrays are transposed.
 
     Raises:
-        ValueError: it is damaged.
         WorkError: the library h5py is not installed.
     """
     try:
         import h5py as library  # pyright: ignore[reportMissingImports, reportMissingTypeStubs]
     except ImportError as error:
-        raise WorkError(
-            f"{path.name} is an HDF5 file; reading it needs the library h5py: pip install skincal[hdf5]"
-        ) from error
+        needs = "reading it needs the library h5py: pip install skincal[hdf5]"
+        raise WorkError(f"{path.name} is an HDF5 file; {needs}") from error
     h5py: Any = library
     arrays: dict[str, Any] = {}
 
@@ -79,22 +71,13 @@ def read_hdf5(path: Path) -> Columns:
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
             arrays[name] = content(name, item)
 
-    try:
-        with h5py.File(path, "r") as file:
-            file.visititems(take)
-    except MemoryError:
-        raise
-    except Exception as error:  # the library raises whatever its parsers raise
-        raise ValueError(text_of(error)) from error
+    with _damaged(text_of), h5py.File(path, "r") as file:
+        file.visititems(take)
     return _columns(arrays)
 
 
 def read_arrow(path: Path) -> Columns:
-    """Return the columns of a Parquet or Feather file; an index with a name is one of them.
-
-    Raises:
-        ValueError: the file is damaged.
-    """
+    """Return the columns of a Parquet or Feather file; an index with a name is one of them."""
     import pandas as pd
 
     with open_input(path) as file:
@@ -113,42 +96,42 @@ def read_json(path: Path) -> Columns:
     Raises:
         ValueError: the text is not JSON, or its samples differ in form.
     """
+    with _damaged(quoted):
+        text = path.read_text(encoding="utf-8-sig")
+        try:
+            value = json.loads(text)
+        except json.JSONDecodeError:
+            value = [json.loads(line) for line in text.splitlines() if line.strip()]
+        if isinstance(value, Mapping):
+            return _columns(cast("Mapping[str, Any]", value))
+        samples = cast("list[Any]", value) if isinstance(value, list) else []
+        if samples and all(isinstance(sample, Mapping) for sample in samples):
+            return _columns(_by_key(samples))
+        rows = np.array(samples, dtype=np.float64)
+        return {str(i + 1): column for i, column in enumerate(rows.reshape(len(rows), -1).T)}
+
+
+@contextmanager
+def _damaged(words: Callable[[Exception], str]) -> Generator[None]:
+    """Turn whatever parsers raise, for numbers and nesting without bounds, too, into an error with some words."""
     try:
-        return _of_json(path.read_text(encoding="utf-8-sig"))
+        yield
     except MemoryError:
         raise
-    except Exception as error:  # what numbers and nesting without bounds lead to
-        raise ValueError(quoted(error)) from error
-
-
-def _of_json(text: str) -> Columns:
-    try:
-        value = json.loads(text)
-    except json.JSONDecodeError:
-        value = [json.loads(line) for line in text.splitlines() if line.strip()]
-    if isinstance(value, Mapping):
-        return _columns(cast("Mapping[str, Any]", value))
-    samples = cast("list[Any]", value) if isinstance(value, list) else []
-    if samples and all(isinstance(sample, Mapping) for sample in samples):
-        return _columns(_by_key(samples))
-    rows = np.array(samples, dtype=np.float64)
-    rows = rows.reshape(len(rows), -1)
-    return {str(i + 1): rows[:, i] for i in range(rows.shape[1])}
+    except Exception as error:
+        raise ValueError(words(error)) from error
 
 
 def _columns(arrays: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     flat = dict(_arrays(arrays, ""))
+    flat = {name: one.ravel() if one.ndim == 2 and 1 in one.shape else one for name, one in flat.items()}
     # Samples run along the axis that is as long as the one-dimensional columns.
-    lengths = {
-        array.size for array in flat.values() if array.ndim == 1 or (1 in array.shape[:2] and array.ndim == 2)
-    }
+    lengths = {array.size for array in flat.values() if array.ndim == 1}
     found: dict[str, NDArray[Any]] = {}
     for name, array in flat.items():
         while array.ndim > 3 and array.shape[-1] == 1:
             array = array[..., 0]
-        if array.ndim == 2 and 1 in array.shape:
-            found[name] = array.ravel()
-        elif array.ndim == 1:
+        if array.ndim == 1:
             found[name] = array
         else:
             if array.shape[0] not in lengths and array.shape[-1] in lengths:
@@ -192,15 +175,43 @@ def _array(value: Any) -> NDArray[Any] | Mapping[str, Any]:
 
 def _by_key(samples: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """Return the values of tables by their keys; NaN where a table lacks a number, '' where it lacks a text."""
-    keys = dict.fromkeys(key for sample in samples for key in sample)
-    blank = {key: next(_blank(sample[key]) for sample in samples if key in sample) for key in keys}
-    return {key: [sample.get(key, blank[key]) for sample in samples] for key in keys}
+    blank: dict[str, Any] = {}
+    for sample in samples:
+        for key, value in sample.items():
+            if key not in blank:
+                empty: Any = {} if isinstance(value, Mapping) else "" if isinstance(value, str) else np.nan
+                is_list = isinstance(value, list | np.ndarray)
+                blank[key] = np.full(np.shape(cast("Any", value)), np.nan) if is_list else empty
+    return {key: [sample.get(key, empty) for sample in samples] for key, empty in blank.items()}
 
 
-def _blank(value: Any) -> Any:
-    """Return what stands for a missing value of the same form."""
-    if isinstance(value, Mapping):
-        return {}
-    if isinstance(value, list | np.ndarray):
-        return np.full(np.shape(cast("Any", value)), np.nan)
-    return "" if isinstance(value, str) else np.nan
+def table_of(
+    file: str, columns: Columns, numbers: Collection[str], texts: Collection[str], decimal: str, findings: Findings,
+    lines: IntArray | None = None, hint: str = "",
+) -> TextTable | None:  # fmt: skip
+    """Return a table of the required columns; None, with errors, if some are missing or differ in length."""
+    wanted = [*dict.fromkeys((*numbers, *texts))]
+    # MATLAB's structures have slashes in files of version 7.3, and dots in older ones.
+    dotted = {name.replace("/", "."): column for name, column in columns.items()}
+    slashed = {name: dotted[name.replace("/", ".")] for name in wanted if name.replace("/", ".") in dotted}
+    columns = slashed | columns
+    if not check_columns(file, columns, wanted, findings, hint):
+        return None
+    sizes = {len(columns[name]) for name in wanted}
+    if len(sizes) > 1:
+        got = ", ".join(f"{name}: {len(columns[name])}" for name in wanted[:MOST_NAMED])
+        fix = "Columns of another length have their own clock: add the file to [files] as well."
+        findings.error(file, "columns of one length", got, fix)
+        return None
+    rows = sizes.pop() if sizes else max(map(len, columns.values()), default=0)
+    cells = {name: _cells(columns[name], text=name in texts) for name in wanted}
+    return TextTable(SourceSheet(findings, file, lines), cells, rows, decimal)
+
+
+def _cells(column: NDArray[Any], *, text: bool) -> NDArray[Any]:
+    """Return a column as numbers, or as texts; bytes that are no text show in the error of what should be a number."""
+    if column.dtype.kind in "biuf" and not text:
+        return column.astype(np.float64)
+    cells = np.datetime_as_string(column) if column.dtype.kind == "M" else column
+    words = [cell.decode(errors="backslashreplace") if isinstance(cell, bytes) else cell for cell in cells]
+    return np.array(["" if word is None else str(word) for word in words], dtype=object)

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from skincal.bounded import read_text
-from skincal.dataset.findings import Findings, did_you_mean
-from skincal.errors import InputError, Problem, WorkError, input_error, quoted, text_of
+from skincal.dataset.findings import Findings, meant
+from skincal.errors import InputError, WorkError, input_error, quoted, text_of
 from skincal.files import check_input, open_input, reason
 
 MISSING = "reading ROS bags needs the library rosbags, which is not installed: pip install skincal[ros]"
@@ -22,11 +22,7 @@ INDEX_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class Bag:
-    """An open bag.
-
-    Attributes:
-        types: type of the messages of each topic.
-    """
+    """An open bag; ``types`` are those of the messages of each topic."""
 
     path: Path
     reader: Any
@@ -43,15 +39,15 @@ class Bag:
             for connection, stamp_ns, raw in self.reader.messages(connections=chosen):
                 yield connection.topic, stamp_ns, self.reader.deserialize(raw, connection.msgtype)
         except KeyError as error:
-            fix = "Name its file in definitions of [bag]."
-            problem = Problem(
-                str(self.path), "types that the bag or the mapping defines", f"no type {error}", fix
+            fix, expected = (
+                "Name its file in definitions of [bag].",
+                "types that the bag or the mapping defines",
             )
-            raise InputError([problem]) from error
+            raise input_error(str(self.path), expected, f"no type {error}", fix) from error
         except MemoryError:
             raise
         except Exception as error:  # the library raises whatever its parsers raise
-            raise InputError([_damaged(self.path, error)]) from error
+            raise _damaged(self.path, error) from error
 
 
 @contextmanager
@@ -81,7 +77,7 @@ def opened(path: Path, definitions: Mapping[str, Path]) -> Generator[Bag]:
         except MemoryError:
             raise
         except Exception as error:  # the library raises whatever its parsers raise
-            raise InputError([_damaged(path, error)]) from error
+            raise _damaged(path, error) from error
         # A bag may define only some of its types.
         known = reader.typestore.fielddefs
         reader.typestore.register(
@@ -95,11 +91,8 @@ def check_topics(bag: Bag, wanted: Mapping[str, str], findings: Findings) -> boo
     shown = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(bag.types.items())) or "no topics"
     absent = [topic for topic in wanted if topic not in bag.types]
     for topic in absent:
-        close = did_you_mean(topic, bag.types)
-        fix = f'Did you mean "{close}"?' if close else ""
-        findings.error(
-            f"{wanted[topic]} topic", f"a topic of {bag.path.name}, which has {shown}", f'"{topic}"', fix
-        )
+        expected = f"a topic of {bag.path.name}, which has {shown}"
+        findings.error(f"{wanted[topic]} topic", expected, f'"{topic}"', meant(topic, bag.types))
     return not absent
 
 
@@ -122,17 +115,14 @@ def _types(name: str, file: Path) -> Any:
         raise input_error(str(file), f"the definition of {name}", text_of(error)) from error
 
 
-def _damaged(path: Path, error: Exception) -> Problem:
+def _damaged(path: Path, error: Exception) -> InputError:
     if encodings := _other_encodings(path):
         got = f"an MCAP file of {' and '.join(encodings)} messages"
         fix = "Write its channels as .csv or .npz, and use `skincal import csv`."
-        return Problem(str(path), "messages of ROS 2 (cdr)", got, fix)
-    got = quoted(error)
-    expected = (
-        "a whole ROS 1 bag" if path.suffix == ".bag" else "a whole ROS 2 bag (folder with metadata.yaml)"
-    )
+        return input_error(str(path), "messages of ROS 2 (cdr)", got, fix)
+    kind = "ROS 1 bag" if path.suffix == ".bag" else "ROS 2 bag (folder with metadata.yaml)"
     fix = "Was the recording cut short? `rosbag reindex` (ROS 1) or `ros2 bag reindex` may mend it."
-    return Problem(str(path), expected, got, fix)
+    return input_error(str(path), f"a whole {kind}", quoted(error), fix)
 
 
 def _other_encodings(path: Path) -> list[str]:

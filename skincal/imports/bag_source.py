@@ -12,21 +12,16 @@ from skincal.dataset.findings import Findings
 from skincal.errors import InputError, Problem, input_error
 from skincal.imports import targets
 from skincal.imports.apart import apart
-from skincal.imports.assembly import beside
 from skincal.imports.bag_file import check_topics, opened
 from skincal.imports.clock import resampled, resampled_words
 from skincal.imports.mapping import Mapping, Quantity
-from skincal.imports.mapping_file import BagMapping, BagTaxels
+from skincal.imports.mapping_file import BagMapping
 from skincal.imports.recording import Column, FloatArray, ReadFile, Recording, joined
 from skincal.imports.streams import Collector, Stream
-from skincal.imports.values import constant, length
 
 
 def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Recording | None:
-    """Read bags by a mapping, in the order of the session.
-
-    Returns:
-        One row per message of the taxels' topic; None, with errors added, if something is wrong.
+    """Return bags, in the order of the session, with one row per message of the taxels' topic; None, with errors.
 
     Raises:
         InputError: a bag cannot be opened.
@@ -43,41 +38,34 @@ def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Rec
         findings.errors.extend(errors)
     if findings.errors:
         return None
-    taxels = _taxels(mapping)
-    stamps = [collector.streams[taxels.topic].stamps_ns for collector in collected]
+    assert isinstance(mapping.file, BagMapping)
+    topic = mapping.file.taxels.topic
+    stamps = [collector.streams[topic].stamps_ns for collector in collected]
     for path, found in zip(bags, stamps, strict=True):
         if not found:
-            findings.error(f"{path}, {taxels.topic}", "at least one message", "none that can be used")
+            findings.error(f"{path}, {topic}", "at least one message", "none that can be used")
     if len({collector.joints for collector in collected}) > 1:
         findings.error("[joints]", "the same joints in every bag", "others", "Name them in [joints].")
     if findings.errors:
         return None
     zero = min(min(found) for found in stamps)
     parts = [
-        _recording(mapping, i, path.name, collector, zero)
+        _recording(mapping, mapping.file, i, path.name, collector, zero)
         for i, (path, collector) in enumerate(zip(bags, collected, strict=True))
     ]
-    for recording in parts:
-        if not len(recording):  # most often because of two clocks
-            got = "; ".join(str(item) for item in recording.dropped)
-            fix = "Do the streams overlap in time, and are their clocks the same? See clock, lag_s and max_age_s."
-            expected = "frames with taxels, force and position"
-            findings.error(recording.files[0].file, expected, f"none: {got}", fix)
+    for recording in (one for one in parts if not len(one)):  # most often because of two clocks
+        got = f"none: {'; '.join(map(str, recording.dropped))}"
+        fix = "Do the streams overlap in time, and are their clocks the same? See clock, lag_s and max_age_s."
+        findings.error(recording.files[0].file, "frames with taxels, force and position", got, fix)
     return None if findings.errors else joined(parts)
 
 
 def collect(path: Path, mapping: Mapping) -> tuple[Collector, list[Problem]]:
-    """Return the content of a bag that a mapping needs, and the problems.
-
-    Raises:
-        InputError: it cannot be opened.
-        WorkError: the library rosbags is not installed.
-    """
-    file, findings = _file(mapping), Findings()
-    collector = Collector(mapping, findings)
-    definitions = {
-        name: beside(mapping, one, f"the definition of {name}") for name, one in file.bag.definitions.items()
-    }
+    """Return the content of a bag that a mapping needs, and the problems; raise as :func:`read_bags`."""
+    assert isinstance(mapping.file, BagMapping)
+    findings = Findings()
+    collector, named = Collector(mapping, findings), mapping.file.bag.definitions
+    definitions = {name: mapping.beside(one, f"the definition of {name}") for name, one in named.items()}
     with opened(path, definitions) as bag:
         if check_topics(bag, collector.places, findings):
             try:
@@ -88,18 +76,11 @@ def collect(path: Path, mapping: Mapping) -> tuple[Collector, list[Problem]]:
     return collector, findings.errors
 
 
-def _file(mapping: Mapping) -> BagMapping:
-    assert isinstance(mapping.file, BagMapping)
-    return mapping.file
-
-
-def _taxels(mapping: Mapping) -> BagTaxels:
-    return _file(mapping).taxels
-
-
-def _recording(mapping: Mapping, part: int, name: str, collector: Collector, zero_ns: int) -> Recording:
+def _recording(
+    mapping: Mapping, file: BagMapping, part: int, name: str, collector: Collector, zero_ns: int
+) -> Recording:
     """Return one bag, without samples of the taxels that have no force or position at their time."""
-    file, taxels = _file(mapping), collector.streams[_taxels(mapping).topic]
+    taxels = collector.streams[file.taxels.topic]
     time = taxels.times_s(zero_ns)
     order = np.argsort(time, kind="stable")
     time = time[order]
@@ -112,39 +93,33 @@ def _recording(mapping: Mapping, part: int, name: str, collector: Collector, zer
         joints = [one for one in stream.samples if one[0] in "qt"]
         for one in sorted(joints, key=lambda one: (one[0] != "q", int(one.split("_")[1]))):
             if np.isfinite(np.array(stream.samples[one], dtype=np.float64)).any():
-                columns[one] = _resampled(stream, stream.samples[one], zero_ns, time)
+                columns[one] = _resampled(stream, one, zero_ns, time)
     recording = Recording(
         columns, mapping.taxels.counts(images), np.full(len(time), part), (ReadFile(name, len(time)),)
     )
-    needed = {target: mapping.quantity(target) for target in mapping.required if target != "time_s"}
-    missing = {
-        f"no {target} from {q.topic} within {file.rules(q.topic).max_age_s:g} s (max_age_s)": np.isnan(
-            columns[target]
-        )
-        for target, q in needed.items()
-        if q is not None
-    }
+    needed = [q for q in mapping.quantities if q.target in mapping.required]
+    ages = {q.topic: f"{q.topic} within {file.rules(q.topic).max_age_s:g} s (max_age_s)" for q in needed}
+    missing = {f"no {q.target} from {ages[q.topic]}": np.isnan(columns[q.target]) for q in needed}
     return recording.without("frame", missing)
 
 
 def _values(quantity: Quantity, collector: Collector, zero_ns: int, onto_s: FloatArray) -> Column:
-    if quantity.constant is not None:
-        return constant(quantity.constant, len(onto_s))
-    stream = collector.streams[quantity.topic]
-    samples = [stream.samples.get(path, []) for path in quantity.sources]
-    if targets.is_text(quantity.target):
+
+    def words(path: str) -> Column:
+        stream = collector.streams[quantity.topic]
         time, order = stream.ordered(zero_ns)
-        words = np.array([quantity.words.get(word, word) for word in samples[0]], dtype=object)[order]
-        return resampled_words(time, words, onto_s, stream.rules.max_age_s)
-    parts = [_resampled(stream, found, zero_ns, onto_s, quantity.target) for found in samples]
-    return quantity.si(parts[0]) if len(parts) == 1 else length([quantity.si(values) for values in parts])
+        found = np.array(stream.samples.get(path, []), dtype=object)[order]
+        return resampled_words(time, found, onto_s, stream.rules.max_age_s)
+
+    def numbers(path: str) -> FloatArray:
+        return _resampled(collector.streams[quantity.topic], path, zero_ns, onto_s, quantity.target)
+
+    return quantity.column(len(onto_s), words, numbers)
 
 
-def _resampled(
-    stream: Stream, samples: Sequence[float], zero_ns: int, onto_s: FloatArray, target: str = ""
-) -> FloatArray:
+def _resampled(stream: Stream, path: str, zero_ns: int, onto_s: FloatArray, target: str = "") -> FloatArray:
     time, order = stream.ordered(zero_ns)
-    values, rules = np.array(samples, dtype=np.float64)[order], stream.rules
+    values, rules = np.array(stream.samples.get(path, []), dtype=np.float64)[order], stream.rules
     # A value between press 3 and press 4 belongs to neither.
     method = "previous" if targets.is_whole(target) else rules.resample
     return resampled(time, values, onto_s, method, rules.max_age_s)

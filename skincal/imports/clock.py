@@ -5,16 +5,15 @@ The rows of a file are taken in their order: it is the order of events, and the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from skincal.imports.mapping_file import Resampling
-from skincal.imports.recording import Column, FloatArray
+from skincal.imports.recording import Column, FloatArray, IntArray
 
 BITS: Final = (8, 16, 24, 32)
 """Usual widths of counters [bit]."""
@@ -59,10 +58,10 @@ class Wraps:
 
     period: float
     words: str
-    rows: NDArray[np.int64]
+    rows: IntArray
 
 
-def steps_back(stamps: FloatArray) -> NDArray[np.int64]:
+def steps_back(stamps: FloatArray) -> IntArray:
     """Return the rows whose stamp is lower than that of the row before, ignoring missing stamps."""
     given = np.flatnonzero(np.isfinite(stamps))
     return given[1:][np.diff(stamps[given]) < 0]
@@ -82,26 +81,20 @@ def find_wraps(stamps: FloatArray, unit_s: float) -> Wraps | None:
     back = steps_back(stamps)
     if not back.size:
         return None
-    before = _last_given(stamps)[back - 1]
-    fall = before - stamps[back]
+    last_given = pd.Series(stamps).ffill().to_numpy()
+    fall = last_given[back - 1] - stamps[back]
     usual = usual_step(stamps)
-    best: tuple[float, float, str] | None = None
     span = float(np.nanmax(stamps) - np.nanmin(stamps))
     pause = float(np.diff(stamps[np.isfinite(stamps)]).max())
+    found: list[tuple[float, Wraps]] = []
     for words, period, rare in _periods(unit_s):
         step = period - fall
-        allowed = (
-            RARE_STEP * usual if rare else max(LARGEST_STEP * usual, SMALL_PART * period, PAUSES * pause)
-        )
+        usually = max(LARGEST_STEP * usual, SMALL_PART * period, PAUSES * pause)
         # A clock shows nothing beyond its period, and falls back by most of it.
-        if (
-            span < period < 2 * fall.min()
-            and (step >= 0).all()
-            and (step <= allowed).all()
-            and (best is None or step.max() < best[0])
-        ):
-            best = float(step.max()), period, words
-    return None if best is None else Wraps(best[1], best[2], back)
+        fits = span < period < 2 * fall.min() and step.min() >= 0
+        if fits and step.max() <= (RARE_STEP * usual if rare else usually):
+            found.append((float(step.max()), Wraps(period, words, back)))
+    return min(found, key=lambda one: one[0], default=(0.0, None))[1]
 
 
 def unwrapped(stamps: FloatArray, wraps: Wraps) -> FloatArray:
@@ -152,10 +145,10 @@ def spread_equal(time: FloatArray) -> FloatArray:
     return time + within * np.repeat(each, size)
 
 
-def epoch_unit(stamps: FloatArray, factors: Sequence[tuple[str, float]]) -> str | None:
+def epoch_unit(stamps: FloatArray, factors: Mapping[str, float]) -> str | None:
     """Return the unit, of names and lengths [s], in which stamps (n,) are times since 1970 in this century, or None."""
     middle = float(np.nanmedian(stamps)) if np.isfinite(stamps).any() else 0.0
-    return next((name for name, factor in factors if EPOCH_S[0] < middle * factor < EPOCH_S[1]), None)
+    return next((name for name, factor in factors.items() if EPOCH_S[0] < middle * factor < EPOCH_S[1]), None)
 
 
 def _periods(unit_s: float) -> list[tuple[str, float, bool]]:
@@ -174,25 +167,20 @@ def _periods(unit_s: float) -> list[tuple[str, float, bool]]:
     return counters + decimal + clocks
 
 
-def _last_given(stamps: FloatArray) -> FloatArray:
-    """Return the last known stamp at or before each row."""
-    return np.asarray(pd.Series(stamps).ffill(), dtype=np.float64)
-
-
 def resampled(
     time_s: FloatArray, values: FloatArray, onto_s: FloatArray, resample: Resampling, max_age_s: float
 ) -> FloatArray:
     """Return a stream resampled at other times (M,); NaN where the stream has no valid sample.
 
     ``previous`` takes the last sample that is not later; ``linear`` interpolates between the last and the next sample,
-    and needs both. A sample older than ``max_age_s``, or two samples farther apart, give NaN.
+    and needs both.
 
     Args:
         time_s: the stream's times, ascending [s], shape (n,).
         values: its values, shape (n,).
         onto_s: times to resample at [s], shape (M,).
         resample: method.
-        max_age_s: greatest age of a sample [s].
+        max_age_s: an older sample, or two that are farther apart, give NaN [s].
     """
     if not len(time_s):
         return np.full(len(onto_s), np.nan)

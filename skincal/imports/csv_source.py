@@ -7,25 +7,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset.findings import Findings
 from skincal.imports import targets
 from skincal.imports.join import assigned, join_file
-from skincal.imports.mapping import Mapping, Quantity
+from skincal.imports.mapping import Mapping, Quantity, source_columns
 from skincal.imports.mapping_file import CsvFormat, CsvSource
 from skincal.imports.recording import ReadFile, Recording, joined
 from skincal.imports.source_table import read_source_table
 from skincal.imports.stamps import read_clock
 from skincal.imports.text_table import TextTable, column_names
-from skincal.imports.values import is_text, quantity_values
 
 
 def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) -> Recording | None:
-    """Read files by a mapping.
-
-    Returns:
-        One row per row of the files with the taxels; None if a file cannot be read at all.
+    """Return files with one row per row of those with the taxels; None if a file cannot be read at all.
 
     Raises:
         InputError: a file of ``[files]`` is missing.
@@ -33,9 +28,8 @@ def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) 
     form = _source(mapping)
     paths, others = assigned(mapping.joined, files, mapping.path.parent)
     own = [q for q in mapping.quantities if not q.topic]
-    texts = {name for q in own for name in q.sources if is_text(q)}
-    numbers = [name for q in own for name in q.sources if not is_text(q)]
-    numbers += list(dict.fromkeys(mapping.taxels.names))
+    numbers, texts = source_columns(own)
+    numbers += dict.fromkeys(mapping.taxels.names)
     tables = [read_source_table(path, form, numbers, texts, findings) for path in paths]
     if len(paths) > 1 and any(table is None for table in tables):
         explain_missing(paths, form, mapping, findings)
@@ -54,18 +48,19 @@ def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) 
     ]
     recording = replace(joined(parts), notes=clock.notes)
     for entry in mapping.joined:
-        if findings.errors:
-            return recording
-        recording = join_file(recording, clock.kind, entry, others[entry.name], mapping, findings)
-    if findings.errors:
-        return recording
-    return _complete(recording, mapping)
+        if not findings.errors:
+            recording = join_file(recording, clock.kind, entry, others[entry.name], mapping, findings)
+    return recording if findings.errors else _complete(recording, mapping)
 
 
 def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: TextTable) -> Recording:
     """Return one file; the clock of a time series is read separately, from all files together."""
     series = mapping.rows == targets.SERIES
-    columns = {q.target: quantity_values(q, table) for q in own if not (series and q.target == "time_s")}
+    columns = {
+        q.target: q.column(table.rows, table.text, table.numbers)
+        for q in own
+        if not (series and q.target == "time_s")
+    }
     raw = {name: table.numbers(name) for name in dict.fromkeys(mapping.taxels.names)}
     images = np.column_stack([raw[name] for name in mapping.taxels.names])
     recording = Recording(
@@ -78,7 +73,10 @@ def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: Text
         return recording
     for quantity in own:
         if quantity.target in columns and _needed(mapping, quantity):
-            missing = np.isnan(columns[quantity.target]) & _unreported(quantity, table)
+            cells = [table.text(name) for name in quantity.sources]
+            # Cells that are not numbers have been reported.
+            reported = [column != "" for column in cells if column.dtype == object]
+            missing = np.isnan(columns[quantity.target]) & ~np.any(reported or [[False]], axis=0)
             expected = f"a number ({quantity.target} is required in every row)"
             fix = "drop_incomplete = true in [csv] leaves such rows out."
             name = ", ".join(quantity.sources)
@@ -88,13 +86,9 @@ def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: Text
 
 def _complete(recording: Recording, mapping: Mapping) -> Recording:
     """Return the recording without incomplete rows, of a joined file or where ``drop_incomplete`` is set."""
-    missing = {
-        f"no {q.target} from {q.topic} at their time (max_age_s in [files.{q.topic}])": np.isnan(
-            recording.columns[q.target]
-        )
-        for q in mapping.quantities
-        if q.topic and q.target in mapping.required
-    }
+    needed = [q for q in mapping.quantities if q.topic and q.target in mapping.required]
+    why = "no {0} from {1} at their time (max_age_s in [files.{1}])".format
+    missing = {why(q.target, q.topic): np.isnan(recording.columns[q.target]) for q in needed}
     recording = recording.without("frame", missing)
     if not _source(mapping).drop_incomplete:
         return recording
@@ -117,12 +111,6 @@ def _needed(mapping: Mapping, quantity: Quantity) -> bool:
     if mapping.rows == targets.SERIES:
         return quantity.target == "force_n"
     return quantity.target in (*mapping.required, "press")
-
-
-def _unreported(quantity: Quantity, table: TextTable) -> NDArray[np.bool_]:
-    """Return which rows hold no cell that has been reported as not a number."""
-    cells = [table.text(name) for name in quantity.sources]
-    return ~np.any([c != "" if c.dtype == object else np.zeros(table.rows, bool) for c in cells], axis=0)
 
 
 def explain_missing(paths: Sequence[Path], form: CsvFormat, mapping: Mapping, findings: Findings) -> None:

@@ -21,17 +21,7 @@ from skincal.dataset import HOLD, PHASES
 from skincal.dataset.findings import Findings, listed
 from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import CutRules
-from skincal.imports.recording import (
-    BoolArray,
-    Column,
-    Cut,
-    FloatArray,
-    Rejected,
-    Series,
-    Span,
-    longest,
-    runs,
-)
+from skincal.imports.recording import BoolArray, Column, Cut, FloatArray, Rejected, Series, Span, runs
 
 BRIDGED = 2
 """Samples in succession outside the band that do not end a hold: a spike of the force sensor is not a release."""
@@ -48,15 +38,18 @@ def cut(series: Series, rules: CutRules) -> Cut:
     found = contacts(series, rules)
     if rules.by == "plateaus":
         return cut_plateaus(series, rules, found)
-    spans: list[Span] = []
-    rejected: list[Rejected] = []
-    for start, stop in found:
-        hold = hold_of(series.time_s[start:stop], series.force_n[start:stop], rules)
-        if isinstance(hold, str):
-            rejected.append(Rejected(start, stop, hold))
-        else:
-            spans.append(Span(len(spans), start, start + hold[0], start + hold[1], stop))
-    return Cut(tuple(spans), tuple(rejected))
+    every = [_press(series, rules, 0, start, stop) for start, stop in found]
+    spans = [item for item in every if isinstance(item, Span)]
+    numbered = [replace(span, number=number) for number, span in enumerate(spans)]
+    return Cut(tuple(numbered), tuple(item for item in every if isinstance(item, Rejected)))
+
+
+def _press(series: Series, rules: CutRules, number: int, start: int, stop: int) -> Span | Rejected:
+    """Return the press of one contact."""
+    hold = hold_of(series.time_s[start:stop], series.force_n[start:stop], rules)
+    if isinstance(hold, str):
+        return Rejected(start, stop, hold)
+    return Span(number, start, start + hold[0], start + hold[1], stop)
 
 
 def contacts(series: Series, rules: CutRules) -> list[tuple[int, int]]:
@@ -69,9 +62,7 @@ def hold_of(time_s: FloatArray, force_n: FloatArray, rules: CutRules) -> tuple[i
     """Return the hold of one contact ``[start, stop)``, or the reason why there is none."""
     level = kept_level(time_s, force_n, rules.band)
     inside = np.abs(force_n - level) <= rules.band * abs(level)
-    stretch = longest(runs(_bridged(inside)), time_s)
-    assert stretch is not None
-    start, stop = stretch
+    start, stop = max(runs(_bridged(inside)), key=lambda run: float(time_s[run[1] - 1] - time_s[run[0]]))
     start, stop = _trimmed(np.where(inside, force_n, 0.0), start, stop, rules.band)
     start = int(np.count_nonzero(time_s[:stop] < time_s[start] + rules.settle_s))
     lasts = float(time_s[stop - 1] - time_s[start]) if start < stop else 0.0
@@ -118,8 +109,7 @@ def _bridged(mask: BoolArray) -> BoolArray:
     """Return the mask with short gaps between stretches filled."""
     filled = mask.copy()
     for start, stop in runs(~mask):
-        if start > 0 and stop < len(mask) and stop - start <= BRIDGED:
-            filled[start:stop] = True
+        filled[start:stop] |= start > 0 and stop < len(mask) and stop - start <= BRIDGED
     return filled
 
 
@@ -130,7 +120,9 @@ def cut_plateaus(series: Series, rules: CutRules, contacts: list[tuple[int, int]
     for start, stop in contacts:
         time, force = series.time_s[start:stop], series.force_n[start:stop]
         still = np.abs(slopes(time, force, rules.window_s)) < rules.slope_n_per_s
-        found = [run for run in runs(still & (force > rules.on_n)) if _lasts(time, run, rules)]
+        least = max(rules.min_hold_s + rules.settle_s, 1e-12)
+        flat = runs(still & (force > rules.on_n))
+        found = [(first, last) for first, last in flat if time[last - 1] - time[first] >= least]
         if not found:
             why = f"no plateau of {rules.min_hold_s:g} s below {rules.slope_n_per_s:g} N/s"
             rejected.append(Rejected(start, stop, why))
@@ -139,9 +131,8 @@ def cut_plateaus(series: Series, rules: CutRules, contacts: list[tuple[int, int]
             hold = int(np.count_nonzero(time[:last] < time[first] + rules.settle_s))
             level = float(np.median(force[hold:last]))
             end = stop if i == len(found) - 1 else start + last
-            rising = level > before
-            branch = "up" if rising else "down"
-            spans.append(Span(len(spans), begin, start + hold, start + last, end, rising, branch))
+            branch = "up" if level > before else "down"
+            spans.append(Span(len(spans), begin, start + hold, start + last, end, branch == "up", branch))
             begin, before = end, level
     return Cut(tuple(spans), tuple(rejected))
 
@@ -156,10 +147,6 @@ def slopes(time_s: FloatArray, force_n: FloatArray, window_s: float) -> FloatArr
     return np.divide(change, late - early, out=np.full(len(time_s), np.inf), where=late > early)
 
 
-def _lasts(time_s: FloatArray, run: tuple[int, int], rules: CutRules) -> bool:
-    return float(time_s[run[1] - 1] - time_s[run[0]]) >= max(rules.min_hold_s + rules.settle_s, 1e-12)
-
-
 ON_SIGMAS, OFF_SIGMAS = 8.0, 4.0
 """Thresholds of the sum of the taxels, in standard deviations of its noise at rest, for start and end of a contact."""
 
@@ -169,7 +156,9 @@ LEAST_PART: Final = 0.1
 
 def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
     """Return the contacts of a series, by the distance of its images (M, J) from their level at rest."""
-    activity = taxel_activity(images)
+    images = images[:, np.isfinite(images).any(axis=0)]  # without taxels that were never read
+    # The sum over the taxels of their distance above rest, the lowest tenth of their values.
+    activity = np.nansum(np.maximum(images - np.nanquantile(images, 0.1, axis=0), 0.0), axis=1)
     low = activity <= np.quantile(activity, 0.95) / 2
     rest = float(np.median(activity[low])) if low.any() else 0.0
     sigma = 1.4826 * float(np.median(np.abs(activity[low] - rest))) if low.any() else 0.0
@@ -177,13 +166,6 @@ def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
     on = max(ON_SIGMAS * sigma, LEAST_PART * top)
     found = replace(rules, by="force", on_n=on, off_n=max(OFF_SIGMAS * sigma, on / 2))
     return cut(replace(series, force_n=activity - rest), found)
-
-
-def taxel_activity(images: FloatArray) -> FloatArray:
-    """Return the sum over the taxels of their distance above rest, the lowest tenth of their values, shape (M,)."""
-    images = images[:, np.isfinite(images).any(axis=0)]  # without taxels that were never read
-    rest = np.nanquantile(images, 0.1, axis=0)
-    return np.nansum(np.maximum(images - rest, 0.0), axis=1)
 
 
 def in_contact(force_n: FloatArray, found: Cut, mapping: Mapping) -> FloatArray:
@@ -205,13 +187,8 @@ def cut_numbered(series: Series, rules: CutRules, file: str, findings: Findings)
     stretches = [(int(a), int(b)) for a, b in pairwise(edges) if series.press[a] >= 0]
     numbers = [int(series.press[start]) for start, _ in stretches]
     if again := sorted(number for number, count in Counter(numbers).items() if count > 1):
-        fix = "Renumber them, or remove [columns.press] and cut by force."
-        findings.error(
-            f"{file}, press",
-            "each press in one stretch of rows",
-            f"{listed(again[:6], len(again))} again later",
-            fix,
-        )
+        fix, got = "Renumber them, or remove [columns.press] and cut by force.", listed(again[:6], len(again))
+        findings.error(f"{file}, press", "each press in one stretch of rows", f"{got} again later", fix)
     found = [_span(series, rules, n, *stretch) for n, stretch in zip(numbers, stretches, strict=True)]
     spans = tuple(item for item in found if isinstance(item, Span))
     return Cut(spans, tuple(item for item in found if isinstance(item, Rejected)))
@@ -228,16 +205,13 @@ def _span(series: Series, rules: CutRules, number: int, start: int, stop: int) -
     if not touching.size:
         return Rejected(start, stop, f"no force above {rules.off_n:g} N (off_n)")
     first, last = start + int(touching[0]), start + int(touching[-1]) + 1
-    hold = hold_of(series.time_s[first:last], series.force_n[first:last], rules)
-    if isinstance(hold, str):
-        return Rejected(start, stop, hold)
-    return Span(number, first, first + hold[0], first + hold[1], last)
+    found = _press(series, rules, number, first, last)
+    return replace(found, start=start, stop=stop) if isinstance(found, Rejected) else found
 
 
 def check_phases(phase: Column, file: str, findings: Findings) -> None:
     """Add an error for words that are not phases."""
     if strange := sorted({str(word) for word in phase} - set(PHASES)):
         fix = f'Add words = {{ {strange[0] or chr(39) * 2} = "{PHASES[0]}", … }} to [columns.phase].'
-        findings.error(
-            f"{file}, phase", f"one of {', '.join(PHASES)}", listed(strange[:6], len(strange)), fix
-        )
+        got = listed(strange[:6], len(strange))
+        findings.error(f"{file}, phase", f"one of {', '.join(PHASES)}", got, fix)

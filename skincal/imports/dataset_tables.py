@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
 from skincal.covariates import NORMAL, POSITION, TIMES
 from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD, Frames, Presses
-from skincal.imports.recording import Column, Cut, FloatArray, Recording, Series, Span
+from skincal.imports.recording import BoolArray, Column, Cut, FloatArray, Recording, Series, Span
 from skincal.imports.targets import LABELS
 
 OWN = ("press", "phase", "time_s", "force_n", *POSITION)
@@ -29,10 +29,6 @@ def presses_of_rows(recording: Recording) -> Presses:
 
 def tables_of_series(recording: Recording, series: Series, cut: Cut) -> tuple[Presses, Frames]:
     """Return the hold means of every press, and the frames without samples of rejected spans."""
-    return _presses(recording, series, cut.spans), _frames(recording, series, cut)
-
-
-def _frames(recording: Recording, series: Series, cut: Cut) -> Frames:
     press = np.full(len(series), -1, dtype=np.int64)
     phase = np.full(len(series), IDLE, dtype=np.int8)
     kept = np.ones(len(series), dtype=bool)
@@ -48,55 +44,42 @@ def _frames(recording: Recording, series: Series, cut: Cut) -> Frames:
     position = np.where((phase == IDLE)[:, None], np.nan, recording.vector(POSITION))
     columns = {name: column for name, column in recording.columns.items() if name not in OWN}
     frames = Frames(press, phase, series.time_s, series.force_n, position, recording.counts, columns)
-    return frames.select(kept)
+    return _presses(recording, series, cut.spans, phase == HOLD), frames.select(kept)
 
 
-def _presses(recording: Recording, series: Series, spans: tuple[Span, ...]) -> Presses:
-    times = np.array([[series.time_s[i] for i in _marks(span)] for span in spans]).reshape(-1, len(TIMES))
-    columns: dict[str, Column] = {name: times[:, i] for i, name in enumerate(TIMES)}
+def _presses(recording: Recording, series: Series, spans: tuple[Span, ...], held: BoolArray) -> Presses:
+    """Return the presses of spans; ``held`` (M,) says which samples within their holds count."""
+    rows = [np.arange(span.hold, span.hold_stop) for span in spans]
+    rows = [row[held[row]] for row in rows]
+    press, together = np.repeat(np.arange(len(spans)), [len(row) for row in rows]), np.concatenate(rows)
+
+    def means(values: FloatArray) -> FloatArray:
+        """Return means of measured values over each hold, (K,) or (K, columns); NaN where nothing was measured."""
+        means = pd.DataFrame(values[together]).groupby(press).mean().reindex(range(len(spans))).to_numpy()
+        return means[:, 0] if values.ndim == 1 else means
+
+    marks = [(span.start, span.hold, span.hold_stop - 1, span.stop - 1) for span in spans]
+    columns: dict[str, Column] = dict(zip(TIMES, series.time_s[np.array(marks)].T, strict=True))
     if any(span.branch for span in spans) and "branch" not in recording.columns:
         columns["branch"] = np.array([span.branch for span in spans], dtype=object)
     for name, column in recording.columns.items():
-        if name in (*OWN, *NORMAL):
-            continue
-        if column.dtype == object or name in LABELS:
-            columns[name] = column[[span.hold for span in spans]]
-        else:
-            columns[name] = _means(column[:, None], spans, series)[:, 0]
+        if name not in (*OWN, *NORMAL):
+            of_press = column.dtype == object or name in LABELS
+            columns[name] = column[[span.hold for span in spans]] if of_press else means(column)
     normals = _normals(recording)
+    if normals is not None:
+        normals = means(normals)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = normals / np.where(length > 0, length, np.nan)
     return Presses(
         press=np.array([span.number for span in spans], dtype=np.int64),
-        position_m=_means(recording.vector(POSITION), spans, series),
-        force_n=_means(series.force_n[:, None], spans, series)[:, 0],
-        counts=_means(recording.counts, spans, series),
-        normals=None if normals is None else _unit(_means(normals, spans, series)),
+        position_m=means(recording.vector(POSITION)),
+        force_n=means(series.force_n),
+        counts=means(recording.counts),
+        normals=normals,
         columns=columns,
     )
 
 
-def _marks(span: Span) -> tuple[int, int, int, int]:
-    """Return the samples of the start, of the first and last of the hold, and of the end."""
-    return span.start, span.hold, span.hold_stop - 1, span.stop - 1
-
-
-def _means(values: FloatArray, spans: tuple[Span, ...], series: Series) -> FloatArray:
-    """Return means of measured values over each hold, shape (presses, columns); NaN where nothing was measured."""
-    means = np.full((len(spans), values.shape[1]), np.nan)
-    for i, span in enumerate(spans):
-        rows = values[span.hold : span.hold_stop]
-        if series.phase is not None:
-            rows = rows[series.phase[span.hold : span.hold_stop] == PHASES[HOLD]]
-        given = np.isfinite(rows)
-        count = given.sum(axis=0)
-        total = np.where(given, rows, 0.0).sum(axis=0)
-        means[i] = np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
-    return means
-
-
 def _normals(recording: Recording) -> FloatArray | None:
     return recording.vector(NORMAL) if any(name in recording.columns for name in NORMAL) else None
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    length: NDArray[np.float64] = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.full_like(vectors, np.nan), where=length > 0)

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
+
+from skincal.imports.recording import FloatArray
 
 _STEP = re.compile(r"(\w+)(?:\[([^\]]+)\])?(?:\.|$)")
 
@@ -47,16 +48,11 @@ def parse_path(path: str) -> tuple[Step, ...]:
         found = _STEP.match(path, at)
         if not found:
             raise FieldError(f'invalid path from "{path[at:]}" on')
-        name, inside = found[1], found[2]
-        key, _, word = (inside or "").partition("=")
-        if inside is None:
-            steps.append(Step(name))
-        elif word:
-            steps.append(Step(name, key=key, word=word))
-        elif key.isdecimal():
-            steps.append(Step(name, index=int(key)))
-        else:
-            raise FieldError(f'"[{inside}]": an index, or a key = word')
+        key, _, word = (found[2] or "").partition("=")
+        if found[2] is not None and not word and not key.isdecimal():
+            raise FieldError(f'"[{found[2]}]": an index, or a key = word')
+        index = int(key) if key and not word else None
+        steps.append(Step(found[1], index, key if word else "", word))
         at = found.end()
     if not steps:
         raise FieldError("an empty path")
@@ -71,46 +67,29 @@ def value_at(message: Any, steps: Sequence[Step]) -> Any:
         NotHereError: an element does not exist.
     """
     for step in steps:
-        fields = field_names(message)
-        if step.name not in fields:
-            shown = ", ".join(fields) or "a plain value"
-            raise FieldError(f'no field "{step.name}" in {_type(message)}, which has {shown}')
+        if step.name not in _names(message):
+            raise FieldError(f'no field "{step.name}" in {_described(message)}')
         message = _element(getattr(message, step.name), step)
     return message
 
 
 def number_at(message: Any, steps: Sequence[Step]) -> float:
-    """Return the number at a path.
-
-    Raises:
-        FieldError: the value is not a number.
-        NotHereError: an element does not exist.
-    """
+    """Return the number at a path; raise as :func:`value_at`, and if the value is not a number."""
     value = value_at(message, steps)
     if isinstance(value, bool | int | float | np.number):
         return float(cast("float", value))
-    raise FieldError(f"no number but {_type(value)}{_inside(value)}")
+    raise FieldError(f"no number but {_described(value)}")
 
 
-def array_at(message: Any, steps: Sequence[Step]) -> NDArray[np.float64]:
-    """Return the array of numbers at a path, flat.
-
-    Raises:
-        FieldError: the value is not an array of numbers.
-        NotHereError: an element does not exist.
-    """
+def array_at(message: Any, steps: Sequence[Step]) -> FloatArray:
+    """Return the array of numbers at a path, flat; raise as :func:`value_at`, and if the value is no such array."""
     value = value_at(message, steps)
     try:
         if isinstance(value, str):
             raise ValueError
         return np.asarray(value, dtype=np.float64).ravel()
     except (TypeError, ValueError) as error:
-        raise FieldError(f"no array of numbers but {_type(value)}{_inside(value)}") from error
-
-
-def field_names(message: Any) -> list[str]:
-    """Return the names of the fields of a message; none for a plain value."""
-    return list(getattr(message, "__dataclass_fields__", {}))
+        raise FieldError(f"no array of numbers but {_described(value)}") from error
 
 
 def _element(value: Any, step: Step) -> Any:
@@ -120,19 +99,21 @@ def _element(value: Any, step: Step) -> Any:
         if step.index >= len(value):
             raise NotHereError
         return value[step.index]
-    if step.key:
-        keys = parse_path(step.key)
-        for item in value:
-            if str(value_at(item, keys)) == step.word:
-                return item
-        raise NotHereError
-    return value
+    if not step.key:
+        return value
+    keys = parse_path(step.key)
+    for item in value:
+        if str(value_at(item, keys)) == step.word:
+            return item
+    raise NotHereError
 
 
-def _type(value: Any) -> str:
-    return getattr(value, "__msgtype__", type(value).__name__)
+def _names(message: Any) -> list[str]:
+    """Return the names of the fields of a message; none for a plain value."""
+    return list(getattr(message, "__dataclass_fields__", {}))
 
 
-def _inside(value: Any) -> str:
-    names = field_names(value)
-    return f", which has {', '.join(names)}" if names else ""
+def _described(value: Any) -> str:
+    """Return the type of a value, with its fields."""
+    kind, names = getattr(value, "__msgtype__", type(value).__name__), _names(value)
+    return f"{kind}, which has {', '.join(names)}" if names else kind

@@ -12,6 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset.findings import SHOWN, Findings
-from skincal.imports.columns_of import chosen
+from skincal.imports.array_files import table_of
 from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.text_table import TextTable, text_lines
 
@@ -62,31 +63,30 @@ def read_blocks(
     shapes = Counter((len(block.rows), len(block.rows[0])) for block in blocks)
     shape = shapes.most_common(1)[0][0]
     if odd := [block for block in blocks if (len(block.rows), len(block.rows[0])) != shape]:
-        named = ", ".join(str(block.line) for block in odd[:SHOWN])
-        got = ", ".join(f"{len(block.rows)} of {len(block.rows[0])}" for block in odd[:SHOWN])
-        fix = "Was the file cut short, or are there lines to skip (skip_rows, comment)? Blocks without a line between "
-        fix += "them need block_rows, and words for cells without a value (Tekscan's B) need missing."
         findings.error(
-            f"{path.name}, line {named}", f"a block of {shape[0]} rows of {shape[1]} cells as most", got, fix
-        )
+            f"{path.name}, line {', '.join(str(block.line) for block in odd[:SHOWN])}",
+            f"a block of {shape[0]} rows of {shape[1]} cells as most",
+            ", ".join(f"{len(block.rows)} of {len(block.rows[0])}" for block in odd[:SHOWN]),
+            "Was the file cut short, or are there lines to skip (skip_rows, comment)? Blocks without a line between "
+            "them need block_rows, and words for cells without a value (Tekscan's B) need missing.",
+        )  # fmt: skip
         return None
     cells = np.array([block.rows for block in blocks], dtype=np.float64).reshape(len(blocks), -1)
     columns: dict[str, NDArray[Any]] = {str(i + 1): cells[:, i] for i in range(cells.shape[1])}
-    columns["label"] = np.array([block.label for block in blocks], dtype=object)
-    named_values = [
-        {name.lower(): float(value) for name, value in NAMED.findall(block.label)} for block in blocks
-    ]
+    labels = [block.label for block in blocks]
+    columns["label"] = np.array(labels, dtype=object)
+    named_values = [{name.lower(): float(value) for name, value in NAMED.findall(text)} for text in labels]
     for name in dict.fromkeys(key for values in named_values for key in values):
         columns.setdefault(name, np.array([values.get(name, np.nan) for values in named_values]))
-    moments = [MOMENT.search(block.label) for block in blocks]
+    moments = [MOMENT.search(text) for text in labels]
     if any(moments):
         columns["moment"] = np.array([found[0] if found else "" for found in moments], dtype=object)
-    plain = [[float(value) for value in re.findall(rf"(?<![\w.]){NUMBER}", block.label)] for block in blocks]
-    for i in range(max(map(len, plain))):
-        columns[f"label[{i}]"] = np.array([values[i] if i < len(values) else np.nan for values in plain])
+    plain = [re.findall(rf"(?<![\w.]){NUMBER}", text) for text in labels]
+    counted = np.array([*zip_longest(*plain, fillvalue="nan")], dtype=np.float64)
+    columns |= {f"label[{i}]": column for i, column in enumerate(counted)}
     at = np.array([block.line for block in blocks])
     hint = f"The frames are of {shape[0]} rows of {shape[1]} cells."
-    return chosen(path.name, columns, numbers, texts, form.decimal, findings, at, hint)
+    return table_of(path.name, columns, numbers, texts, form.decimal, findings, at, hint)
 
 
 def read_labelled(
@@ -96,19 +96,17 @@ def read_labelled(
     lines = text_lines(path, form, findings)
     if lines is None:
         return None
-    rows: list[dict[str, Any]] = []
-    at: list[int] = []
+    rows: dict[int, dict[str, Any]] = {}
     for number, line in lines:
         stamp = STAMP.match(line)
         if pairs := PAIR.findall(line[stamp.end() :] if stamp else line):
-            rows.append({"time": stamp[stamp.lastindex or 0] if stamp else "", **dict(pairs)})
-            at.append(number)
+            rows[number] = {"time": stamp[stamp.lastindex or 0] if stamp else "", **dict(pairs)}
     if not rows:
         findings.error(path.name, "lines of name=value", "none", 'Is layout = "labelled" in [csv] right?')
         return None
-    names = dict.fromkeys(name for row in rows for name in row)
-    columns = {name: np.array([row.get(name, "") for row in rows], dtype=object) for name in names}
-    return chosen(path.name, columns, numbers, texts, form.decimal, findings, np.array(at))
+    names = dict.fromkeys(name for row in rows.values() for name in row)
+    columns = {name: np.array([row.get(name, "") for row in rows.values()], dtype=object) for name in names}
+    return table_of(path.name, columns, numbers, texts, form.decimal, findings, np.array([*rows]))
 
 
 def blocks_of(lines: list[tuple[int, str]], form: CsvFormat) -> list[Block]:
@@ -161,8 +159,7 @@ def _row(line: str, form: CsvFormat) -> tuple[str, list[float]] | None:
         head = re.fullmatch(rf"([A-Za-z][\w-]*)\s*:?(?:\s*({NUMBER}))?", cells[0])
         if head is None or (len(cells) < 2 and head[2] is None):
             return None
-        name = head[1]
-        cells = ([head[2]] if head[2] is not None else []) + cells[1:]
+        name, cells = head[1], [cell for cell in (head[2], *cells[1:]) if cell is not None]
     # A name with one number, "Frame 12", stands above a block.
     if len(cells) < (2 if name else 1) or not all(_is_cell(cell, form) for cell in cells):
         return None

@@ -16,12 +16,11 @@ from skincal.errors import input_error
 from skincal.imports import targets
 from skincal.imports.alignment import JoinedClock, NoOffsetError, estimate_offset
 from skincal.imports.clock import DAY_S, resampled, resampled_words, usual_step
-from skincal.imports.mapping import JoinedFile, Mapping, Quantity
+from skincal.imports.mapping import JoinedFile, Mapping, Quantity, source_columns
 from skincal.imports.place_alignment import estimate_offset_by_place
 from skincal.imports.recording import Column, FloatArray, Recording
 from skincal.imports.source_table import read_source_table
-from skincal.imports.stamps import Clock, Kind, read_clock
-from skincal.imports.values import is_text, quantity_values
+from skincal.imports.stamps import Kind, read_clock
 
 STEPS_OLD = 3.0
 """Number of its own steps for which a value of a joined file is valid, if the mapping sets no time."""
@@ -66,24 +65,20 @@ def join_file(
 ) -> Recording:
     """Return the recording with the columns of one joined file at the times of the taxels."""
     quantities = [q for q in mapping.quantities if q.topic == entry.name]
-    texts = {name for q in quantities for name in q.sources if is_text(q)}
-    numbers = [name for q in quantities for name in q.sources if not is_text(q)]
-    if entry.time is not None:
-        (texts.update if is_text(entry.time) else numbers.extend)(entry.time.sources)
+    numbers, texts = source_columns(quantities if entry.time is None else (*quantities, entry.time))
     tables = [read_source_table(path, entry.form, numbers, texts, findings) for path in paths]
     if not all(tables):
         return recording
     read = [table for table in tables if table is not None]
     own = mapping.cut.own_clocks and len(paths) > 1
     if own and len(paths) != len(recording.files):
-        findings.error(
-            f"{entry.place} file", f"as many files as of the taxels ({len(recording.files)})", len(paths)
-        )
+        expected = f"as many files as of the taxels ({len(recording.files)})"
+        findings.error(f"{entry.place} file", expected, len(paths))
         return recording
     clock = read_clock(read, entry.time, entry.form, findings, own_clocks=own, slow=True)
     if findings.errors:
         return recording
-    values = [[quantity_values(q, table) for q in quantities] for table in read]
+    values = [[q.column(table.rows, table.text, table.numbers) for q in quantities] for table in read]
     groups = [[i] for i in range(len(read))] if own else [[*range(len(read))]]
     columns: dict[str, list[Column]] = {q.target: [] for q in quantities}
     clocks: list[JoinedClock] = []
@@ -96,8 +91,9 @@ def join_file(
             np.concatenate([values[i][k][clock.rows[i]] for i in group])[order]
             for k in range(len(quantities))
         ]
-        ours = recording.columns["time_s"][rows]
-        times, note = _same_day(ours, kind, times[order], clock)
+        ours, times, note = recording.columns["time_s"][rows], times[order], ""
+        if "day" in (kind, clock.kind):  # one of the two has no date, and they start at most half a day apart
+            times, note = times + DAY_S * np.rint((ours[0] - times[0]) / DAY_S), " (of the same day)"
         if shared:
             aligned = replace(shared[number], name=entry.name)
         else:
@@ -116,25 +112,13 @@ def join_file(
     )
 
 
-def _same_day(ours: FloatArray, kind: Kind, times: FloatArray, clock: Clock) -> tuple[FloatArray, str]:
-    """Return the times of a file moved to the day of the taxels, if one of the two, or both, have no date."""
-    if "day" not in (kind, clock.kind):
-        return times, ""
-    # The two start at most half a day apart.
-    shift = DAY_S * np.rint((ours[0] - times[0]) / DAY_S)
-    return times + shift, " (of the same day)"
-
-
 def _aligned(
     entry: JoinedFile, mapping: Mapping, ours: FloatArray, images: FloatArray, times: FloatArray,
     held: Sequence[Column], note: str, findings: Findings,
 ) -> JoinedClock | None:  # fmt: skip
     """Return the alignment of a file's clock with that of the taxels; None, with an error, if it is unknown."""
-    quantities = [q for q in mapping.quantities if q.topic == entry.name]
-    numbers = {
-        q.target: column for q, column in zip(quantities, held, strict=True)
-        if not is_text(q) and not targets.is_whole(q.target)
-    }  # fmt: skip
+    own = zip((q for q in mapping.quantities if q.topic == entry.name), held, strict=True)
+    numbers = {q.target: one for q, one in own if not q.is_text and not targets.is_whole(q.target)}
     if "force_n" in numbers:
         numbers = {"force_n": numbers["force_n"]}
     if isinstance(entry.form.offset_s, str):
@@ -143,12 +127,8 @@ def _aligned(
         except NoOffsetError as error:
             others = [other.name for other in mapping.joined if other.name != entry.name]
             shares = f', or, if it is that of {others[0]}, set clock = "{others[0]}"' if others else ""
-            findings.error(
-                f"{entry.place} offset_s",
-                "an offset that the recordings determine",
-                str(error),
-                f"Give it in seconds{shares}.",
-            )
+            expected, fix = "an offset that the recordings determine", f"Give it in seconds{shares}."
+            findings.error(f"{entry.place} offset_s", expected, error, fix)
             return None
     onto = times + entry.form.offset_s
     if onto[-1] < ours[0] or onto[0] > ours[-1]:

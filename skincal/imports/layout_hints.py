@@ -81,6 +81,14 @@ def units_row(table: TextTable, numbers: Sequence[str]) -> str:
     return f"The line below the header holds words ({shown}): set skip_after_header = 1 in [csv]."
 
 
+def _settings(form: CsvFormat, mark: str, *, header: bool = True, skip_rows: int | None = None) -> str:
+    """Return the lines of ``[csv]`` that give a file this layout, as far as they are not there; '' if all are."""
+    found = [] if skip_rows in (None, form.skip_rows) else [f"skip_rows = {skip_rows}"]
+    found += ["header = false"] if form.header and not header else []
+    found += [f"delimiter = {DELIMITERS[mark]}"] if mark != form.delimiter else []
+    return f"set {' and '.join(found)} in [csv]" if found else ""
+
+
 def _number(cell: str) -> bool:
     return cell == "" or bool(re.fullmatch(NUMBER, cell.replace(",", ".")))
 
@@ -97,10 +105,8 @@ def _shape_line(filled: Sequence[tuple[int, str]], form: CsvFormat, *, counted: 
 
 
 def _labelled(filled: Sequence[tuple[int, str]]) -> str:
-    paired = sum(len(PAIR.findall(line)) >= 2 for _, line in filled)
-    if paired > 0.8 * len(filled):
-        return 'Its lines are pairs of name and value: set layout = "labelled" in [csv].'
-    return ""
+    paired = sum(len(PAIR.findall(line)) >= 2 for _, line in filled) > 0.8 * len(filled)
+    return 'Its lines are pairs of name and value: set layout = "labelled" in [csv].' if paired else ""
 
 
 def _cells(line: str, mark: str) -> list[str]:
@@ -116,15 +122,10 @@ def _other_header(filled: Sequence[tuple[int, str]], form: CsvFormat, wanted: Se
     if not form.header:
         return ""
     for number, line in filled[:MOST_BEFORE]:
-        for mark, shown in DELIMITERS.items():
+        for mark in DELIMITERS:
             if set(wanted) <= set(_cells(line, mark)):
-                found = [f"skip_rows = {number - 1}"] if number - 1 != form.skip_rows else []
-                found += [f"delimiter = {shown}"] if mark != form.delimiter else []
-                return (
-                    f"Its columns are named in line {number}: set {' and '.join(found)} in [csv]."
-                    if found
-                    else ""
-                )
+                change = _settings(form, mark, skip_rows=number - 1)
+                return f"Its columns are named in line {number}: {change}." if change else ""
     return ""
 
 
@@ -134,13 +135,8 @@ def _headerless(filled: Sequence[tuple[int, str]], form: CsvFormat, wanted: Sequ
     number, line = filled[min(form.skip_rows, len(filled) - 1)]
     mark = next((m for m in (form.delimiter, *DELIMITERS) if len(_cells(line, m)) >= most), None)
     if mark is not None and all(_number(cell) for cell in _cells(line, mark)):
-        found = ["header = false"] if form.header else []
-        found += [f"delimiter = {DELIMITERS[mark]}"] if mark != form.delimiter else []
-        return (
-            f"Line {number} holds {len(_cells(line, mark))} numbers: set {' and '.join(found)} in [csv]."
-            if found
-            else ""
-        )
+        change = _settings(form, mark, header=False)
+        return f"Line {number} holds {len(_cells(line, mark))} numbers: {change}." if change else ""
     width = next((len(_cells(line, m)) for m in DELIMITERS if len(_cells(line, m)) > 1), 1)
     if 1 < width < most and most % width == 0:
         return (
@@ -157,11 +153,9 @@ def _unnamed(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:
     cells = _cells(line, mark)
     if not form.header or len(cells) < 2 or not all(cell and _number(cell) for cell in cells):
         return ""
-    found = ["header = false"] + ([f"delimiter = {DELIMITERS[mark]}"] if mark != form.delimiter else [])
-    return (
-        f"Line {number} holds {len(cells)} numbers and no names: set {' and '.join(found)} in [csv]; its columns are "
-        f'then "1" to "{len(cells)}".'
-    )
+    change = _settings(form, mark, header=False)
+    names = f'"1" to "{len(cells)}"'
+    return f"Line {number} holds {len(cells)} numbers and no names: {change}; its columns are then {names}."
 
 
 def _blocks(lines: list[tuple[int, str]], form: CsvFormat) -> str:
@@ -190,10 +184,9 @@ def _lists(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:
     rows = [_cells(line, form.delimiter) for _, line in filled[form.skip_rows : form.skip_rows + 2]]
     if not form.header or len(rows) < 2 or len(rows[0]) != len(rows[1]):
         return ""
-    named = [name for name, cell in zip(*rows, strict=True) if re.match(r"\[.*\]$", cell)]
-    if not named:
-        return ""
-    return f'The column "{named[0]}" holds lists: its elements are the columns "{named[0]}[0]", "{named[0]}[1]", ….'
+    name = next((name for name, cell in zip(*rows, strict=True) if re.match(r"\[.*\]$", cell)), "")
+    elements = f'its elements are the columns "{name}[0]", "{name}[1]", …'
+    return f'The column "{name}" holds lists: {elements}.' if name else ""
 
 
 def _long(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:

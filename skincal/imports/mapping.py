@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from collections.abc import Mapping as Map
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset import DatasetMeta, TaxelPositions
 from skincal.dataset.word_checks import as_word, swapped
-from skincal.imports import targets
+from skincal.errors import input_error
+from skincal.files import check_input, reason
+from skincal.imports import targets, units
 from skincal.imports.mapping_file import (
     BagMapping,
     BagTable,
@@ -23,6 +25,7 @@ from skincal.imports.mapping_file import (
     JoinedFormat,
     Rows,
 )
+from skincal.imports.recording import Column, FloatArray
 from skincal.imports.units import Unit
 
 _AROUND = 4
@@ -63,13 +66,39 @@ class Quantity:
     format: str = ""
     parts: tuple[float, ...] = ()
 
-    def si(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def si(self, values: FloatArray) -> FloatArray:
         """Return numbers of the source in SI, of the same shape."""
         # A factor of one and a zero offset leave every bit unchanged.
         return (self.scale * values + self.offset) * self.unit.factor + self.unit.offset
 
+    @property
+    def is_text(self) -> bool:
+        """Whether the source holds words or dates."""
+        return targets.is_text(self.target) or self.unit.name == units.DATETIME
 
-def along_neighbours(change: NDArray[np.float64]) -> NDArray[np.float64]:
+    def column(
+        self, rows: int, words: Callable[[str], Column], numbers: Callable[[str], FloatArray]
+    ) -> Column:
+        """Return the column of the dataset, shape (rows,), from what reads words and numbers of a source column."""
+        if self.constant is not None:
+            return np.full(
+                rows, self.constant, dtype=object if isinstance(self.constant, str) else np.float64
+            )
+        if targets.is_text(self.target):
+            return np.array([self.words.get(word, word) for word in words(self.sources[0])], dtype=object)
+        parts = [self.si(numbers(name)) for name in self.sources]
+        return parts[0] if len(parts) == 1 else np.linalg.norm(np.column_stack(parts), axis=1)
+
+
+def source_columns(quantities: Iterable[Quantity]) -> tuple[list[str], list[str]]:
+    """Return the source columns of quantities, each once: those of numbers, and those of words."""
+    found: dict[bool, dict[str, None]] = {False: {}, True: {}}
+    for quantity in quantities:
+        found[quantity.is_text] |= dict.fromkeys(quantity.sources)
+    return [*found[False]], [*found[True]]
+
+
+def along_neighbours(change: FloatArray) -> FloatArray:
     """Return how far a change of vectors (n, J, axes) goes the way of the rows around it (n, J).
 
     The length of noise is never negative: at rest it reads more than half of the noise of all axes, and weak images
@@ -80,8 +109,8 @@ def along_neighbours(change: NDArray[np.float64]) -> NDArray[np.float64]:
     row = np.arange(len(known))
     last, first = np.minimum(row + _AROUND + 1, len(known)), np.maximum(row - _AROUND, 0)
     around = sums[last] - sums[first] - known
-    length: NDArray[np.float64] = np.linalg.norm(around, axis=2)
-    along: NDArray[np.float64] = (change * around).sum(axis=2) / np.where(length > 0, length, 1.0)
+    length: FloatArray = np.linalg.norm(around, axis=2)
+    along: FloatArray = (change * around).sum(axis=2) / np.where(length > 0, length, 1.0)
     along[length == 0] = np.linalg.norm(change, axis=2)[length == 0]
     return along
 
@@ -91,7 +120,6 @@ class Taxels:
     """Source of the image.
 
     Attributes:
-        place: place of this table in the mapping.
         names: columns of the source in its own flat order; empty for a bag.
         order: for each of our taxels, in our flat order, its index in the source; shape (J,).
         axes: source columns of a taxel, side by side in ``names``; its value is the length of their change from rest.
@@ -105,7 +133,7 @@ class Taxels:
     axes: int = 1
     moments: bool = False
 
-    def counts(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def counts(self, values: FloatArray) -> FloatArray:
         """Return images of the source, (rows, source columns), as counts that grow with load, (rows, J)."""
         table = self.table
         if table.swap_bytes:
@@ -122,12 +150,9 @@ class Taxels:
 
 @dataclass(frozen=True)
 class JoinedFile:
-    """A further file with its own clock: a force gauge, a position log.
+    """A further file with its own clock: a force gauge, a position log; ``name`` is that of its table in ``[files]``.
 
-    Attributes:
-        name: name of its table in ``[files]``.
-        place: place of that table in the mapping.
-        time: its stamps; None with a fixed rate.
+    ``time`` are its stamps, None with a fixed rate.
     """
 
     name: str
@@ -144,8 +169,6 @@ class Mapping:
         path: the file; paths in it are relative to its folder.
         meta: content of ``dataset.toml``.
         quantities: one per column of the dataset.
-        cut: rules for cutting time series.
-        joined: other files, in the order of ``[files]``.
         positions: positions of taxels that form no grid.
         meshes: content of mesh files by name.
     """
@@ -176,13 +199,29 @@ class Mapping:
         return targets.required_targets(self.rows, positions=bool(np.isfinite(self.meta.position.sigma_m)))
 
     @property
-    def centres_m(self) -> NDArray[np.float64]:
+    def centres_m(self) -> FloatArray:
         """Centres of the taxels in the patch [m], shape (J, 2)."""
         if self.positions is not None:
             return self.positions.centres_m
         sensor = self.meta.sensor
         across, along = np.meshgrid(np.arange(float(sensor.cols)), np.arange(float(sensor.rows)))
         return np.column_stack([across.ravel(), along.ravel()]) * np.array(sensor.pitch_m)
+
+    def beside(self, name: str, what: str) -> Path:
+        """Return the path of a file, or of a bag's folder, that the mapping names.
+
+        Raises:
+            InputError: it lies outside the mapping's folder, or is neither a file nor a folder.
+        """
+        path = self.path.parent / name
+        try:
+            check_input(path, within=self.path.parent)
+        except (FileNotFoundError, IsADirectoryError):
+            pass
+        except OSError as error:
+            fix = "Name it on the command line." if what.endswith("to read") else "Copy it there."
+            raise input_error(f'{self.path.name}, "{name}"', what, reason(error), fix) from error
+        return path
 
     def quantity(self, target: str) -> Quantity | None:
         """Return the source of a column; None if it is not mapped."""

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from skincal.dataset.columns import JOINT
-from skincal.dataset.findings import did_you_mean
+from skincal.dataset.findings import meant
 from skincal.dataset.schema_errors import ABSENT, Place, Translator
 from skincal.imports import targets, units
 from skincal.imports.mapping import Quantity
@@ -44,8 +44,8 @@ def _check_target(target: str, rows: str, report: Translator) -> None:
     elsewhere = targets.known_targets(targets.SERIES if rows == targets.PRESSES else targets.PRESSES)
     if target in elsewhere:
         report.violation(place, f"a column of {rows}", f"one that only the other kind of rows has: {target}")
-    elif close := did_you_mean(target, known):
-        report.violation(place, "a known column", "an unknown one", f'Did you mean "{close}"?')
+    elif fix := meant(target, known):
+        report.violation(place, "a known column", "an unknown one", fix)
     elif target.startswith("taxel"):
         fix = "Write a pattern or a list there."
         report.violation(place, "taxels in the table [taxels]", "a single one", fix)
@@ -62,9 +62,8 @@ def read_quantities(
     if abs(entry.sign) not in (1.0, 0.0) or entry.sign == 0:
         report.violation((*place, "sign"), "1 or -1", entry.sign)
     for key in ("wraps_at", "format"):
-        if target != "time_s" and getattr(entry, key):
-            fix = "Remove it."
-            report.violation((*place, key), "no such key: it is for times", getattr(entry, key), fix)
+        if target != "time_s" and (given := getattr(entry, key)):
+            report.violation((*place, key), "no such key: it is for times", given, "Remove it.")
     if constants is None and isinstance(entry, BagEntry) and not entry.topic:
         report.violation((*place, "topic"), "the topic's name", ABSENT)
     return [
@@ -102,8 +101,8 @@ def _units(entry: AnyEntry, target: str, place: Place, report: Translator) -> tu
     found = [units.unit_of(kind, name) for name in names]
     for name, unit in zip(names, found, strict=True):
         if unit is None:
-            other, close = units.other_kind(name), did_you_mean(name, known)
-            fix = f"{name} is a unit of {other}." if other else f'Did you mean "{close}"?' if close else ""
+            other = units.other_kind(name)
+            fix = f"{name} is a unit of {other}." if other else meant(name, known)
             report.violation(place, expected, f'"{name}"', fix)
     return tuple(unit or units.si_unit(kind) for unit in found) or (units.si_unit(kind),)
 
@@ -154,11 +153,11 @@ def _sources(
             report.violation((*place, many), f"{len(parts)} names", f"{len(names)}")
             names = ("",) * len(parts)
         return [(name,) for name in names] if vector else [names]
-    if vector and isinstance(entry, CsvEntry):
+    if vector and one == "column":
         fix = f'Add {many} = ["x", "y", "z"].'
         report.violation((*place, many), "a list of three columns", ABSENT, fix)
         return [("",)] * len(parts)
     if name is None:
-        expected = "the name of a column" if isinstance(entry, CsvEntry) else "the path of a field"
+        expected = "the name of a column" if one == "column" else "the path of a field"
         report.violation((*place, one), expected, ABSENT)
     return [(f"{name}.{axis}",) for axis in AXES] if vector else [(name or "",)]

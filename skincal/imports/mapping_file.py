@@ -9,13 +9,13 @@ from datetime import date, datetime
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset.keys import Key, Texts, When, Word
 from skincal.dataset.schema import Table
 from skincal.dataset.schema_errors import Violation
 from skincal.dataset.spec import Description
 from skincal.dataset.word_checks import WIDTHS
+from skincal.imports.recording import FloatArray
 
 FORMAT: Final = "skincal-import/1"
 
@@ -27,8 +27,8 @@ Layout = Literal["table", "blocks", "labelled"]
 Order = Literal["file", "time"]
 Slides = Literal["cut", "keep", "refuse"]
 Count = Annotated[int, Key("a whole number, 0 or more", 0)]
-
-
+_Triple = tuple[float, float, float]
+_Quaternion = tuple[float, float, float, float]
 _Time = Annotated[float, Key("a time [s], 0 or more", 0.0)]
 
 
@@ -39,7 +39,6 @@ class CutRules(Table, unknown="refuse"):
     Attributes:
         by: what a press is: a contact by force or by taxels, a plateau, or a number in a column.
         on_n: a contact is a stretch above ``off_n`` that rises above this force [N].
-        off_n: see ``on_n`` [N].
         band: half width of the hold, relative to the force that is kept longest.
         settle_s: time at the start of a hold that still counts as loading [s].
         min_hold_s: a press with a shorter hold is left out [s].
@@ -47,8 +46,7 @@ class CutRules(Table, unknown="refuse"):
         start_at_zero: whether the session clock begins at the first sample.
         own_clocks: whether each file has its own clock; then files follow each other.
         gap_s: gap between such files [s].
-        slides: treatment of a contact that slides in its hold: the hold is cut to where the contact rests, or it is
-            kept, or the import refuses.
+        slides: of a contact that slides in its hold: that is cut to where it rests, or kept, or the import refuses.
         still_m: largest motion of a contact that rests [m]; None: sigma_m of the positions.
     """
 
@@ -135,9 +133,7 @@ class Entry(Table, unknown="refuse"):
 
     wanted = 'a table like { column = "Fz", unit = "mN" }, or for SI the name of a column'
 
-    value: Annotated[
-        float | str | tuple[float, float, float] | None, Key("a number, three numbers, or a text")
-    ] = None
+    value: Annotated[float | str | _Triple | None, Key("a number, three numbers, or a text")] = None
     unit: Annotated[str | tuple[str, ...] | None, Key("the name of a unit")] = None
     sign: Annotated[float, Key("1 or -1", -1, 1)] = 1
     scale: float = 1.0
@@ -171,7 +167,7 @@ class BagEntry(Entry):
     """An entry for bags: a field of a message, or several."""
 
     topic: str = ""
-    fields: Annotated[tuple[str, ...], Texts("a list of names")] = ()
+    fields: Named = ()
     field: str | None = None
 
     @property
@@ -187,7 +183,6 @@ class JoinedFormat(CsvFormat):
     Attributes:
         file: its name, or a pattern of names; relative to the mapping.
         time: its stamps; None with a fixed rate.
-        resample: method of resampling at the times of the taxels.
         max_age_s: validity of a value [s]; None: three of its own steps.
         offset_s: offset from its clock to that of the taxels [s], or that it is found by correlation.
         within_s: largest offset that is searched then [s].
@@ -206,12 +201,8 @@ class JoinedFormat(CsvFormat):
         """Yield a file without stamps, and an offset besides a clock."""
         yield from super().violations()
         if self.clock and self.offset_s != 0.0:
-            yield (
-                "offset_s",
-                f'none: the clock is that of "{self.clock}"',
-                self.offset_s,
-                "Remove one of them.",
-            )
+            expected = f'none: the clock is that of "{self.clock}"'
+            yield "offset_s", expected, self.offset_s, "Remove one of them."
         if self.time is None and self.rate_hz is None:
             yield "time", 'its stamps, like { column = "t", unit = "s" }', "nothing", "Add time, or rate_hz."
 
@@ -223,7 +214,6 @@ VECTORS = 'a pattern like "S-{axis}[{j}]" with axes, or a list of a list of colu
 WORDS = tuple(f"{sign}int{bits}" for bits in WIDTHS for sign in ("u", ""))
 
 _Names = tuple[tuple[str, ...], ...]
-_Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -270,9 +260,7 @@ class Frame(Table, unknown="refuse"):
 
     matrix: Annotated[tuple[_Triple, _Triple, _Triple] | None, Key("three rows of three numbers")] = None
     rotation_deg: Annotated[_Triple | None, Key("three angles about x, y, z [deg]")] = None
-    quaternion_xyzw: Annotated[tuple[float, float, float, float] | None, Key("four numbers x, y, z, w")] = (
-        None
-    )
+    quaternion_xyzw: Annotated[_Quaternion | None, Key("four numbers x, y, z, w")] = None
     translation_m: Annotated[_Triple, Key("three numbers [m]")] = (0.0, 0.0, 0.0)
     project: bool = False
 
@@ -295,7 +283,7 @@ class Frame(Table, unknown="refuse"):
             yield "translation_m", "at most 10 m", self.translation_m, fix
 
     @property
-    def rotation(self) -> NDArray[np.float64]:
+    def rotation(self) -> FloatArray:
         """R of ``p = R x + translation_m``, shape (3, 3)."""
         from scipy.spatial.transform import Rotation
 
@@ -322,8 +310,11 @@ class TopicTable(Table, unknown="refuse"):
 
     clock: ClockKind | None = None
     resample: Resampling | None = None
-    max_age_s: Annotated[float | None, Key("a time [s], 0 or more", 0.0)] = None
+    max_age_s: _Time | None = None
     lag_s: float = 0.0
+
+
+Definitions = Annotated[Mapping[str, str], Key('a table like { "my_msgs/msg/Skin" = "Skin.msg" }')]
 
 
 @dataclass(frozen=True)
@@ -333,10 +324,8 @@ class BagTable(Table, unknown="refuse"):
     clock: ClockKind
     files: Annotated[tuple[str, ...], Texts("names of bags")] = ()
     resample: Resampling = "previous"
-    max_age_s: Annotated[float, Key("a time [s], 0 or more", 0.0)] = 0.1
-    definitions: Annotated[Mapping[str, str], Key('a table like { "my_msgs/msg/Skin" = "Skin.msg" }')] = (
-        field(default_factory=dict[str, str])
-    )
+    max_age_s: _Time = 0.1
+    definitions: Definitions = field(default_factory=dict[str, str])
 
     def violations(self) -> Iterator[Violation]:
         """Yield names that are none of a type."""

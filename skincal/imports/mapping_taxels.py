@@ -7,14 +7,14 @@ from collections import Counter
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset import SensorSpec
 from skincal.dataset.schema_errors import ABSENT, Translator
 from skincal.imports.mapping import Taxels
 from skincal.imports.mapping_file import PATTERN, VECTORS, BagTaxels, CsvTaxels, TaxelTable
+from skincal.imports.recording import IntArray
 
-Image = NDArray[np.int64]
+Image = IntArray
 
 
 def read_taxels(
@@ -31,7 +31,11 @@ def read_taxels(
     image = _ordered(table, shape, report)
     names, axes = (), 1
     if isinstance(table, BagTaxels):
-        image = _elements(table, image, report)
+        items, count = table.elements, image.size
+        if items is not None and (len({*items}) != count or len(items) != count or min(items) < 0):
+            report.violation(("taxels", "elements"), f"{count} different indices of the array", items)
+        elif items is not None:
+            image = np.asarray(items, dtype=np.int64)[image]
     elif table.vectors is not None:
         names, axes = _vectors(table, image, report)
     else:
@@ -124,21 +128,6 @@ def _from_pattern(
     first = table.first
     if fields == {"j"}:
         return tuple(pattern.format(j=first + j) for j in range(image.size)), image
-    rows, cols = image.shape
-    names = [
-        pattern.format(r=first + r, c=first + c, R=_letters(r), C=_letters(c))
-        for r in range(rows)
-        for c in range(cols)
-    ]
+    every = np.ndindex(*image.shape)
+    names = [pattern.format(r=first + r, c=first + c, R=_letters(r), C=_letters(c)) for r, c in every]
     return tuple(names), np.arange(image.size).reshape(image.shape)
-
-
-def _elements(table: BagTaxels, image: Image, report: Translator) -> Image:
-    """Return the image with the indices of a message's array that the mapping selects."""
-    items = table.elements
-    if items is None:
-        return image
-    if len(items) != image.size or min(items, default=0) < 0 or len(set(items)) != len(items):
-        report.violation(("taxels", "elements"), f"{image.size} different indices of the array", items)
-        return image
-    return np.asarray(items, dtype=np.int64)[image]

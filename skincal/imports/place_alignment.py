@@ -10,7 +10,7 @@ uncertainty.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from skincal.imports.alignment import (
     common_step,
     convolved,
     relative,
+    stretch_about,
+    varying,
 )
 from skincal.imports.recording import FloatArray
 
@@ -42,29 +44,20 @@ def estimate_offset_by_place(
 ) -> JoinedClock:
     """Return the estimated alignment of the clock of a file with positions.
 
-    Args:
-        name: name of the file.
-        taxels_s: times of the taxels, ascending [s], shape (M,).
-        images: their readings, shape (M, J).
-        centres_m: centres of the taxels in the patch [m], shape (J, 2).
-        file_s: times of the file, ascending [s], shape (n,).
-        columns: the file's positions, each (n,).
-        within_s: largest offset that is searched [s].
+    Arguments as :func:`~skincal.imports.alignment.estimate_offset`; ``columns`` holds positions, and ``centres_m`` the
+    centres of the taxels in the patch [m], shape (J, 2).
 
     Raises:
         NoOffsetError: at no lag the images lie where the positions are, or several lags are equally good.
     """
     given = np.isfinite(list(columns.values())).all(axis=0)
-    moving = {
-        key: column[given] for key, column in columns.items() if given.any() and np.ptp(column[given]) > 0
-    }
-    if given.sum() < 3 or not moving:
+    moving = {key: column for key, (_, column) in varying({k: c[given] for k, c in columns.items()}).items()}
+    if not moving:
         raise NoOffsetError("no lag at which the positions go with the images (nothing in them changes)")
     file_s = file_s[given]
     zeros = float(taxels_s[0]), float(file_s[0])
     apart = zeros[0] - zeros[1]
-    ours: FloatArray = taxels_s - zeros[0]
-    theirs: FloatArray = file_s - zeros[1]
+    ours, theirs = taxels_s - zeros[0], file_s - zeros[1]
     step = common_step(ours, theirs)
     time, basis = _basis(ours, images, centres_m, step)
     their_time: FloatArray = np.arange(0.0, float(theirs[-1]) + step / 2, step)
@@ -73,12 +66,13 @@ def estimate_offset_by_place(
     lags: FloatArray = np.arange(1.0 - len(their_time), len(explained) - len(their_time) + 0.5) * step
     explained[np.abs(lags + apart) > within_s] = np.nan
     found: FloatArray = np.sqrt(np.maximum(explained, 0.0))
-    if np.nanmax(found, initial=0.0) < LEAST_CORRELATION:
-        reached = f"a correlation of {np.nanmax(found, initial=0.0):.2f} at most"
+    if (peak := np.nanmax(found, initial=0.0)) < LEAST_CORRELATION:
+        reached = f"a correlation of {peak:.2f} at most"
         raise NoOffsetError(f"no lag at which {', '.join(moving)} go with where the images lie ({reached})")
     at = int(np.nanargmax(found))
     check_unique(lags + apart, found, at)
-    first, last = _alike(explained, at)
+    # Lags that are as good as the best.
+    first, last = stretch_about(1.0 - np.nan_to_num(explained) <= ALIKE * (1.0 - explained[at]) + 1e-12, at)
     offset = float(lags[first] + lags[last]) / 2
     sigma = float(np.hypot(lags[last] - lags[first], step)) / np.sqrt(12)
     near = np.abs(lags - offset) < 10 * max(step, time[-1] / 100)
@@ -122,28 +116,14 @@ def _basis(
 
 def _explained(basis: FloatArray, places: FloatArray) -> FloatArray:
     """Return the part of the positions' variance that the basis explains, by lag; NaN for a short overlap."""
-
-    def along(row: FloatArray, column: FloatArray) -> FloatArray:
-        return convolved(row, column[::-1])
-
-    touched: FloatArray = (basis[0] > 0).astype(np.float64)
-    count = np.rint(along(touched, np.ones_like(places[0])))
+    touched = (basis[0] > 0).astype(np.float64)
+    count = np.rint(convolved(touched, np.ones_like(places[0])))
     total, left = np.zeros(len(count)), np.zeros(len(count))
-    for row in range(len(places)):
-        column: FloatArray = places[row]
-        column = (column - column.mean()) / column.std()
-        mean = along(touched, column) / np.maximum(count, 1.0)
-        spread = along(touched, column**2) - count * mean**2
-        total += spread
-        left += along(basis[1], column) ** 2 + along(basis[2], column) ** 2
+    for place in places:
+        column = ((place - place.mean()) / place.std())[::-1]
+        mean = convolved(touched, column) / np.maximum(count, 1.0)
+        total += convolved(touched, column**2) - count * mean**2
+        left += convolved(basis[1], column) ** 2 + convolved(basis[2], column) ** 2
     good = (count >= LEAST_OVERLAP * touched.sum()) & (total > 1e-3 * count * len(places))
     # The basis is orthonormal over the whole recording, and nearly so over a part of it.
     return np.minimum(np.divide(left, total, out=np.full(len(total), np.nan), where=good), 1.0)
-
-
-def _alike(explained: FloatArray, at: int) -> tuple[int, int]:
-    """Return the first and the last of the lags about a peak that are as good as it."""
-    good = (1.0 - np.nan_to_num(explained)) <= ALIKE * (1.0 - explained[at]) + 1e-12
-    bad: Any = np.flatnonzero(~good)
-    first = int(bad[bad < at].max(initial=-1)) + 1
-    return first, int(bad[bad > at].min(initial=len(good))) - 1

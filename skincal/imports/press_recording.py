@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset import Frames, Presses
 from skincal.dataset.columns import repeated
 from skincal.dataset.findings import Findings, listed
+from skincal.errors import first_of
 from skincal.imports import targets
 from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_numbered, in_contact
 from skincal.imports.dataset_tables import presses_of_rows, tables_of_series
 from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import CutRules
-from skincal.imports.recording import Cut, Dropped, FloatArray, Recording, Series, summed
+from skincal.imports.recording import BoolArray, Cut, Dropped, FloatArray, Recording, Series, summed
 from skincal.imports.resting import rested
 
 SPIKES = 0.001
@@ -34,12 +35,15 @@ def presses_and_frames(
         return None
     if mapping.rows == targets.PRESSES:
         presses = presses_of_rows(recording)
-        _check_unique(recording, presses.press, findings)
+        if (twice := repeated(presses.press)).any():
+            got = f"{listed(presses.press[twice][:3].tolist(), int(twice.sum()))} again"
+            fix = "The same press twice? Without [columns.press] presses are counted."
+            findings.error(f"{_where(recording, twice)}, press", "each number once", got, fix)
         return presses, None, recording.dropped
-    series = _series(recording, mapping, findings)
+    file, rules = first_of(file.file for file in recording.files), mapping.cut
+    series = _series(recording, rules, file, findings)
     if findings.errors:
         return None
-    file, rules = _file_names(recording), mapping.cut
     if rules.by == "taxels":
         found = cut_by_taxels(series, recording.counts, rules)
         series = replace(series, force_n=in_contact(series.force_n, found, mapping))
@@ -50,8 +54,7 @@ def presses_and_frames(
     if not findings.errors:
         found = rested(found, series, recording, mapping, file, findings)
     if not found.spans and not findings.errors:
-        hint = "" if rules.by == "taxels" else _cut_hint(rules)
-        findings.error(file, "at least one press", _why_none(series, found), hint)
+        _report_none(series, found, rules, file, findings)
     if findings.errors:
         return None
     dropped = summed((*recording.dropped, *_rejections(found)))
@@ -60,9 +63,7 @@ def presses_and_frames(
 
 def _check_released(series: Series, rules: CutRules, file: str, findings: Findings) -> None:
     """Warn of a force that is never that of no contact: then the whole recording is one."""
-    if not len(series):
-        return
-    least = float(np.quantile(series.force_n, SPIKES))
+    least = float(np.quantile(series.force_n, SPIKES)) if len(series) else 0.0
     if least > rules.off_n:
         findings.warn(
             f"{file}, force_n", f"forces below off_n = {rules.off_n:g} N where nothing touches",
@@ -86,20 +87,11 @@ def _check_numbers(recording: Recording, mapping: Mapping, findings: Findings) -
         findings.error(f"{_where(recording, bad)}, press", expected, got)
 
 
-def _check_unique(recording: Recording, press: NDArray[np.int64], findings: Findings) -> None:
-    twice = repeated(press)
-    if twice.any():
-        again = press[twice]
-        got = f"{listed(again[:3].tolist(), len(again))} again"
-        fix = "The same press twice? Without [columns.press] presses are counted."
-        findings.error(f"{_where(recording, twice)}, press", "each number once", got, fix)
-
-
-def _series(recording: Recording, mapping: Mapping, findings: Findings) -> Series:
-    time = _one_clock(recording, mapping.cut, findings)
+def _series(recording: Recording, rules: CutRules, file: str, findings: Findings) -> Series:
+    time = _one_clock(recording, rules, findings)
     numbers, phase = recording.columns.get("press"), recording.columns.get("phase")
     if phase is not None:
-        check_phases(phase, _file_names(recording), findings)
+        check_phases(phase, file, findings)
     press = None if numbers is None else np.where(np.isfinite(numbers), numbers, -1).astype(np.int64)
     return Series(time, recording.columns["force_n"], recording.part, press, phase)
 
@@ -122,43 +114,26 @@ def _one_clock(recording: Recording, rules: CutRules, findings: Findings) -> Flo
     return time - time[0] if rules.start_at_zero and len(time) else time
 
 
-def _where(recording: Recording, bad: NDArray[np.bool_]) -> str:
+def _where(recording: Recording, bad: BoolArray) -> str:
     """Return the file and rows of the first places where a mask holds."""
     rows = np.flatnonzero(bad)
     part = int(recording.part[rows[0]])
     begin = int(np.flatnonzero(recording.part == part)[0])
-    same = rows[recording.part[rows] == part] - begin + 1
-    named = ", ".join(str(row) for row in same[:3]) + (f" and {len(rows) - 3} more" if len(rows) > 3 else "")
+    named = first_of(rows[recording.part[rows] == part] - begin + 1, total=len(rows))
     return f"{recording.files[part].file}, {'row' if len(rows) == 1 else 'rows'} {named}"
 
 
-def _file_names(recording: Recording) -> str:
-    names = [file.file for file in recording.files]
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-
-
-def _rejections(found: Cut) -> list[Dropped]:
-    dropped: list[Dropped] = []
+def _rejections(found: Cut) -> Iterator[Dropped]:
     for rejected in found.rejected:
-        dropped.append(Dropped(1, "contact", rejected.why))
-        dropped.append(Dropped(rejected.stop - rejected.start, "frame", "of such a contact"))
-    return dropped
+        yield Dropped(1, "contact", rejected.why)
+        yield Dropped(rejected.stop - rejected.start, "frame", "of such a contact")
 
 
-def _why_none(series: Series, found: Cut) -> str:
-    reasons = sorted({rejected.why for rejected in found.rejected})
-    top = (
-        f"forces from {series.force_n.min():.3g} N to {series.force_n.max():.3g} N"
-        if len(series)
-        else "no rows"
-    )
-    return (
-        f"none: {len(found.rejected)} contacts with {'; '.join(reasons)} ({top})"
-        if reasons
-        else f"none ({top})"
-    )
-
-
-def _cut_hint(rules: CutRules) -> str:
+def _report_none(series: Series, found: Cut, rules: CutRules, file: str, findings: Findings) -> None:
+    """Add the error of a series without a press, with the reasons of its contacts and its range of forces."""
+    reasons, force = sorted({rejected.why for rejected in found.rejected}), series.force_n
+    top = f"forces from {force.min():.3g} N to {force.max():.3g} N" if len(series) else "no rows"
+    got = f"none: {len(found.rejected)} contacts with {'; '.join(reasons)}" if reasons else "none"
     thresholds = f"on_n = {rules.on_n:g}, off_n = {rules.off_n:g}"
-    return f"Look at the thresholds in [series] ({thresholds}), sign and unit of force_n."
+    fix = f"Look at the thresholds in [series] ({thresholds}), sign and unit of force_n."
+    findings.error(file, "at least one press", f"{got} ({top})", "" if rules.by == "taxels" else fix)

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from skincal.dataset.columns import NO_FORCE
 from skincal.dataset.companions import read_meshes, read_positions
-from skincal.dataset.findings import Findings, did_you_mean
+from skincal.dataset.findings import Findings, meant
 from skincal.dataset.schema import load_toml, read_table
 from skincal.dataset.schema_errors import Translator
 from skincal.imports import targets
@@ -17,6 +17,8 @@ from skincal.imports.mapping import JoinedFile, Mapping, Quantity
 from skincal.imports.mapping_columns import read_columns, read_quantities, si_name
 from skincal.imports.mapping_file import FORMAT, BagMapping, CsvMapping, CutRules, JoinedFormat
 from skincal.imports.mapping_taxels import read_taxels
+
+AnyMapping = CsvMapping | BagMapping
 
 
 def read_mapping(path: Path, source: str) -> Mapping:
@@ -27,13 +29,12 @@ def read_mapping(path: Path, source: str) -> Mapping:
     """
     findings = Findings()
     values = load_toml(path, findings, what="mapping")
+    other, verb = ("bag", "rosbag") if source == "csv" else ("csv", "csv")
+    if values is not None and other in values and source not in values:
+        fix = f"Use `skincal import {verb}`."
+        findings.error(f"{path.name}, [{other}]", f"a table [{source}]", "another", fix)
     findings.raise_errors()
     assert values is not None
-    other = "bag" if source == "csv" else "csv"
-    if other in values and source not in values:
-        place, verb = f"{path.name}, [{other}]", "rosbag" if other == "bag" else "csv"
-        findings.error(place, f"a table [{source}]", "another", f"Use `skincal import {verb}`.")
-        findings.raise_errors()
     mapping = _mapping(path, values, source, findings)
     findings.raise_errors()
     return mapping
@@ -47,9 +48,9 @@ def _mapping(path: Path, values: Map[str, Any], source: str, findings: Findings)
     report = Translator(findings, name)
     rows = targets.SERIES if isinstance(file, BagMapping) else file.csv.rows
     quantities = read_columns(file.columns, rows, name, report) if rows else ()
-    joined = _joined(file, report, name)
-    cut = _cut(file, values.get("series"), quantities, rows, report) if rows else CutRules()
+    joined, cut = _joined(file, report, name), CutRules()
     if rows:
+        cut = _cut(file, values.get("series"), quantities, rows, report)
         _check_required(file, quantities, joined, rows, report)
     # One error for the missing table is enough: its keys are not reported as missing.
     heard = report if "taxels" in values else Translator(Findings(), name)
@@ -59,13 +60,7 @@ def _mapping(path: Path, values: Map[str, Any], source: str, findings: Findings)
         file=file,
         meta=file.meta(created=file.created, source=file.source, assumed=file.assumed),
         quantities=quantities,
-        taxels=read_taxels(
-            file.taxels,
-            file.sensor,
-            name,
-            heard,
-            moments=not isinstance(file, CsvMapping) or file.csv.rows == "series",
-        ),
+        taxels=read_taxels(file.taxels, file.sensor, name, heard, moments=rows == targets.SERIES),
         cut=replace(cut, own_clocks=True) if timed else cut,
         joined=joined,
         positions=read_positions(path.parent, name, file.sensor, findings),
@@ -83,7 +78,7 @@ def _in_full(columns: Any) -> Any:
     }
 
 
-def _joined(file: CsvMapping | BagMapping, report: Translator, name: str) -> tuple[JoinedFile, ...]:
+def _joined(file: AnyMapping, report: Translator, name: str) -> tuple[JoinedFile, ...]:
     files: Map[str, JoinedFormat] = file.files if isinstance(file, CsvMapping) else {}
     times = {
         table: read_quantities(form.time, "time_s", ("files", table, "time"), name, report)[0]
@@ -103,16 +98,14 @@ def _check_clocks(files: Map[str, JoinedFormat], report: Translator) -> None:
     for table, form in files.items():
         own = [other for other, one in files.items() if other != table and not one.clock]
         if form.clock and form.clock not in own:
-            close = did_you_mean(form.clock, own)
-            fix = f'Did you mean "{close}"?' if close else "Leave it out for a clock of its own."
-            expected = (
-                f"another table of [files] with a clock of its own ({', '.join(own) or 'there is none'})"
-            )
+            known = ", ".join(own) or "there is none"
+            expected = f"another table of [files] with a clock of its own ({known})"
+            fix = meant(form.clock, own, "Leave it out for a clock of its own.")
             report.violation(("files", table, "clock"), expected, f'"{form.clock}"', fix)
 
 
 def _cut(
-    file: CsvMapping | BagMapping, given: Any, quantities: tuple[Quantity, ...], rows: str, report: Translator
+    file: AnyMapping, given: Any, quantities: tuple[Quantity, ...], rows: str, report: Translator
 ) -> CutRules:
     """Return ``[series]``, of which some keys are given.
 
@@ -142,21 +135,16 @@ def _cut(
 
 
 def _check_required(
-    file: CsvMapping | BagMapping,
-    quantities: tuple[Quantity, ...],
-    joined: tuple[JoinedFile, ...],
-    rows: str,
-    report: Translator,
-) -> None:
+    file: AnyMapping, quantities: tuple[Quantity, ...], joined: tuple[JoinedFile, ...], rows: str, report: Translator
+) -> None:  # fmt: skip
     """Check that the columns that a dataset needs are mapped, and times come from one clock."""
     mapped = {q.target for q in quantities}
     timed = isinstance(file, BagMapping) or file.csv.rate_hz is not None
+    place = ("[columns.time_s]",)
     if "time_s" in mapped and isinstance(file, BagMapping):
-        expected = "no time: the clock of the taxels' topic is used"
-        report.violation(("[columns.time_s]",), expected, "one", "Remove it.")
+        report.violation(place, "no time: the clock of the taxels' topic is used", "one", "Remove it.")
     elif "time_s" in mapped and timed:
-        expected = "either stamps or rate_hz in [csv]"
-        report.violation(("[columns.time_s]",), expected, "both", "Remove one of them.")
+        report.violation(place, "either stamps or rate_hz in [csv]", "both", "Remove one of them.")
     if isinstance(file, CsvMapping):
         _check_files(quantities, joined, rows, report)
     for target in targets.required_targets(rows, positions=file.position.sigma_m != float("inf")):
@@ -182,9 +170,8 @@ def _check_files(
         if quantity.topic and quantity.target == "time_s":
             report.violation(place, "the clock of the file with the taxels", got)
         elif quantity.topic and quantity.topic not in names:
-            close = did_you_mean(quantity.topic, names)
             known = f"a table of [files], which has {', '.join(names) or 'none'}"
-            fix = f'Did you mean "{close}"?' if close else f"Add [files.{quantity.topic}]."
+            fix = meant(quantity.topic, names, f"Add [files.{quantity.topic}].")
             report.violation(place, known, got, fix)
     for name in names:
         if all(quantity.topic != name for quantity in quantities):

@@ -10,23 +10,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
+
 if TYPE_CHECKING:
     from skincal.imports.alignment import JoinedClock
 
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+Column = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Input of a cutter.
+    """Input of a cutter, each (M,): session clock [s], ascending, and normal force [N], finite.
 
-    Attributes:
-        time_s: session clock [s], ascending, shape (M,).
-        force_n: normal force [N], finite, shape (M,).
-        part: index of the file, shape (M,); no press extends over two files.
-        press: number of the press, -1 for none, shape (M,); None without such a column.
-        phase: words of a column of phases, shape (M,); None without such a column.
+    No press extends over two files, whose index is ``part``. Numbers of presses, -1 for none, and words of phases are
+    None without such a column.
     """
 
     time_s: FloatArray
@@ -79,30 +76,12 @@ class Cut:
 
 def runs(mask: BoolArray, part: IntArray | None = None) -> list[tuple[int, int]]:
     """Return the stretches ``[start, stop)`` where a mask holds; a change of ``part`` ends a stretch."""
-    if not mask.any():
-        return []
     edges = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    if part is None:
-        return list(zip(starts.tolist(), stops.tolist(), strict=True))
-    breaks = np.flatnonzero(np.diff(part)) + 1
-    found: list[tuple[int, int]] = []
-    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-        inside = [int(b) for b in breaks[(breaks > start) & (breaks < stop)]]
-        ends = [start, *inside, stop]
-        found += [(ends[i], ends[i + 1]) for i in range(len(ends) - 1)]
-    return found
-
-
-def longest(stretches: Sequence[tuple[int, int]], time_s: FloatArray) -> tuple[int, int] | None:
-    """Return the stretch that lasts longest, the first if there are several."""
-    if not stretches:
-        return None
-    return max(stretches, key=lambda run: float(time_s[run[1] - 1] - time_s[run[0]]))
-
-
-FloatArray = NDArray[np.float64]
-Column = NDArray[Any]
+    if part is not None:
+        breaks = np.flatnonzero((np.diff(part) != 0) & mask[1:] & mask[:-1]) + 1
+        starts, stops = np.sort(np.append(starts, breaks)), np.sort(np.append(stops, breaks))
+    return list(zip(starts.tolist(), stops.tolist(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -114,10 +93,8 @@ class Dropped:
     why: str
 
     def __str__(self) -> str:
-        what = (
-            self.what if self.count == 1 else f"{self.what}es" if self.what.endswith("s") else f"{self.what}s"
-        )
-        return f"{self.count} {what}: {self.why}"
+        plural = "" if self.count == 1 else "es" if self.what.endswith("s") else "s"
+        return f"{self.count} {self.what}{plural}: {self.why}"
 
 
 @dataclass(frozen=True)
@@ -143,7 +120,7 @@ class Recording:
 
     columns: Mapping[str, Column]
     counts: FloatArray
-    part: NDArray[np.int64]
+    part: IntArray
     files: tuple[ReadFile, ...]
     dropped: tuple[Dropped, ...] = ()
     notes: tuple[str, ...] = ()
@@ -155,15 +132,10 @@ class Recording:
     def select(self, rows: NDArray[Any], dropped: tuple[Dropped, ...] = ()) -> Recording:
         """Return the recording with only these rows, with a report on the others."""
         columns = {name: column[rows] for name, column in self.columns.items()}
-        return replace(
-            self,
-            columns=columns,
-            counts=self.counts[rows],
-            part=self.part[rows],
-            dropped=(*self.dropped, *dropped),
-        )
+        counts, part = self.counts[rows], self.part[rows]
+        return replace(self, columns=columns, counts=counts, part=part, dropped=(*self.dropped, *dropped))
 
-    def without(self, what: str, bad: Mapping[str, NDArray[np.bool_]]) -> Recording:
+    def without(self, what: str, bad: Mapping[str, BoolArray]) -> Recording:
         """Return the recording without the rows of some masks, by the reason; the first reason of a row counts."""
         kept = np.ones(len(self), dtype=bool)
         dropped: list[Dropped] = []

@@ -9,6 +9,7 @@ import numpy as np
 from skincal.covariates import POSITION
 from skincal.dataset.findings import Findings
 from skincal.dataset.sliding import SMALLEST_M, rests, sample_noise_m, slide_m
+from skincal.errors import first_of
 from skincal.imports.mapping import Mapping
 from skincal.imports.recording import Cut, FloatArray, Recording, Rejected, Series, Span
 
@@ -33,34 +34,29 @@ def rested(
     if not sliding:
         return found
     rule = mapping.cut.slides if series.phase is None else "keep"
-    shown = ", ".join(f"{span.number} ({1e3 * slides[span.number]:.2g} mm)" for span in sliding[:SHOWN])
-    more = f" and {len(sliding) - SHOWN} more" if len(sliding) > SHOWN else ""
+    shown = first_of((f"{s.number} ({1e3 * slides[s.number]:.2g} mm)" for s in sliding), SHOWN)
     expected = f"contacts that rest in their hold, within {1e3 * still:.2g} mm (still_m in [series])"
-    got = f"{len(sliding)} of {len(found.spans)} that slide: press {shown}{more}"
+    got = f"{len(sliding)} of {len(found.spans)} that slide: press {shown}"
     if rule == "refuse":
-        findings.error(
-            file, expected, got, 'slides = "cut" takes the part of each hold in which the contact rests.'
-        )
+        fix = 'slides = "cut" takes the part of each hold in which the contact rests.'
+        findings.error(file, expected, got, fix)
         return found
-    if rule == "keep":
-        fix = "Their image is the mean over the slide, at its mean position."
-        findings.warn(file, expected, got, fix, code="slides_in_hold", presses=[s.number for s in sliding])
-        return found
-    fix = 'Their holds were cut to where the contact rests; slides = "refuse" in [series] refuses such recordings.'
+    done = 'Their holds were cut to where the contact rests; slides = "refuse" in [series] refuses such recordings.'
+    fix = "Their image is the mean over the slide, at its mean position." if rule == "keep" else done
     findings.warn(file, expected, got, fix, code="slides_in_hold", presses=[s.number for s in sliding])
+    if rule == "keep":
+        return found
     spans: list[Span] = []
     rejected = list(found.rejected)
     parts = _rests(found, {span.number for span in sliding}, position, still, noise)
+    why = f"the contact rests for less than {mapping.cut.min_hold_s:g} s of its hold (min_hold_s)"
     for span, (start, stop) in zip(found.spans, parts, strict=True):
-        if span not in sliding:
-            spans.append(span)
-            continue
         time = series.time_s[span.hold + start : span.hold + stop]
-        if len(time) < 2 or time[-1] - time[0] < mapping.cut.min_hold_s:
-            why = f"the contact rests for less than {mapping.cut.min_hold_s:g} s of its hold (min_hold_s)"
+        short = len(time) < 2 or time[-1] - time[0] < mapping.cut.min_hold_s
+        if span in sliding and short:
             rejected.append(Rejected(span.start, span.stop, why))
-            continue
-        spans.append(replace(span, hold=span.hold + start, hold_stop=span.hold + stop))
+        else:
+            spans.append(replace(span, hold=span.hold + start, hold_stop=span.hold + stop))
     return Cut(tuple(spans), tuple(rejected))
 
 

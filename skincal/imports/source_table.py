@@ -12,21 +12,20 @@ from typing import Final
 from skincal.dataset.findings import Findings
 from skincal.errors import text_of
 from skincal.files import open_input, reason
+from skincal.imports import array_files as arrays
 from skincal.imports.apart import apart
-from skincal.imports.array_files import read_arrow, read_hdf5, read_json, read_matlab, read_numpy
-from skincal.imports.columns_of import Columns, chosen
 from skincal.imports.frame_text import read_blocks, read_labelled
 from skincal.imports.layout_hints import layout_hint, units_row
 from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.text_table import UTF_16, TextTable, read_text_table
 
-ARRAYS: Final[dict[bytes, Callable[[Path], Columns]]] = {
-    b"\x89HDF\r\n\x1a\n": read_hdf5,
-    b"MATLAB 5.0 MAT": read_matlab,
-    b"MATLAB 7.3 MAT": read_hdf5,
-    b"PAR1": read_arrow,
-    b"ARROW1": read_arrow,
-    b"\x93NUMPY": read_numpy,
+ARRAYS: Final[dict[bytes, Callable[[Path], arrays.Columns]]] = {
+    b"\x89HDF\r\n\x1a\n": arrays.read_hdf5,
+    b"MATLAB 5.0 MAT": arrays.read_matlab,
+    b"MATLAB 7.3 MAT": arrays.read_hdf5,
+    b"PAR1": arrays.read_arrow,
+    b"ARROW1": arrays.read_arrow,
+    b"\x93NUMPY": arrays.read_numpy,
 }
 """Readers of binary files by their first bytes."""
 
@@ -42,13 +41,14 @@ REFUSED: Final = {
     b"BZh": ("a file compressed by bzip2", "Unpack it first."),
     b"\xfd7zXZ": ("a file compressed by xz", "Unpack it first."),
     b"TDSm": ("a LabVIEW TDMS file", "Export it as CSV, or as .mat."),
-    b"\x80\x02": ("a Python pickle", "It is not opened, as it may run code; save the arrays by numpy.savez."),
-    b"\x80\x03": ("a Python pickle", "It is not opened, as it may run code; save the arrays by numpy.savez."),
-    b"\x80\x04": ("a Python pickle", "It is not opened, as it may run code; save the arrays by numpy.savez."),
-    b"\x80\x05": ("a Python pickle", "It is not opened, as it may run code; save the arrays by numpy.savez."),
+    **dict.fromkeys(
+        (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"),
+        ("a Python pickle", "It is not opened, as it may run code; save the arrays by numpy.savez."),
+    ),
 }
 """First bytes of unsupported files: their kind, and advice."""
 
+SPREADSHEETS: Final = (".xlsx", ".xlsm", ".ods")
 READ: Final = "text, JSON, .mat, .npz, .npy, HDF5, Parquet or Feather"
 
 
@@ -64,23 +64,22 @@ def read_source_table(
         return None
     reader = next((reader for magic, reader in ARRAYS.items() if head.startswith(magic)), None)
     if reader is None and path.suffix.lower() == ".mat" and b"\0" in head:
-        reader = read_matlab  # version 4 has no first bytes of its own
+        reader = arrays.read_matlab  # version 4 has no first bytes of its own
     if head.startswith(b"PK\x03\x04"):
-        reader = None if path.suffix.lower() in (".xlsx", ".xlsm", ".ods", ".zip") else read_numpy
+        reader = None if path.suffix.lower() in (*SPREADSHEETS, ".zip") else arrays.read_numpy
     start = head.removeprefix(b"\xef\xbb\xbf").lstrip()[:1]
     if form.layout == "table" and start in (b"{", b"["):
-        reader = read_json
+        reader = arrays.read_json
     if reader is not None:
         try:
             columns = apart(reader, path)  # libraries crash, or take all memory, on a damaged file
         except (OSError, ValueError) as error:
             if start != b"[":
-                findings.error(
-                    path.name, f"a whole file of arrays ({READ})", text_of(error), "Was it cut short?"
-                )
+                expected = f"a whole file of arrays ({READ})"
+                findings.error(path.name, expected, text_of(error), "Was it cut short?")
                 return None
         else:
-            return chosen(path.name, columns, numbers, texts, form.decimal, findings)
+            return arrays.table_of(path.name, columns, numbers, texts, form.decimal, findings)
     if kind := _refused(path, head, form):
         findings.error(path.name, READ, *kind)
         return None
@@ -104,14 +103,11 @@ def _refused(path: Path, head: bytes, form: CsvFormat) -> tuple[str, str] | None
     if known := next((kind for magic, kind in REFUSED.items() if head.startswith(magic)), None):
         return known
     if head.startswith(b"PK\x03\x04"):
-        office = path.suffix.lower() in (".xlsx", ".xlsm", ".ods")
+        office = path.suffix.lower() in SPREADSHEETS
         return (
             ("a spreadsheet", "Save the sheet as CSV.") if office else ("a zip archive", "Unpack it first.")
         )
-    if (
-        b"\0" in head
-        and not head.startswith(UTF_16)
-        and not form.encoding.lower().replace("_", "-").startswith(("utf-16", "utf-32"))
-    ):
+    wide = form.encoding.lower().replace("_", "-").startswith(("utf-16", "utf-32"))
+    if b"\0" in head and not head.startswith(UTF_16) and not wide:
         return f'a binary file of an unknown kind ("{path.suffix}")', "Export it as CSV, .mat or .npz."
     return None

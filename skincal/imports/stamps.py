@@ -9,9 +9,8 @@ from datetime import datetime
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skincal.dataset.findings import Findings
+from skincal.dataset.findings import Findings, listed
 from skincal.imports import units
 from skincal.imports.clock import (
     BITS,
@@ -28,7 +27,7 @@ from skincal.imports.clock import (
 )
 from skincal.imports.mapping import Quantity
 from skincal.imports.mapping_file import CsvFormat
-from skincal.imports.recording import FloatArray
+from skincal.imports.recording import FloatArray, IntArray
 from skincal.imports.text_table import TextTable
 
 Kind = Literal["number", "date", "day"]
@@ -68,7 +67,7 @@ class Clock:
     """
 
     times_s: tuple[FloatArray, ...]
-    rows: tuple[NDArray[np.int64], ...]
+    rows: tuple[IntArray, ...]
     kind: Kind
     notes: tuple[str, ...] = ()
 
@@ -84,25 +83,16 @@ def read_clock(
 ) -> Clock:
     """Return the clock of some files, in the order of the session.
 
-    Args:
-        tables: the files.
-        time: source of the stamps; None: rows at ``rate_hz``.
-        form: their layout.
-        findings: collects the errors.
-        own_clocks: whether each file has its own clock; else a wrap may lie between two files.
-        slow: whether there may be minutes between two rows, as in a list of places.
+    ``time`` is the source of the stamps, None for rows at ``rate_hz``. Unless each file has its own clock, a wrap may
+    lie between two files; ``slow`` says that minutes may lie between two rows, as in a list of places.
     """
     sizes = [table.rows for table in tables]
-    if time is None:
-        assert form.rate_hz is not None
-        return Clock(
-            tuple(np.arange(rows) / form.rate_hz for rows in sizes), tuple(map(np.arange, sizes)), "number"
-        )
-    if not time.sources:
-        assert isinstance(time.constant, float)
-        time_s = tuple(np.full(rows, time.constant) for rows in sizes)
-        findings.error(time.place, "stamps", "the same time in every row", "Set rate_hz in [csv] instead.")
-        return Clock(time_s, tuple(map(np.arange, sizes)), "number")
+    if time is None or not time.sources:
+        counted = tuple(map(np.arange, sizes))
+        if time is not None:
+            fix = "Set rate_hz in [csv] instead."
+            findings.error(time.place, "stamps", "the same time in every row", fix)
+        return Clock(tuple(rows / (form.rate_hz or 1.0) for rows in counted), counted, "number")
     read = [_stamps(table, time) for table in tables]
     kinds = {kind for _, kind in read}
     if len(kinds) > 1:
@@ -111,7 +101,10 @@ def read_clock(
     if kind == "number":
         _check_unit([stamps for stamps, _ in read], time, findings, slow=slow)
     groups = [[i] for i in range(len(tables))] if own_clocks else [[*range(len(tables))]]
-    rows = [_order(stamps, form) for stamps, _ in read]
+    by_time = form.order == "time"
+    rows = [
+        np.argsort(with_missing(one), kind="stable") if by_time else np.arange(len(one)) for one, _ in read
+    ]
     times: list[FloatArray] = []
     notes: list[str] = []
     for group in groups:
@@ -123,14 +116,12 @@ def read_clock(
     for table, time_s in zip(tables, times, strict=True):
         _check_order(table, time_s, time, findings)
     if equal := sum(int((np.diff(part) == 0).sum()) for part in times):
-        notes.append(
-            f"{time.place}: {equal} rows have the stamp of the previous row; they were spread evenly up to the "
-            "next stamp"
+        said = (
+            f"{equal} rows have the stamp of the previous row; they were spread evenly up to the next stamp"
         )
-    return Clock(
-        tuple(spread_equal(part) if len(part) else part for part in times), tuple(rows), kind,
-        tuple(dict.fromkeys(notes)),
-    )  # fmt: skip
+        notes.append(f"{time.place}: {said}")
+    times_s = tuple(spread_equal(part) if len(part) else part for part in times)
+    return Clock(times_s, tuple(rows), kind, tuple(dict.fromkeys(notes)))
 
 
 def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
@@ -144,27 +135,26 @@ def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
         return np.where(np.isfinite(stamps), stamps, np.nan), "number"
     import pandas as pd
 
-    cells = pd.Series(table.text(name), dtype=object).astype(str).str.strip()
-    for other in time.sources[1:]:
-        cells = (cells + " " + pd.Series(table.text(other), dtype=object).astype(str).str.strip()).str.strip()
+    cells = pd.Series(
+        [" ".join(map(str.strip, row)).strip() for row in zip(*map(table.text, time.sources), strict=True)],
+        dtype=object,
+    )
     given = cells.to_numpy() != ""
     day = cells.str.replace(",", ".").str.fullmatch(TIME_OF_DAY).to_numpy(dtype=bool)
     if not time.format and day.any() and (day | ~given).all():
         parsed = pd.to_timedelta(cells.where(given).str.replace(",", "."), errors="coerce")
         return np.asarray(parsed.dt.total_seconds(), dtype=np.float64), "day"
-    dates = pd.to_datetime(
-        cells.where(given), errors="coerce", utc=True, format=time.format or "ISO8601"
-    )  # stamps without a zone share one, which does not matter
-    good = dates.notna().to_numpy()
-    expected = (
-        f'a date and time like "{time.format}" (format)'
-        if time.format
-        else "a date and time like 2026-11-20 12:00:00.250, or in all rows a time of day like 12:00:00.250"
-    )
-    wrong = np.flatnonzero(given & ~good)
-    likely = str(cells.to_numpy()[wrong[0]]) if wrong.size else ""
-    fix = "" if time.format else _format_hint(likely)
-    table.sheet.bad_rows(name, given & ~good, cells.to_numpy(), expected, fix)
+    # Stamps without a zone share one, which does not matter.
+    form = time.format or "ISO8601"
+    dates = pd.to_datetime(cells.where(given), errors="coerce", utc=True, format=form)
+    wrong = given & dates.isna().to_numpy()
+    expected, fix = f'a date and time like "{time.format}" (format)', ""
+    if not time.format:
+        expected = (
+            "a date and time like 2026-11-20 12:00:00.250, or in all rows a time of day like 12:00:00.250"
+        )
+        fix = _format_hint(next((str(cell) for cell in cells.to_numpy()[wrong]), ""))
+    table.sheet.bad_rows(name, wrong, cells.to_numpy(), expected, fix)
     if time.format and not any(mark in time.format for mark in DATE_MARKS):
         within = dates - dates.dt.normalize()
         return np.asarray(within.dt.total_seconds(), dtype=np.float64), "day"
@@ -184,48 +174,36 @@ def _format_hint(cell: str) -> str:
     return "Set " + " or ".join(f'format = "{form}"' for form in fitting) + "."
 
 
-def _order(stamps: FloatArray, form: CsvFormat) -> NDArray[np.int64]:
-    if form.order == "file":
-        return np.arange(len(stamps))
-    return np.argsort(with_missing(stamps), kind="stable")
-
-
 def _mended(
     stamps: FloatArray, time: Quantity, kind: Kind, findings: Findings
 ) -> tuple[FloatArray, list[str]]:
     """Return the stamps without wraps and gaps, and a report of the repairs."""
     notes: list[str] = []
-    wraps = _wraps(stamps, time, kind)
+    wraps = None
+    if time.wraps_at is not None:
+        wraps = Wraps(time.wraps_at, "", steps_back(stamps))
+    elif kind != "date":
+        wraps = find_wraps(stamps, 1.0 if kind == "day" else abs(time.scale) * time.unit.factor)
     if wraps is not None and wraps.rows.size:
         stamps = unwrapped(stamps, wraps)
         times = "once" if wraps.rows.size == 1 else f"{wraps.rows.size} times"
-        where = ", ".join(str(row + 1) for row in wraps.rows[:3]) + (" ..." if wraps.rows.size > 3 else "")
+        where = listed(wraps.rows[:3] + 1, wraps.rows.size)
         period = f"{wraps.period:.12g}"
         got = f"wraps at {period}{f' ({wraps.words})' if wraps.words else ''} {times}, before row {where}"
         if wraps.words and kind == "number":
-            mapping = f"wraps_at = {period}"
-            fix = f"It was unwrapped. To set the period: {mapping} there."
             findings.note(
-                time.place, "a clock that runs on", f"one that {got}", fix, code="counter_wrapped",
-                mapping=mapping,
+                time.place, "a clock that runs on", f"one that {got}",
+                f"It was unwrapped. To set the period: wraps_at = {period} there.",
+                code="counter_wrapped", mapping=f"wraps_at = {period}",
             )  # fmt: skip
         else:
             notes.append(f"{time.place}: the clock {got}; it was unwrapped")
     missing = int(np.isnan(stamps).sum())
     if 0 < missing < len(stamps):
-        notes.append(
-            f"{time.place}: {missing} rows have no stamp; they were placed evenly between their neighbours"
-        )
+        said = f"{missing} rows have no stamp; they were placed evenly between their neighbours"
+        notes.append(f"{time.place}: {said}")
         stamps = with_missing(stamps)
     return stamps, notes
-
-
-def _wraps(stamps: FloatArray, time: Quantity, kind: Kind) -> Wraps | None:
-    if time.wraps_at is not None:
-        return Wraps(time.wraps_at, "", steps_back(stamps))
-    if kind == "date":
-        return None
-    return find_wraps(stamps, 1.0 if kind == "day" else abs(time.scale) * time.unit.factor)
 
 
 def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings, *, slow: bool) -> None:
@@ -238,31 +216,25 @@ def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings
     factor = time.unit.factor
     raw = max((usual_step(part) for part in stamps), default=0.0) * abs(time.scale)
     if raw == 0 and np.nanmin(together) == np.nanmax(together):
-        expected = "stamps that grow from row to row"
+        got = f"{np.nanmedian(together):.10g} in every row"
         fix = "Single precision does not hold seconds since 1970. Set rate_hz in [csv] instead."
-        findings.error(time.place, expected, f"{np.nanmedian(together):.10g} in every row", fix)
+        findings.error(time.place, "stamps that grow from row to row", got, fix)
         return
     if any(_clock_digits(part) for part in stamps):
-        findings.error(
-            f"{time.place} unit", f'times in "{time.unit.name}"', "times of day written as HHMMSS",
-            'Set unit = "datetime" and format = "%H%M%S.%f" (without .%f if they have no decimals).',
-        )  # fmt: skip
+        expected, got = f'times in "{time.unit.name}"', "times of day written as HHMMSS"
+        fix = 'Set unit = "datetime" and format = "%H%M%S.%f" (without .%f if they have no decimals).'
+        findings.error(f"{time.place} unit", expected, got, fix)
         return
-    found = epoch_unit(together, [*known.items()])
-    beyond = float(np.nanmedian(together)) * factor > DAY_S * 365 * 130
+    found, middle = epoch_unit(together, known), float(np.nanmedian(together))
     wrong = 0 < raw * factor < 1 / FASTEST_HZ or (raw * factor > 1 / SLOWEST_HZ and not slow)
-    if not (wrong or (beyond and found)):
-        return
-    if found is None or found == time.unit.name:
-        if not wrong or time.unit.name not in known:
-            return
+    if found not in (None, time.unit.name) and (wrong or middle * factor > DAY_S * 365 * 130):
+        got, fix = f"stamps of about {middle:.0f}", f'As times since 1970 they are in "{found}".'
+    elif wrong and found in (None, time.unit.name) and time.unit.name in known:
         likely = min(known, key=lambda name: abs(np.log(raw * known[name] / USUAL_STEP_S)))
-        got = f'"{time.unit.name}", and steps of {raw * factor:.3g} s'
-        findings.error(f"{time.place} unit", "the unit of the stamps", got, f'They seem to be in "{likely}".')
+        got, fix = f"steps of {raw * factor:.3g} s", f'They seem to be in "{likely}".'
+    else:
         return
-    got = f'"{time.unit.name}", and stamps of about {np.nanmedian(together):.0f}'
-    fix = f'As times since 1970 they are in "{found}".'
-    findings.error(f"{time.place} unit", "the unit of the stamps", got, fix)
+    findings.error(f"{time.place} unit", "the unit of the stamps", f'"{time.unit.name}", and {got}', fix)
 
 
 def _clock_digits(stamps: FloatArray) -> bool:
@@ -273,13 +245,6 @@ def _clock_digits(stamps: FloatArray) -> bool:
     at = np.flatnonzero(((over > 0) & (over < 1 + LARGEST_STEP * usual_step(stamps))) | (steps < -235900))
     digits = (given % 100 < 60).all() and (given // 100 % 100 < 60).all() and given.max() < 240000
     return bool(at.size and digits and (given[at] % 100 > 55).all() and (given[at + 1] % 100 < 5).all())
-
-
-def _likely_limit(time_s: FloatArray, time: Quantity) -> str:
-    """Return the limit of the usual counter that fits a clock, in brackets; '' if there is none."""
-    top = float(time_s.max()) / (abs(time.scale) * time.unit.factor)
-    bits = next((bits for bits in BITS if top < 2.0**bits), None)
-    return f" ({2**bits} for {bits} bits)" if bits is not None and top > 2.0**bits / 4 else ""
 
 
 def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings: Findings) -> None:
@@ -295,6 +260,9 @@ def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings:
     largest = float((time_s[back - 1] - time_s[back]).max())
     moved = np.abs(np.argsort(np.argsort(time_s, kind="stable")) - np.arange(len(time_s))).max()
     single = bool((np.diff(np.delete(time_s, back)) >= 0).all())
+    top = float(time_s.max()) / (abs(time.scale) * time.unit.factor)
+    bits = next((bits for bits in BITS if 2.0**bits / 4 < top < 2.0**bits), None)
+    limit = "" if bits is None else f" ({2**bits} for {bits} bits)"
     fix = (
         'The last row is the first event: set order = "time".'
         if back.size == len(time_s) - 1
@@ -303,7 +271,7 @@ def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings:
         else 'If rows were written late and their stamps are right, set order = "time".'
         if moved <= DISPLACED
         else "The clock was set or restarted, and the order of the rows is that of the events: give wraps_at if it "
-        f"counts to a limit{_likely_limit(time_s, time)}, or split the file there and set own_clocks = true in "
+        f"counts to a limit{limit}, or split the file there and set own_clocks = true in "
         "[series]."
     )
     got = f"{time_s[row]:.6g} s after {time_s[row - 1]:.6g} s" + (

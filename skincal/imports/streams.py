@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from numpy.typing import NDArray
 from skincal.dataset.findings import Findings
 from skincal.imports import targets
 from skincal.imports.fields import FieldError, NotHereError, Step, array_at, number_at, parse_path, value_at
-from skincal.imports.mapping import Mapping, Quantity
+from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import BagMapping, BagTaxels, TopicRules
 from skincal.imports.recording import FloatArray
 
@@ -43,6 +45,14 @@ class Stream:
         return time[order], order
 
 
+_KINDS: Final[dict[str, tuple[Callable[[Any, Sequence[Step]], Any], str]]] = {
+    "array": (array_at, "an array of numbers"),
+    "number": (number_at, "a number"),
+    "text": (lambda message, steps: str(value_at(message, steps)), "a word"),
+}
+"""What reads a value of each kind, and what an error expects."""
+
+
 class Collector:
     """Collector of the samples of all topics in a mapping."""
 
@@ -54,7 +64,8 @@ class Collector:
         self._reported: set[str] = set()
         self._taxels = mapping.taxels
         self._readers: dict[str, list[tuple[str, str, tuple[Step, ...], str]]] = {}
-        self._joints = () if file.joints is None else file.joints.names
+        self.joints = () if file.joints is None else file.joints.names
+        """Names of the joints: those of the mapping, or of the first message."""
         self.places = {q.topic: q.place for q in mapping.quantities if q.topic}
         self.places[file.taxels.topic] = self._taxels.place
         if self._joints_topic:
@@ -63,12 +74,8 @@ class Collector:
         self._add(file.taxels.topic, file.taxels.field, self._taxels.place, "array")
         for quantity in mapping.quantities:
             for path in quantity.sources:
-                self._add(quantity.topic, path, quantity.place, _kind(quantity))
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the joints: those of the mapping, or of the first message."""
-        return self._joints
+                kind = "text" if targets.is_text(quantity.target) else "number"
+                self._add(quantity.topic, path, quantity.place, kind)
 
     def take(self, topic: str, receive_ns: int, message: Any) -> None:
         """Add one message."""
@@ -81,10 +88,10 @@ class Collector:
                 sample |= self._joint_values(message)
         except NotHereError:
             return
-        stamp = self._stamp(stream, receive_ns, message)
-        if stamp is None:
+        stamp_ns = self._header_ns(topic, message) if stream.rules.clock == "header" else receive_ns
+        if stamp_ns is None:
             return
-        stream.stamps_ns.append(stamp)
+        stream.stamps_ns.append(stamp_ns)
         for path, value in sample.items():
             stream.samples.setdefault(path, []).append(value)
 
@@ -97,67 +104,48 @@ class Collector:
         self._readers.setdefault(topic, []).append((path, place, steps, kind))
 
     def _read(self, path: str, place: str, steps: tuple[Step, ...], kind: str, message: Any) -> Any:
+        read, expected = _KINDS[kind]
         try:
-            if kind == "array":
-                return self._image(array_at(message, steps), place)
-            return str(value_at(message, steps)) if kind == "text" else number_at(message, steps)
+            values = read(message, steps)
         except FieldError as error:
-            expected = {"array": "an array of numbers", "text": "a word"}.get(kind, "a number")
             self._report(f"{place} field", f"{expected} at {path}", str(error))
             raise NotHereError from error
-
-    def _image(self, values: FloatArray, place: str) -> FloatArray:
-        highest = max(self._taxels.order)
-        if len(values) <= highest:
-            self._report(
-                f"{place} field", f"an array of {highest + 1} values or more", f"{len(values)} values"
-            )
+        if kind != "array":
+            return values
+        fewest = max(self._taxels.order) + 1
+        if len(values) < fewest:
+            self._report(f"{place} field", f"an array of {fewest} values or more", f"{len(values)} values")
             raise NotHereError
         return values
 
-    def _stamp(self, stream: Stream, receive_ns: int, message: Any) -> int | None:
-        if stream.rules.clock == "receive":
-            return receive_ns
-        place = self.places[stream.topic]
-        stamp = self._header(stream.topic, message)
-        fix = f'Set clock = "receive" in [topics."{stream.topic}"], and lag_s if its delay is known.'
-        if stamp is None:
-            self._report(place, f"messages with a header on {stream.topic}", "none", fix)
-            return None
-        if stamp.sec == 0 and stamp.nanosec == 0:
-            self._report(place, f"stamps in the headers of {stream.topic}", "0", fix)
-            return None
-        return int(stamp.sec) * 10**9 + int(stamp.nanosec)
-
-    def _header(self, topic: str, message: Any) -> Any:
-        """Return the stamp of a message, or of the element that a path selects; None if there is none."""
-        if hasattr(message, "header"):
-            return message.header.stamp
+    def _header_ns(self, topic: str, message: Any) -> int | None:
+        """Return the stamp of a message, or of the element that a path selects [ns]; None, reported, without one."""
+        holders = [message]
         for _, _, steps, _ in self._readers.get(topic, []):
-            try:
-                element = value_at(message, steps[:1])
-            except (FieldError, NotHereError):
-                continue
-            if hasattr(element, "header"):
-                return element.header.stamp
+            with suppress(FieldError, NotHereError):
+                holders.append(value_at(message, steps[:1]))
+        stamp = next((one.header.stamp for one in holders if hasattr(one, "header")), None)
+        if stamp is not None and (stamp.sec or stamp.nanosec):
+            return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+        no_header = (f"messages with a header on {topic}", "none")
+        expected, got = no_header if stamp is None else (f"stamps in the headers of {topic}", "0")
+        fix = f'Set clock = "receive" in [topics."{topic}"], and lag_s if its delay is known.'
+        self._report(self.places[topic], expected, got, fix)
         return None
 
     def _joint_values(self, message: Any) -> dict[str, float]:
         """Return angles and torques of a ``sensor_msgs/JointState``; NaN for missing ones."""
         if not all(hasattr(message, name) for name in ("name", "position", "effort")):
-            expected = "sensor_msgs/JointState"
-            self._report(
-                self.places[self._joints_topic], expected, getattr(message, "__msgtype__", "another")
-            )
+            place, got = self.places[self._joints_topic], getattr(message, "__msgtype__", "another")
+            self._report(place, "sensor_msgs/JointState", got)
             raise NotHereError
         names = list(message.name)
-        self._joints = self._joints or tuple(names)
-        absent = [name for name in self._joints if name not in names]
-        if len(absent) == len(self._joints):
+        self.joints = self.joints or tuple(names)
+        if not set(self.joints) & set(names):
             # Several nodes may publish the states of different joints on one topic.
             raise NotHereError
         values: dict[str, float] = {}
-        for i, name in enumerate(self._joints):
+        for i, name in enumerate(self.joints):
             at = names.index(name) if name in names else len(message.position)
             values[f"q_{i}"] = float(message.position[at]) if at < len(message.position) else np.nan
             values[f"tau_{i}"] = float(message.effort[at]) if at < len(message.effort) else np.nan
@@ -167,7 +155,3 @@ class Collector:
         if place + expected not in self._reported:
             self._reported.add(place + expected)
             self._findings.error(place, expected, got, fix)
-
-
-def _kind(quantity: Quantity) -> str:
-    return "text" if targets.is_text(quantity.target) else "number"

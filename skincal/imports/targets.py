@@ -11,8 +11,6 @@ from skincal.imports import units
 VECTORS: Final = {"position": POSITION, "normal": NORMAL, "target": TARGET}
 """Names that stand for three columns at once in a mapping."""
 
-NUMBER, WORD = "number", "text"
-
 PRESSES, SERIES = "presses", "series"
 """Meaning of a row of the source: a whole press, or one sample of a time series."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import re
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,20 +13,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.bounded import UnreadableError, parse_csv, read_bytes
-from skincal.dataset.findings import SHOWN, Findings, Sheet, did_you_mean
+from skincal.dataset.findings import SHOWN, Findings, Sheet, meant
 from skincal.dataset.table_file import read_rows, report_ragged
-from skincal.errors import text_of
+from skincal.errors import first_of, text_of
 from skincal.files import reason
 from skincal.imports.mapping_file import CsvFormat
+from skincal.imports.recording import BoolArray, FloatArray, IntArray
 
 Column = NDArray[Any]
 
 COMMENT = ("#", "%")
 
-ELEMENT = re.compile(r"(.+)\[\d+\]")
+ELEMENT = re.compile(r"^(.+)\[\d+\]$")
 
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 """First bytes of text in UTF-16, as spreadsheets and data loggers export it."""
+
+MOST_NAMED, MOST_MISSING = 12, 3
+"""Columns of a file that an error names, and missing ones that are reported one by one, not together."""
 
 MOST_LOG_BYTES = 1 << 30
 """Largest size of a text file, which is read at once [byte]."""
@@ -35,7 +39,7 @@ MOST_LOG_BYTES = 1 << 30
 class SourceSheet(Sheet):
     """Names of places in a file; ``lines`` holds the line number of each row, None without lines."""
 
-    def __init__(self, findings: Findings, file: str, lines: NDArray[np.int64] | None) -> None:
+    def __init__(self, findings: Findings, file: str, lines: IntArray | None) -> None:
         super().__init__(findings, file, None)
         self._lines = lines
 
@@ -43,12 +47,9 @@ class SourceSheet(Sheet):
         """Return the place of some rows (counted from 0) of a column, the first of ``total``, with their lines."""
         index = np.atleast_1d(np.asarray(rows))
         count = index.size if total is None else total
-        named = ", ".join(f"{int(row) + 1}{self._line(row)}" for row in index[:SHOWN])
-        more = f" and {count - SHOWN} more" if count > SHOWN else ""
-        return f'{self.file}, column "{name}", {"row" if count == 1 else "rows"} {named}{more}'
-
-    def _line(self, row: int) -> str:
-        return "" if self._lines is None else f" (line {self._lines[row]})"
+        lines = ["" if self._lines is None else f" (line {self._lines[row]})" for row in index[:SHOWN]]
+        named = first_of((f"{row + 1}{line}" for row, line in zip(index, lines, strict=False)), SHOWN, count)
+        return f'{self.file}, column "{name}", {"row" if count == 1 else "rows"} {named}'
 
 
 class TextTable:
@@ -60,7 +61,7 @@ class TextTable:
         self._columns = columns
         self._decimal = decimal
 
-    def numbers(self, name: str) -> NDArray[np.float64]:
+    def numbers(self, name: str) -> FloatArray:
         """Return a column as numbers, NaN for empty cells; add an error for other texts and for inf."""
         column = self._columns.get(name)
         if column is None:
@@ -89,24 +90,20 @@ def read_text_table(
     names, kept = _header(path.name, form, lines, findings)
     if form.header and (again := [number for number, text in kept if text == lines[0][1]]):
         # A logger that was restarted goes on in the same file with another header.
-        findings.note(
-            path.name, "one header", f"the same line again, in line {', '.join(map(str, again[:SHOWN]))}"
-        )
+        got = f"the same line again, in line {first_of(again)}"
+        findings.note(path.name, "one header", got)
         kept = [(number, text) for number, text in kept if text != lines[0][1]]
     # The elements of a list in a cell are columns "name[0]", "name[1]", ….
-    lists = {
-        name: found[1] for name in numbers if name not in names and (found := ELEMENT.fullmatch(name))
-        and found[1] in names
-    }  # fmt: skip
-    numbers = [name for name in numbers if name not in lists]
-    texts = [*dict.fromkeys((*texts, *lists.values()))]
-    wanted = [*dict.fromkeys((*numbers, *texts))]
-    if not names or not _check_names(path.name, names, wanted, findings):
+    elements = {name: ELEMENT.sub(r"\1", name) for name in numbers if name not in names}
+    lists = {name: column for name, column in elements.items() if column in names}
+    types = {name: "number" for name in numbers if name not in lists}
+    types |= dict.fromkeys((*texts, *lists.values()), "text")
+    wanted = [*types]
+    if not names or not check_columns(path.name, names, wanted, findings):
         return None
     body = "\n".join(" ".join(text.split()) if form.delimiter == "whitespace" else text for _, text in kept)
     numbered = np.array([number for number, _ in kept], dtype=np.int64)
     sheet = SourceSheet(findings, path.name, numbered)
-    types = {**dict.fromkeys(texts, "text"), **{name: "number" for name in numbers if name not in texts}}
     columns = _parse(sheet, body, form, names, types, numbered)
     if columns is None:
         return None
@@ -159,12 +156,10 @@ def text_lines(
         return None
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     numbered = enumerate(lines[form.skip_rows :], start=form.skip_rows + 1)
+    if not blank:
+        numbered = ((number, line) for number, line in numbered if line.strip())
     comment = form.comment
-    return [
-        (n, s)
-        for n, s in numbered
-        if (blank or s.strip()) and not (comment and s.lstrip().startswith(comment))
-    ]
+    return [(n, line) for n, line in numbered if not (comment and line.lstrip().startswith(comment))]
 
 
 def _header(
@@ -182,9 +177,8 @@ def _header(
         return [], []
     names = [cell.strip() for cell in cells] if form.header else [str(i + 1) for i in range(len(cells))]
     rows = lines[(1 if form.header else 0) + form.skip_after_header :]
-    if (
-        form.header and len(names) > 1 and names[0].startswith(COMMENT)
-    ):  # as numpy.savetxt and loggers write it
+    # As numpy.savetxt and loggers write it.
+    if form.header and len(names) > 1 and names[0].startswith(COMMENT):
         names[0] = names[0].lstrip("#% ")
         names = names if names[0] else names[1:]
     if names[-1] and rows and all(text.rstrip().endswith(form.delimiter) for _, text in rows):
@@ -194,32 +188,27 @@ def _header(
     return names if rows else [], rows
 
 
-def _check_names(file: str, names: list[str], wanted: list[str], findings: Findings) -> bool:
+def check_columns(
+    file: str, names: Collection[str], wanted: Sequence[str], findings: Findings, hint: str = ""
+) -> bool:
+    """Return whether a file has some columns, each once; add errors that name those it has, and the advice ``hint``."""
     missing = [name for name in wanted if name not in names]
-    for name in missing[:6]:
-        close = did_you_mean(name, names)
-        shown = ", ".join(f'"{n}"' for n in names[:12]) + (
-            f", … ({len(names)} in all)" if len(names) > 12 else ""
-        )
-        fix = f'Did you mean "{close}"?' if close else ""
-        findings.error(file, f'a column "{name}"', f"the columns {shown}", fix)
-    if len(missing) > 6:
-        findings.error(file, f"{len(missing) - 6} more columns, like {missing[6]}", "none of them")
-    times = Counter(names)
+    shown = ", ".join(f'"{name}"' for name in [*names][:MOST_NAMED]) or "none"
+    more = f", … ({len(names)} in all)" if len(names) > MOST_NAMED else ""
+    others = f" and {len(missing) - 1} more" if len(missing) > MOST_MISSING else ""
+    for name in missing[:1] if others else missing:
+        expected = f'a column "{name}"{others}'
+        findings.error(file, expected, f"the columns {shown}{more}", meant(name, names, hint))
+    times = Counter([*names])
     doubled = [name for name in wanted if times[name] > 1]
     for name in doubled:
-        findings.error(f'{file}, column "{name}"', "each column once", f"{names.count(name)} of that name")
+        findings.error(f'{file}, column "{name}"', "each column once", f"{times[name]} of that name")
     return not missing and not doubled
 
 
 def _parse(
-    sheet: SourceSheet,
-    body: str,
-    form: CsvFormat,
-    names: list[str],
-    types: dict[str, str],
-    lines: NDArray[np.int64],
-) -> dict[str, Column] | None:
+    sheet: SourceSheet, body: str, form: CsvFormat, names: list[str], types: dict[str, str], lines: IntArray
+) -> dict[str, Column] | None:  # fmt: skip
     """Return the columns, as numbers if possible, else as text."""
     import pyarrow as arrow  # pyright: ignore[reportMissingTypeStubs]
     import pyarrow.csv as arrow_csv  # pyright: ignore[reportMissingTypeStubs]
@@ -228,23 +217,20 @@ def _parse(
     # Only a single thread knows the line numbers of bad rows.
     options = pcsv.ReadOptions(column_names=names, use_threads=False, block_size=1 << 24)
 
-    def read(kinds: dict[str, Any]) -> tuple[Any, list[Any]]:
+    def read(number: Any) -> tuple[Any, list[Any]]:
         cells = pcsv.ConvertOptions(
-            column_types=kinds,
-            include_columns=list(types),
-            null_values=list(form.blanks),
-            strings_can_be_null=True,
+            column_types={name: number if kind == "number" else pa.string() for name, kind in types.items()},
+            include_columns=[*types], null_values=[*form.blanks], strings_can_be_null=True,
             decimal_point=form.decimal,
-        )
+        )  # fmt: skip
         delimiter = " " if form.delimiter == "whitespace" else form.delimiter
         return read_rows(pa.BufferReader(body.encode("utf-8")), options, cells, delimiter)
 
-    kinds = {name: pa.float64() if kind == "number" else pa.string() for name, kind in types.items()}
     try:
         try:
-            table, ragged = read(kinds)
+            table, ragged = read(pa.float64())
         except pa.ArrowInvalid:
-            table, ragged = read(dict.fromkeys(types, pa.string()))
+            table, ragged = read(pa.string())
     except pa.ArrowException as error:
         sheet.findings.error(sheet.file, "rows of cells", text_of(error))
         return None
@@ -275,7 +261,7 @@ def _column(column: Any, kind: str, form: CsvFormat) -> Column:
     return words if bad.any() or np.isinf(values).any() else values
 
 
-def _parsed(cells: NDArray[Any], decimal: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _parsed(cells: NDArray[Any], decimal: str) -> tuple[FloatArray, BoolArray]:
     """Return cells as numbers, NaN for empty ones, and which of them are not finite numbers."""
     values = np.full(len(cells), np.nan)
     bad = np.zeros(len(cells), dtype=bool)
@@ -293,6 +279,5 @@ def _parsed(cells: NDArray[Any], decimal: str) -> tuple[NDArray[np.float64], NDA
 def _other_mark(cells: NDArray[Any], decimal: str) -> bool:
     """Return whether cells would be numbers with the other decimal mark."""
     other = "," if decimal == "." else "."
-    return any(
-        other in cell and not _parsed(np.array([cell], dtype=object), other)[1][0] for cell in cells[:SHOWN]
-    )
+    bad = _parsed(cells[:SHOWN], other)[1]
+    return any(other in cell and not wrong for cell, wrong in zip(cells, bad, strict=False))

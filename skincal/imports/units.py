@@ -72,9 +72,7 @@ def unit_of(kind: str, name: str) -> Unit | None:
     """Return the unit of a quantity by its name; None if unknown."""
     name = _ALIASES.get(name, name)
     factor = FACTORS[kind].get(name)
-    return (
-        None if factor is None else Unit(name, factor, _ZEROS.get(name, 0.0) if kind == TEMPERATURE else 0.0)
-    )
+    return None if factor is None else Unit(name, factor, _ZEROS.get(name, 0.0))
 
 
 def other_kind(name: str) -> str | None:

@@ -228,9 +228,14 @@ def test_outside_is_expected_to_be_unknown():
     assert label["effects"][0]["strength_g"] == pytest.approx(0.7, rel=0.03)
 
 
+@pytest.fixture(scope="module")
+def undisguised():
+    return make_session(Spec("decoy", 0, 5, "foundation"))
+
+
 @pytest.mark.parametrize("decoy", DECOYS)
-def test_decoys_hide_nothing_and_differ_from_a_plain_session(decoy):
-    plain = make_session(Spec("decoy", 0, 5, "foundation"))
+def test_decoys_hide_nothing_and_differ_from_a_plain_session(decoy, undisguised):
+    plain = undisguised
     session = make_session(Spec("decoy", 0, 5, "foundation", decoy=decoy))
     assert session.label["expected"] == "none"
     ours, theirs = press_columns(session), press_columns(plain)

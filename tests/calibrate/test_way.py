@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from commands import captured
 
 from benchmarks.sessions import Truth, make_session
 from skincal.calibrate import Way, calibrate, choose_way, fit_problem, search_box
-from skincal.cli.main import main
 from skincal.dataset import Dataset, SurfaceSpec, write_dataset
 from skincal.errors import InputError, WorkError
 from skincal.fitting.fit_options import FitOptions, GridSteps
@@ -108,15 +108,14 @@ def test_a_nominal_pose_off_the_mesh_is_said(mesh: Dataset) -> None:
         fit_problem(replace(mesh, meta=meta), FitOptions())
 
 
-@pytest.mark.parametrize("method", ["fast", "bogus"])
 def test_the_command_refuses_a_method_that_cannot_be_used(
-    tmp_path: Path, mesh: Dataset, method: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, mesh: Dataset, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_dataset(mesh, tmp_path / "session")
-    with pytest.raises(SystemExit) as stopped:
-        main(["fit", str(tmp_path / "session"), "--out", str(tmp_path / "cal"), "--method", method])
-    assert stopped.value.code == 2
-    assert "--method: expected" in capsys.readouterr().err
+    status, _, err = captured(
+        capsys, "fit", tmp_path / "session", "--out", tmp_path / "cal", "--method", "fast"
+    )
+    assert status == 2 and "--method: expected" in err
     assert not (tmp_path / "cal").exists()
 
 

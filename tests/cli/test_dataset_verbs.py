@@ -12,6 +12,7 @@ import pytest
 from commands import Run
 
 from skincal.dataset import dataset_hash
+from skincal.report.style import new_figure, save
 
 
 def break_force(folder: Path) -> None:
@@ -97,41 +98,33 @@ def test_check_of_no_folder(run: Run, tmp_path: Path) -> None:
     assert "no such folder" in err
 
 
-def test_show(run: Run, folder: Path, tmp_path: Path) -> None:
-    picture = tmp_path / "picture.png"
-    status, out, err = run("dataset", "show", folder, "--out", picture)
+def test_show(run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Texts and names of any letters are shown as they are; brackets in them are no markup."""
+    monkeypatch.setenv("COLUMNS", "400")
+    path = folder / "dataset.toml"
+    path.write_text(path.read_text().replace("made for a test", "rig [bold] 2 [/nothing]"))
+    named, picture = folder.rename(tmp_path / "指尖 [b] [red] 'x' $a$"), tmp_path / "picture.png"
+    status, out, err = run("dataset", "show", named, "--out", picture)
     assert status == 0
     assert "4 x 4 taxels on a cylinder of radius 11.5 mm" in out
     assert "96: " in out
-    assert f"picture: {picture}" in err
+    assert named.name in out and "rig [bold] 2 [/nothing]" in out
+    assert f"picture: {picture}" in err and "missing" not in err
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_show_as_json(run: Run, folder: Path, tmp_path: Path) -> None:
-    status, out, _ = run("dataset", "show", folder, "--out", tmp_path / "p.svg", "--json", "--threshold", 20)
-    assert status == 0
+def test_show_as_json_replaces_its_picture(run: Run, folder: Path, tmp_path: Path) -> None:
+    save(new_figure(2, 1), tmp_path / "p.svg")
+    before = (tmp_path / "p.svg").read_bytes()
+    arguments = ("--out", tmp_path / "p.svg", "--json", "--threshold", 20, "--force")
+    status, out, _ = run("dataset", "show", folder, *arguments)
+    assert status == 0 and len((tmp_path / "p.svg").read_bytes()) > 2 * len(before)
     shown = json.loads(out)
     assert shown["presses"] == 12
     assert shown["sha256"] == dataset_hash(folder)
     assert shown["active_taxels"]["threshold_counts"] == 20
     assert sum(shown["active_taxels"]["presses_by_number"]) == 12
     assert shown["picture"] == str(tmp_path / "p.svg")
-
-
-def test_show_writes_to_working_folder(
-    run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "work").mkdir()
-    monkeypatch.chdir(tmp_path / "work")
-    assert run("dataset", "show", folder)[0] == 0
-    assert [path.name for path in (tmp_path / "work").iterdir()] == ["session.png"]
-
-
-def test_show_replaces_its_picture(run: Run, folder: Path, tmp_path: Path) -> None:
-    picture = tmp_path / "picture.png"
-    for force in ([], ["--force"]):
-        assert run("dataset", "show", folder, "--out", picture, *force)[0] == 0
-    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def test_show_of_bad_data_draws_nothing(run: Run, folder: Path, tmp_path: Path) -> None:
@@ -161,34 +154,19 @@ def test_a_full_disk(run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest
     assert [path.name for path in tmp_path.iterdir()] == ["session"]
 
 
-def test_brackets_in_a_text_are_no_markup(run: Run, folder: Path, tmp_path: Path) -> None:
-    path = folder / "dataset.toml"
-    path.write_text(path.read_text().replace("made for a test", "rig [bold] 2 [/nothing]"))
-    status, out, _ = run("dataset", "show", folder, "--out", tmp_path / "p.png")
-    assert status == 0
-    assert "rig [bold] 2 [/nothing]" in out
-
-
-def test_a_name_of_any_letters_is_shown_as_it_is(
-    run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "400")
-    named = folder.rename(tmp_path / "指尖 [b] [red] 'x' $a$")
-    status, out, err = run("dataset", "show", named, "--out", tmp_path / "p.png")
-    assert status == 0
-    assert named.name in out
-    assert "missing" not in err
-
-
 def test_letters_that_a_terminal_lacks_are_no_fault(
     run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Without ``--out`` the picture lies in the working folder."""
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
     monkeypatch.setenv("COLUMNS", "400")
     shown = io.BytesIO()
     monkeypatch.setattr("sys.stdout", io.TextIOWrapper(shown, encoding="ascii", write_through=True))
-    status, _, _ = run("dataset", "show", folder.rename(tmp_path / "指尖"), "--out", tmp_path / "p.png")
+    status, _, _ = run("dataset", "show", folder.rename(tmp_path / "指尖"))
     assert status == 0
     assert rb"\u6307\u5c16" in shown.getvalue()
+    assert [path.name for path in (tmp_path / "work").iterdir()] == ["指尖.png"]
 
 
 def test_a_name_that_is_no_text_is_shown_somehow(run: Run, folder: Path, tmp_path: Path) -> None:

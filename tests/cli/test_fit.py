@@ -2,10 +2,7 @@ from __future__ import annotations
 
 import errno
 import json
-import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -13,23 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 from calibrations import make_calibration
-from commands import captured
+from commands import Fork, captured
 
 from benchmarks.sessions import make_session
 from skincal.calibration import write_calibration
 from skincal.dataset import write_dataset
 
 QUICK = [
-    "--y-step-mm",
-    "1",
-    "--arc-step-mm",
-    "1.5",
-    "--alpha-step-deg",
-    "10",
-    "--e-count",
-    "8",
-    "--no-report",
-]
+    "--y-step-mm", "1", "--arc-step-mm", "1.5", "--alpha-step-deg", "10", "--e-count", "8", "--no-report"
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -46,13 +35,8 @@ def _is_what_the_contract_says(out: Path, told: dict[str, Any]) -> None:
     for name in names:
         low, high = told["intervals"][name]
         assert low <= told["best"][name] <= high
-    assert {p.name for p in out.iterdir()} == {
-        ".skincal.json",
-        "calibration.toml",
-        "grid.parquet",
-        "draws.parquet",
-        "slack.csv",
-    }
+    tables = {"grid.parquet", "draws.parquet", "slack.csv"}
+    assert {p.name for p in out.iterdir()} == {".skincal.json", "calibration.toml", *tables}
 
 
 @pytest.mark.parametrize(
@@ -172,18 +156,13 @@ def test_unused_or_wrongly_scaled_ranges_are_refused(
     assert not list(tmp_path.glob(".cal*"))
 
 
-def test_an_interrupted_fit_goes_on_where_it_was(session: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "skincal", "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK]
+def test_an_interrupted_fit_goes_on_where_it_was(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["fit", str(session), "--out", str(tmp_path / "cal"), *QUICK]
     command += ["--workers", "1", "--alpha-step-deg", "2.5", "--json"]
     kept = tmp_path / ".cal.fit"
-    first = subprocess.Popen(
-        command,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        # A background job ignores Ctrl-C, and so would its children.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
+    first = Fork(tmp_path, command)
     deadline = time.monotonic() + 120
     while len(list(kept.glob("turn-*.npz"))) < 3 and time.monotonic() < deadline and first.poll() is None:
         time.sleep(0.02)
@@ -193,8 +172,8 @@ def test_an_interrupted_fit_goes_on_where_it_was(session: Path, tmp_path: Path) 
     assert "Traceback" not in err
     assert f"interrupted. The grid so far is saved in {kept}" in err
     assert kept.is_dir() and not (tmp_path / "cal").exists()
-    second = subprocess.run(command, capture_output=True, text=True, timeout=900, env=os.environ)
-    assert second.returncode == 0, second.stderr
-    assert "of the grid taken from an interrupted run" in second.stderr
+    status, out, err = captured(capsys, *command)
+    assert status == 0, err
+    assert "of the grid taken from an interrupted run" in err
     assert not list(tmp_path.glob(".*"))
-    _is_what_the_contract_says(tmp_path / "cal", json.loads(second.stdout))
+    _is_what_the_contract_says(tmp_path / "cal", json.loads(out))

@@ -11,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from commands import Fork
 
 from skincal.hand.errors import HandError
 from skincal.hand.remote import RemoteDriver
@@ -74,12 +75,12 @@ def signalled(folder: Path, number: int, times: int, stop_s: float, rig: str = "
     command = ["hand", "test", "slow_hand:SlowHand", "--driver-option", f"stop_s={stop_s}"]
     if rig == "stage":
         command[:3] = ["collect", "--out", "run", "--driver", "slow_stage:SlowStage"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "skincal", *command],
-        cwd=folder,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
+    # A call that never returns must not keep the process either: it is one of its own.
+    line, quiet = [sys.executable, "-m", "skincal", *command], subprocess.DEVNULL
+    process = (
+        subprocess.Popen(line, cwd=folder, stdout=quiet, stderr=subprocess.PIPE, text=True)
+        if stop_s
+        else Fork(folder, command)
     )
     log, deadline = folder / "log", time.monotonic() + 30
     while time.monotonic() < deadline and "oooo" not in (log.read_text() if log.exists() else ""):
@@ -87,10 +88,9 @@ def signalled(folder: Path, number: int, times: int, stop_s: float, rig: str = "
     for _ in range(times):
         process.send_signal(number)
         time.sleep(0.05)
-    try:
-        return process.wait(20), process.communicate()[1]
-    finally:
-        process.kill()
+    _, said = process.communicate(timeout=20)
+    assert process.returncode is not None
+    return process.returncode, said
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGTSTP, signal.SIGQUIT, signal.SIGUSR1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -31,12 +32,20 @@ VERBS = {
 INPUTS = ("session", "cal", "plan.csv")
 
 
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a dataset, a calibration and a plan."""
+    path = tmp_path_factory.mktemp("inputs")
+    write_dataset(make_session(), path / "session")
+    write_calibration(make_calibration(), path / "cal")
+    (path / "plan.csv").write_text(PLAN)
+    return path
+
+
 @pytest.fixture(autouse=True)
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A working folder with a dataset, a calibration and a plan."""
-    write_dataset(make_session(), tmp_path / "session")
-    write_calibration(make_calibration(), tmp_path / "cal")
-    (tmp_path / "plan.csv").write_text(PLAN)
+def here(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder with copies of them."""
+    shutil.copytree(inputs, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -1,4 +1,4 @@
-"""The real process, killed at random moments and started again: nothing finished is lost, and the end is whole."""
+"""A session that is killed at random moments and started again: nothing finished is lost, and the end is whole."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import Fork
 
 from skincal.collect import Plan, PlannedPress, write_plan
 from skincal.dataset import check_dataset
@@ -31,27 +32,41 @@ ASKED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Killed:
-    """A session that is killed again and again."""
+    """A session that is killed again and again: a fork of this process, or one that a shell could have started."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.out = folder, folder / "run"
+    def __init__(self, folder: Path, *, forked: bool) -> None:
+        self.folder, self.out, self.forked = folder, folder / "run", forked
         write_plan(PLAN, folder / "plan.toml")
         self.kept: dict[str, bytes] = {}
 
     def start(self, *, die: signal.Signals | None = None, after_s: float = 0.0) -> tuple[int, str]:
         """Runs the command; kills it after a time. Returns its exit status and what it said."""
-        command = [sys.executable, "-m", "skincal", "collect", "--driver", "sim", "--seed", "5"]
-        command += ["--plan", "plan.toml", "--out", "run", "--json"]
+        command = [
+            "collect",
+            "--driver",
+            "sim",
+            "--seed",
+            "5",
+            "--plan",
+            "plan.toml",
+            "--out",
+            "run",
+            "--json",
+        ]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
-        process = subprocess.Popen(
-            command,
-            cwd=self.folder,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            # A background job ignores Ctrl-C, and so would its children.
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        process = (
+            Fork(self.folder, command)
+            if self.forked
+            else subprocess.Popen(
+                [sys.executable, "-m", "skincal", *command],
+                cwd=self.folder,
+                env=environment,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                # A background job ignores Ctrl-C, and so would its children.
+                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+            )
         )
         if die is not None:
             deadline = time.monotonic() + TIMEOUT_S
@@ -64,6 +79,7 @@ class Killed:
             time.sleep(after_s)
             process.send_signal(die)
         _, err = process.communicate(timeout=TIMEOUT_S)
+        assert process.returncode is not None
         return process.returncode, err
 
     def look(self) -> None:
@@ -90,14 +106,14 @@ class Killed:
         assert np.all(np.diff(dataset.frames.time_s) > 0)
 
 
-def kill_often(folder: Path, kills: int, seed: int, how: signal.Signals) -> int:
+def kill_often(folder: Path, kills: int, seed: int, how: signal.Signals, *, forked: bool) -> int:
     """Kills a session at random moments until it has come to its end; returns how often it was killed."""
     rng = np.random.default_rng(seed)
-    session = Killed(folder)
+    session = Killed(folder, forked=forked)
     done = 0
     while done < kills and not session.out.exists():
         # Requests are counted from the beginning of the session, the rest from that of the process.
-        latest_s = 0.7 if how in ASKED else 4.0
+        latest_s = 0.7 if how in ASKED else 1.5 if forked else 4.0
         status, err = session.start(die=how, after_s=float(rng.uniform(0.0, latest_s)))
         assert "Traceback" not in err, err
         if how in ASKED and status != 0 and not session.out.exists():
@@ -111,7 +127,7 @@ def kill_often(folder: Path, kills: int, seed: int, how: signal.Signals) -> int:
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_a_session_that_is_killed_goes_on(tmp_path: Path, how: signal.Signals):
     # A second kill meets what the first one left. Requests are answered alike (tests/cli/test_interrupt.py).
-    assert kill_often(tmp_path, 2, 1, how) >= 1
+    assert kill_often(tmp_path, 2, 1, how, forked=True) >= 1
 
 
 @pytest.mark.slow
@@ -120,6 +136,6 @@ def test_fifty_kills(tmp_path: Path):
     while kills < 50:
         folder = tmp_path / str(session)
         folder.mkdir()
-        kills += kill_often(folder, 50 - kills, session, signal.SIGKILL)
+        kills += kill_often(folder, 50 - kills, session, signal.SIGKILL, forked=False)
         session += 1
     assert kills >= 50

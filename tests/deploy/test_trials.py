@@ -27,10 +27,10 @@ def runs(errors_m: np.ndarray, dropped: int = 0) -> Runs:
 
 def test_reference_hands_are_each_another_and_the_same_again() -> None:
     policy = read_policy(policy_path(POLICY))
-    trial = Trial(Task.marble, episodes=2, seed=4, duration_s=1.0)
-    found, again = reference_runs(policy, trial), reference_runs(policy, trial)
-    assert found.error_m.shape == (2, 10) and not found.dropped.any()
-    np.testing.assert_array_equal(found.error_m, again.error_m)
+    trial = Trial(Task.marble, episodes=2, seed=4, duration_s=0.5)
+    found, again = reference_runs(policy, trial), reference_runs(policy, replace(trial, episodes=1))
+    assert found.error_m.shape == (2, 5) and not found.dropped.any()
+    np.testing.assert_array_equal(found.error_m[:1], again.error_m)
     assert np.abs(found.error_m[0] - found.error_m[1]).max() > 1e-5
     # Places and errors are of the same moments.
     apart = np.linalg.norm(found.object_m - found.target_m, axis=2)

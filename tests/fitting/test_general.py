@@ -45,9 +45,15 @@ def problem(table: PressTable) -> FitProblem:
     return general_problem(table)
 
 
+def _first(table: PressTable, count: int) -> PressTable:
+    """The first presses: each needs a table of contacts, which on a mesh takes long."""
+    names = ("press", "across_m", "along_m", "force_n", "counts", "indenter")
+    return PressTable(*(getattr(table, name)[:count] for name in names))
+
+
 @pytest.fixture(scope="module")
 def on_mesh(table: PressTable) -> FitProblem:
-    return general_problem(table, shell(lambda y: np.full_like(y, RADIUS)))
+    return general_problem(_first(table, 5), shell(lambda y: np.full_like(y, RADIUS)))
 
 
 @pytest.fixture(scope="module")
@@ -221,8 +227,9 @@ class TestTable:
         assert tabled.spread(0.0) is tabled
 
     def test_follows_a_surface_that_changes_along_the_finger(self, table: PressTable, truth: Truth) -> None:
-        cone = general_problem(table, shell(lambda y: RADIUS + 0.4 * (0.0235 - y), 400, 150))
+        cone = general_problem(_first(table, 6), shell(lambda y: RADIUS + 0.4 * (0.0235 - y), 400, 150))
         cone = cone.subset(np.arange(len(cone)) < 4, "left out")
+        assert len(cone) == 4
         away = np.array([0.0, 0.5e-3, 0.0, 0.0, 0.0])
         tabled = _tabled(cone, _macro(truth), REACH)
         macro, press, nuisance = _pairs(cone, _macro(truth) + away)

@@ -46,7 +46,7 @@ WIRED = {
 
 @pytest.mark.parametrize("mapping", list(WIRED))
 def test_wiring_is_recognised(mapping: str):
-    table, _ = make_session(presses=60)
+    table, _ = make_session(presses=40)
     undone = np.argsort(WIRED[mapping])
     found = order_of(replace(table, counts=table.counts[:, undone]))
     assert found is not None
@@ -55,9 +55,9 @@ def test_wiring_is_recognised(mapping: str):
     assert found.rms_after < 0.5 * found.rms_before
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_any_permutation_is_found(seed: int):
-    table, _ = make_session(presses=60, seed=seed)
+    table, _ = make_session(presses=40, seed=seed)
     order = np.random.default_rng(seed).permutation(16)
     found = order_of(replace(table, counts=table.counts[:, np.argsort(order)]))
     assert found is not None
@@ -83,7 +83,7 @@ def test_gains_dead_and_leaking_taxels_are_no_order(seed: int):
 @pytest.mark.parametrize("axis", [0, 1])
 def test_exchanged_lines_with_dark_taxels(axis: int):
     """Taxels that no press reaches go with their row or column, though their own traces do not say so."""
-    table, _ = make_session(presses=60)
+    table, _ = make_session(presses=40)
     order = np.take(IMAGE, [1, 0, 2, 3], axis=axis).ravel()
     counts = table.counts.copy()
     dark = IMAGE[:2, :2].ravel()[1:3]
@@ -93,7 +93,7 @@ def test_exchanged_lines_with_dark_taxels(axis: int):
 
 
 def test_banks_of_rows():
-    table, _ = make_session(presses=60)
+    table, _ = make_session(presses=40)
     order = IMAGE[[0, 2, 1, 3]][:, [0, 2, 1, 3]].ravel()
     found = order_of(replace(table, counts=table.counts[:, np.argsort(order)]))
     assert found is not None and found.order.tolist() == order.tolist()

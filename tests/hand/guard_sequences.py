@@ -22,19 +22,8 @@ FORCE_N = tiny_description().max_force_n
 ROUNDING = 1e-8
 
 FAULTS = (
-    "angle",
-    "velocity",
-    "torque",
-    "force",
-    "desired",
-    "nan",
-    "none",
-    "old",
-    "counts",
-    "drop",
-    "exit",
-    "copy",
-)
+    "angle", "velocity", "torque", "force", "desired", "nan", "none", "old", "counts", "drop", "exit", "copy"
+)  # fmt: skip
 """What may be wrong with a state, or come instead of one."""
 
 STEPS_S = (0.0, 1e-4, 0.002, 0.004, 0.02, 0.3, 0.6, 5.0, 1e6, -0.01, math.nan)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,7 +19,7 @@ from skincal.envs import MarbleRollEnv
 from skincal.errors import InputError
 from skincal.files import alone
 from skincal.ranges import preset
-from skincal.train import Network, Settings, begin, maker, read_curve, read_policy, read_run, train
+from skincal.train import Network, Policy, Settings, begin, maker, read_curve, read_policy, read_run, train
 from skincal.train.environments import segment_seed
 from skincal.train.settings import rounds_of
 
@@ -33,6 +35,22 @@ JAX = pytest.param(
 
 class KilledError(Exception):
     pass
+
+
+@pytest.fixture(scope="module")
+def copied(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Policy]:
+    """Copies a run of so many checkpoints, which is made once, into a new folder; returns its policy."""
+    runs: dict[tuple[int, str], Path] = {}
+
+    def copy(folder: Path, checkpoints: int = 1, backend: str = "sb3") -> Policy:
+        if (checkpoints, backend) not in runs:
+            runs[checkpoints, backend] = tmp_path_factory.mktemp("runs") / "run"
+            steps = checkpoints * small_runs.CHECKPOINT_STEPS
+            small_runs.run(runs[checkpoints, backend], steps, backend)
+        shutil.copytree(runs[checkpoints, backend], folder)
+        return read_policy(folder / "policy.onnx")
+
+    return copy
 
 
 @pytest.mark.parametrize("change", [{"steps": 10**30}, {"seed": -1}, {"rounds_per_checkpoint": 0}])
@@ -52,10 +70,10 @@ def last_network(folder: Path) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("backend", ["sb3", "ppo", JAX])
-def test_going_on_is_exact(tmp_path, backend):
-    small_runs.run(tmp_path / "straight", 4 * small_runs.CHECKPOINT_STEPS, backend)
-    for steps in (2, 4):
-        small_runs.run(tmp_path / "twice", steps * small_runs.CHECKPOINT_STEPS, backend)
+def test_going_on_is_exact(tmp_path, backend, copied):
+    copied(tmp_path / "straight", 4, backend)
+    copied(tmp_path / "twice", 2, backend)
+    small_runs.run(tmp_path / "twice", 4 * small_runs.CHECKPOINT_STEPS, backend)
     straight, twice = last_network(tmp_path / "straight"), last_network(tmp_path / "twice")
     assert all(np.array_equal(a, b) for a, b in zip(straight, twice, strict=True))
     one, other = (read_curve(tmp_path / name / "curve.csv") for name in ("straight", "twice"))
@@ -64,9 +82,9 @@ def test_going_on_is_exact(tmp_path, backend):
 
 
 @pytest.mark.parametrize("backend", ["sb3", JAX])
-def test_a_run_goes_on_from_a_policy(tmp_path, backend):
+def test_a_run_goes_on_from_a_policy(tmp_path, backend, copied):
     """The critics alone learn at first; then the policy does; an interruption changes nothing."""
-    first = read_policy(small_runs.run(tmp_path / "first", small_runs.CHECKPOINT_STEPS, backend).policy)
+    first = copied(tmp_path / "first", 1, backend)
     work = replace(small_runs.work(backend), rounds_per_checkpoint=1)
     held = work.settings.learning_starts
     for name, stops in (("straight", (3 * held,)), ("twice", (held, 3 * held))):
@@ -81,10 +99,9 @@ def test_a_run_goes_on_from_a_policy(tmp_path, backend):
 
 
 @pytest.mark.parametrize("backend", ["sb3", "ppo", JAX])
-def test_a_run_goes_on_from_another_run(tmp_path, backend):
+def test_a_run_goes_on_from_another_run(tmp_path, backend, copied):
     """It begins at step 0 with all that the other has learned and remembers."""
-    first = small_runs.run(tmp_path / "first", small_runs.CHECKPOINT_STEPS, backend)
-    start = read_policy(first.policy)
+    start = copied(tmp_path / "first", 1, backend)
     begin(small_runs.work(backend), preset("icra26"), tmp_path / "tuned", start=start, run=tmp_path / "first")
     (weights,) = (tmp_path / "first/checkpoint").glob("weights.*")
     assert (tmp_path / "tuned/checkpoint" / weights.name).read_bytes() == weights.read_bytes()
@@ -97,19 +114,19 @@ def test_a_run_goes_on_from_another_run(tmp_path, backend):
     assert tuned.description.start == "first"
 
 
-def test_a_run_without_a_checkpoint_is_no_start(tmp_path):
-    first = small_runs.run(tmp_path / "first", small_runs.CHECKPOINT_STEPS)
+def test_a_run_without_a_checkpoint_is_no_start(tmp_path, copied):
+    first = copied(tmp_path / "first")
     (tmp_path / "first/checkpoint/arrays.npz").unlink()
     with pytest.raises(InputError, match="a whole checkpoint of a run"):
         begin(
             small_runs.work(), preset("iros24"), tmp_path / "tuned",
-            start=read_policy(first.policy), run=tmp_path / "first",
+            start=first, run=tmp_path / "first",
         )  # fmt: skip
     assert not (tmp_path / "tuned").exists()
 
 
-def test_a_run_does_not_go_on_from_another_kind_of_policy(tmp_path):
-    first = read_policy(small_runs.run(tmp_path / "first", small_runs.CHECKPOINT_STEPS).policy)
+def test_a_run_does_not_go_on_from_another_kind_of_policy(tmp_path, copied):
+    first = copied(tmp_path / "first")
     work = replace(small_runs.work(), settings=Settings())
     with pytest.raises(InputError, match=r"with layers of \(256, 256\); got .* with layers of \(16, 16\)"):
         begin(work, preset("iros24"), tmp_path / "tuned", start=first)
@@ -140,10 +157,10 @@ def test_processes_change_nothing(tmp_path):
     assert all(np.array_equal(a, b) for a, b in zip(one, many, strict=True))
 
 
-def test_a_run_that_was_killed_goes_on_exactly(tmp_path):
-    small_runs.run(tmp_path / "straight", 4 * small_runs.CHECKPOINT_STEPS)
+def test_a_run_that_was_killed_goes_on_exactly(tmp_path, copied):
+    copied(tmp_path / "straight", 4)
     folder = tmp_path / "killed"
-    small_runs.run(folder, 2 * small_runs.CHECKPOINT_STEPS)
+    copied(folder, 2)
 
     def kill(row: object) -> None:
         raise KilledError
@@ -158,8 +175,9 @@ def test_a_run_that_was_killed_goes_on_exactly(tmp_path):
     assert np.array_equal(steps, np.arange(1, len(steps) + 1) * small_runs.SMALL.steps_per_round)
 
 
-def test_seeds_matter_and_repeat(tmp_path):
-    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+def test_seeds_matter_and_repeat(tmp_path, copied):
+    copied(tmp_path / "a")
+    for name, seed in (("b", 3), ("c", 2)):
         small_runs.run(tmp_path / name, small_runs.CHECKPOINT_STEPS, seed=seed)
     a, b, c = (np.concatenate([x.ravel() for x in last_network(tmp_path / n)]) for n in "abc")
     assert np.array_equal(a, b)
@@ -168,12 +186,12 @@ def test_seeds_matter_and_repeat(tmp_path):
 
 
 @pytest.mark.parametrize("backend", ["sb3", "ppo", JAX])
-def test_the_file_says_what_the_learner_does(tmp_path, backend):
+def test_the_file_says_what_the_learner_does(tmp_path, backend, copied):
     """The policy file, the network as bare numbers, and the learner itself act the same."""
     from skincal.train.checkpoint import load_checkpoint
     from skincal.train.training_run import _learner
 
-    done = small_runs.run(tmp_path / "run", 2 * small_runs.CHECKPOINT_STEPS, backend)
+    policy = copied(tmp_path / "run", 2, backend)
     work, _ = read_run(tmp_path / "run")
     with _learner(work, small_runs.make, processes=False) as learner:
         load_checkpoint(learner, tmp_path / "run" / "checkpoint")
@@ -183,7 +201,6 @@ def test_the_file_says_what_the_learner_does(tmp_path, backend):
         observation["policy"][0] = 1e6  # is clipped
         normalised = learner.normalised.normalize_obs(observation)
         expected, _ = learner.model.predict(normalised, deterministic=True)
-    policy = read_policy(done.policy)
     np.testing.assert_allclose(network(observation["policy"]), expected, atol=2e-6)
     np.testing.assert_allclose(policy(observation["policy"]), expected, atol=2e-6)
     np.testing.assert_allclose(policy(observation["policy"][3]), expected[3], atol=2e-6)
@@ -245,16 +262,16 @@ def test_published_settings():
     assert rounds_of(settings, 480) == 1
 
 
-def test_work_survives_a_file(tmp_path):
-    small_runs.run(tmp_path / "run", small_runs.CHECKPOINT_STEPS)
+def test_work_survives_a_file(tmp_path, copied):
+    copied(tmp_path / "run")
     # What was not given is written down as well.
     environment = MarbleRollEnv.default_options().numbers
     assert read_run(tmp_path / "run")[0] == replace(small_runs.work(), environment=environment)
     assert environment["solver_iterations"] == 20 and "rewards" not in environment
 
 
-def test_a_damaged_checkpoint(tmp_path):
-    small_runs.run(tmp_path / "run", small_runs.CHECKPOINT_STEPS)
+def test_a_damaged_checkpoint(tmp_path, copied):
+    copied(tmp_path / "run")
     (tmp_path / "run" / "checkpoint" / "weights.pt").write_bytes(b"no weights")
     with pytest.raises(
         InputError, match=r"checkpoint: expected a whole checkpoint of this run; got .*remove"
@@ -269,9 +286,9 @@ def test_no_run(tmp_path):
         train(tmp_path, small_runs.make)
 
 
-def test_two_processes_at_one_run(tmp_path):
+def test_two_processes_at_one_run(tmp_path, copied):
     folder = tmp_path / "run"
-    small_runs.run(folder, small_runs.CHECKPOINT_STEPS)
+    copied(folder)
     before = (folder / "policy.onnx").read_bytes()
     with alone(folder / "run.toml", folder):
         with pytest.raises(InputError, match="another process at work"):
@@ -281,9 +298,9 @@ def test_two_processes_at_one_run(tmp_path):
     assert (folder / "policy.onnx").read_bytes() == before
 
 
-def test_a_run_is_replaced_by_force_and_strangers_in_it_are_not(tmp_path):
+def test_a_run_is_replaced_by_force_and_strangers_in_it_are_not(tmp_path, copied):
     folder = tmp_path / "run"
-    small_runs.run(folder, small_runs.CHECKPOINT_STEPS)
+    copied(folder)
     for listed in (True, False):
         if not listed:
             (folder / ".skincal.json").unlink()
@@ -295,14 +312,14 @@ def test_a_run_is_replaced_by_force_and_strangers_in_it_are_not(tmp_path):
     assert sorted(path.name for path in folder.iterdir()) == [".skincal.json", "ranges.toml", "run.toml"]
 
 
-def test_a_checkpoint_that_was_moved_away_comes_back(tmp_path):
+def test_a_checkpoint_that_was_moved_away_comes_back(tmp_path, copied):
     """The state after a kill where the file system cannot exchange two names."""
     folder = tmp_path / "run"
-    small_runs.run(folder, 2 * small_runs.CHECKPOINT_STEPS)
+    copied(folder, 2)
     (folder / "checkpoint").rename(folder / ".checkpoint.abcd_123.old")
     (folder / ".policy.onnx.abcd_123.part").mkdir()
-    small_runs.run(folder, 3 * small_runs.CHECKPOINT_STEPS)
-    small_runs.run(tmp_path / "straight", 3 * small_runs.CHECKPOINT_STEPS)
+    small_runs.run(folder, 4 * small_runs.CHECKPOINT_STEPS)
+    copied(tmp_path / "straight", 4)
     ends = [read_curve(tmp_path / name / "curve.csv")["reward"] for name in ("run", "straight")]
     np.testing.assert_array_equal(*ends)
     assert not [path.name for path in folder.iterdir() if path.suffix in (".old", ".part")]
