@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import BSpline
 
+from skincal.effects import Stage, effect
 from skincal.effects.samples import HOLD, UNLOAD
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitter
@@ -97,7 +98,10 @@ def find_spells(
     expected = forward.mean @ forward.noise.written(level)[0]
     variance = forward.noise.variance(forward.mean @ level, fitter.frames)
     ends = forward.noise.low, forward.noise.high
-    return spells_in(session, session.counts, expected, variance, state.rest, ends, first=first)
+    # What effects do to a value taxel by taxel the curve of a taxel has, too; in the fit they may have followed a step.
+    others = {n: v for n, v in state.effects.items() if effect(n).stage < Stage.CONVERTER}
+    bare = forward.mean @ forward.see(replace(state, effects=others)).values
+    return spells_in(session, session.counts, expected, variance, state.rest, ends, bare, first=first)
 
 
 def spells_in(
@@ -107,6 +111,7 @@ def spells_in(
     variance: FloatArray,
     rest: float,
     ends: tuple[float, float] = (-np.inf, np.inf),
+    bare: FloatArray | None = None,
     *,
     first: bool = False,
 ) -> tuple[Spell, ...]:
@@ -119,6 +124,7 @@ def spells_in(
         variance: (N, J) of the noise.
         rest: level at rest that all taxels share.
         ends: of the converter.
+        bare: (N, J) what it expects above rest before anything acts on single values; None: what it expects.
         first: whether the model is a calibration's; of taxels that stick away from their level at rest alone.
     """
     keys = block_keys(session.press)
@@ -144,7 +150,7 @@ def spells_in(
             counts[np.isin(keys, found[-1].blocks), j] = np.nan
     if first:
         return tuple(found)
-    series = _series(session, counts, expected, variance, rest, starts)
+    series = _series(session, counts, expected - rest if bare is None else bare, variance, starts)
     for j in range(counts.shape[1]):
         for begin, end, height in _steps(series, j, keys[starts] >= 0):
             found.append(spell(j, begin, end, height, stuck=False))
@@ -212,12 +218,7 @@ class _Series:
 
 
 def _series(
-    session: GapSession,
-    counts: FloatArray,
-    expected: FloatArray,
-    variance: FloatArray,
-    rest: float,
-    starts: IntArray,
+    session: GapSession, counts: FloatArray, bare: FloatArray, variance: FloatArray, starts: IntArray
 ) -> _Series:
     """Means over the hold of each press, and over each rest."""
     ends = np.append(starts[1:], len(counts))
@@ -232,7 +233,7 @@ def _series(
         w = session.frames[held][:, None] * np.isfinite(counts[held])
         total = np.maximum(w.sum(axis=0), 1e-12)
         y[b] = np.where(w.sum(axis=0) > 0, (w * np.nan_to_num(counts[held])).sum(axis=0) / total, np.nan)
-        x[b] = (w * (expected[held] - rest)).sum(axis=0) / total
+        x[b] = (w * bare[held]).sum(axis=0) / total
         v[b] = (w**2 * variance[held]).sum(axis=0) / total**2
     # What a press may err by beside the noise: its image, its force.
     return _Series(y, x, v + (C.image**2 + C.force**2) * x**2, falling)

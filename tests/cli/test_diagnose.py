@@ -137,7 +137,7 @@ def test_a_pressure_chamber_goes_the_whole_way(tmp_path: Path, capsys: pytest.Ca
     found = json.loads(capsys.readouterr().out)
     assert found["verdict"] == "effects"
     names = [effect["name"] for effect in found["effects"]]
-    assert names[0] == "taxel_offset"
+    assert names == ["taxel_offset"]
     assert {finding["code"] for finding in found["findings"]} >= {"jump", "stuck_taxel", "noisy_taxel"}
     assert found["gap"]["closed"] > 0.7
     new = read_calibration(tmp_path / "new")
