@@ -79,6 +79,8 @@ class ColumnReader:
     def require(self, names: Sequence[str]) -> None:
         """Add one error for the required columns that are missing."""
         missing = [name for name in names if not self.has(name)]
+        if not missing:
+            return
         spare = [name for name in self._table.columns if name not in names and name not in OPTIONAL]
         close = {name: did_you_mean(name, spare) for name in missing}
         hints = [f'Does "{other}" stand for {name}?' for name, other in close.items() if other]
@@ -88,8 +90,7 @@ class ColumnReader:
         separator = "The cells are separated by semicolons; separate them by commas." if one else ""
         fix = " ".join(hints[:3]) or separator or _how_to_add(missing)
         expected, got = f"the {what} {_first(missing)}", f"the columns {_first(names, 12)}"
-        if missing:
-            self.sheet.findings.error(self.sheet.file, expected, got, fix)
+        self.sheet.findings.error(self.sheet.file, expected, got, fix)
 
     def require_rows(self, expected: str, fix: str) -> None:
         """Add an error for a table without rows."""

@@ -190,10 +190,7 @@ def write_table(path: Path, columns: Mapping[str, Column] | pd.DataFrame) -> Non
         if path.suffix == ".parquet":
             pq.write_table(table, file)
             return
-        names = [
-            f'"{n.replace(chr(34), 2 * chr(34))}"' if {*n} & {*',"\n'} else n for n in table.column_names
-        ]
-        file.write((",".join(names) + "\n").encode())
+        file.write((",".join(map(_quoted, table.column_names)) + "\n").encode())
         pcsv.write_csv(table, file, pcsv.WriteOptions(include_header=False, quoting_style="needed"))
 
 
@@ -355,3 +352,7 @@ def _numbers(chunk: pa.Array) -> Column:
     rows = slice(chunk.offset, chunk.offset + len(chunk))
     present = np.unpackbits(np.frombuffer(valid, np.uint8), bitorder="little")[rows].astype(np.bool_)
     return np.where(present, np.frombuffer(values, chunk.type.to_pandas_dtype())[rows], np.nan)
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"' if any(c in name for c in ',"\n') else name

@@ -101,7 +101,7 @@ def find_spells(
     # What effects do to a value taxel by taxel the curve of a taxel has, too; in the fit they may have followed a step.
     others = {n: v for n, v in state.effects.items() if effect(n).stage < Stage.CONVERTER}
     bare = forward.mean @ forward.see(replace(state, effects=others)).values
-    return spells_in(session, session.counts, expected, variance, state.rest, ends, bare, first=first)
+    return spells_in(session, session.counts, expected, variance, bare, ends, first=first)
 
 
 def spells_in(
@@ -109,9 +109,8 @@ def spells_in(
     counts: FloatArray,
     expected: FloatArray,
     variance: FloatArray,
-    rest: float,
+    bare: FloatArray,
     ends: tuple[float, float] = (-np.inf, np.inf),
-    bare: FloatArray | None = None,
     *,
     first: bool = False,
 ) -> tuple[Spell, ...]:
@@ -122,9 +121,8 @@ def spells_in(
         counts: (N, J) what was read; NaN where nothing was.
         expected: (N, J) what a model expects.
         variance: (N, J) of the noise.
-        rest: level at rest that all taxels share.
+        bare: (N, J) what it expects above rest before anything acts on single values.
         ends: of the converter.
-        bare: (N, J) what it expects above rest before anything acts on single values; None: what it expects.
         first: whether the model is a calibration's; of taxels that stick away from their level at rest alone.
     """
     keys = block_keys(session.press)
@@ -150,7 +148,7 @@ def spells_in(
             counts[np.isin(keys, found[-1].blocks), j] = np.nan
     if first:
         return tuple(found)
-    series = _series(session, counts, expected - rest if bare is None else bare, variance, starts)
+    series = _series(session, counts, bare, variance, starts)
     for j in range(counts.shape[1]):
         for begin, end, height in _steps(series, j, keys[starts] >= 0):
             found.append(spell(j, begin, end, height, stuck=False))

@@ -2,7 +2,7 @@
 
 Gauss-Newton on the whitened, robust residual; after each step of the whole presses go on by steps of their own numbers,
 so that the next linearisation is about where they are. What a press would gain by itself is not taken in the step of
-the whole: three presses of ten went too far by it, and the whole stopped short.
+the whole: many go too far by it, and the whole would stop short.
 """
 
 from __future__ import annotations
@@ -135,13 +135,11 @@ class Settled(NamedTuple):
         state: it.
         seen: what it reads.
         loss: (P + 1,) of presses, and of what is of no press.
-        blocks: of the last step that was tried.
     """
 
     state: State
     seen: Seen
     loss: FloatArray
-    blocks: Blocks
 
 
 class Fitter:
@@ -391,7 +389,7 @@ class Fitter:
 
     def _careful(self, at: Fitted, d: FloatArray) -> tuple[State, Seen, float]:
         """The state that a step leads to, each press gone on from there by steps of its own, and its loss."""
-        state, seen, loss, _ = self.settled(self.moved(at, d, alone=False))
+        state, seen, loss = self.settled(self.moved(at, d, alone=False))
         prior, pull = self.prior(state, at.free)
         return state, seen, float(loss.sum() + (pull**2 / np.maximum(prior, 1e-300)).sum())
 
@@ -413,7 +411,7 @@ class Fitter:
             state = replace(state, move=np.where(better[:-1, None], new.move, state.move))
             best = np.minimum(best, loss)
         seen = tried if (state.move == new.move).all() else self.forward.see(state)
-        return Settled(state, seen, best, found)
+        return Settled(state, seen, best)
 
     def _own_move(
         self, move: FloatArray, ways: Sequence[FloatArray], owner: IntArray, damping: FloatArray

@@ -20,6 +20,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
+from itertools import islice
 
 import numpy as np
 
@@ -349,13 +351,18 @@ class Search:
         What is near the best after a few steps is fitted until it is settled before it is compared: the base has gone
         along with what was missing, and may have far to come back.
         """
-        able = [(t, v) for t in good if (v := self._scaled(fit, t)) is not None]
-        least, shared = (
-            C.contend * max(x, default=0.0) for x in ([t.gain for t, _ in able], [t.shared for t, _ in able])
+        scaled = cache(lambda t: self._scaled(fit, t))
+        order = sorted(good, key=lambda t: -t.shared)
+        most = next((t.gain for t in sorted(good, key=lambda t: -t.gain) if scaled(t)), 0.0)
+        shared = next((t.shared for t in order if scaled(t)), 0.0)
+        able = (
+            (t, v)
+            for t in order
+            if t.shared > C.contend * shared or t.gain > C.contend * most
+            if (v := scaled(t))
         )
-        few = [(t, v) for t, v in able if t.shared > shared or t.gain > least]
         fits: list[tuple[Tried, Fitted]] = []
-        for t, values in sorted(few, key=lambda one: -one[0].shared)[: C.contenders]:
+        for t, values in islice(able, C.contenders):
             new = self.with_one(fit, t, values)
             gain = Score(self.score(new) - self.score(fit))
             # Many presses gain a little, or some gain much: a few alone are no evidence, whatever they gain.

@@ -143,31 +143,32 @@ def placed(fitter: Fitter, state: State) -> State:
     return replace(state, move=np.where(better, there.state.move, here.state.move)) if better.any() else state
 
 
-def placed_at(fitter: Fitter, state: State, bad: IntArray) -> State:
-    """The same of the presses named: on the lattice, then on a finer one about its best few places."""
+def placed_at(fitter: Fitter, state: State, rows: IntArray) -> State:
+    """A state whose named presses stand at the best place of a lattice within the slack.
+
+    Few presses are read at a time, as their tables are large; the best few places are looked about more finely.
+    """
     f, move = fitter.forward, state.move.copy()
-    images, at = _images(fitter, state, bad)
+    images, at = _images(fitter, state, rows)
     own = np.flatnonzero(at >= 0)
-    bad, images, at = bad[own], images[own], at[own]
-    if not len(bad):
+    rows, images, at = rows[own], images[own], at[own]
+    if not len(rows):
         return state
     read = f.reader(state, at)
     grid = np.array([(a, b) for a in _LATTICE for b in _LATTICE])[None] * fitter.before.slack_m
-    grid = np.repeat(grid, len(bad), axis=0)
+    grid = np.repeat(grid, len(rows), axis=0)
     near = np.array([(a, b) for a in _NEAR for b in _NEAR]) * (_LATTICE[1] - _LATTICE[0])
+    top = np.maximum(np.nanmax(images, axis=1) - state.rest, 0.0)
+    sd = np.hypot(f.noise.frame, 0.05 * top)[:, None, None]
+    parts = np.array_split(np.arange(len(rows)), len(rows) // 16 + 1)
     for finer in (True, False):
-        top = np.maximum(np.nanmax(images, axis=1) - state.rest, 0.0)
-        sd = np.hypot(f.noise.frame, 0.05 * top)[:, None, None]
-        # Few presses at a time: their tables are large.
-        levels = np.concatenate(
-            [read(grid[k], k) for k in np.array_split(np.arange(len(bad)), len(bad) // 16 + 1)]
-        )
+        levels = np.concatenate([read(grid[k], k) for k in parts])
         off = np.nansum(((f.noise.written(levels)[0] - images[:, None]) / sd) ** 2, axis=2)
         off += (grid**2).sum(axis=2) * fitter.before.move[0]
         order = np.argsort(off, axis=1)[:, : _FEW if finer else 1]
         best = np.take_along_axis(grid, order[..., None], axis=1)
-        grid = (best[:, :, None] + near * fitter.before.slack_m).reshape(len(bad), -1, 2)
-    move[bad] = np.append(best[:, 0], np.zeros((len(bad), 1)), axis=1)
+        grid = (best[:, :, None] + near * fitter.before.slack_m).reshape(len(rows), -1, 2)
+    move[rows] = np.append(best[:, 0], np.zeros((len(rows), 1)), axis=1)
     return replace(state, move=move)
 
 

@@ -45,7 +45,7 @@ def read(expected: np.ndarray, seed: int = 1) -> np.ndarray:
 
 def spells(made: GapSession, counts: np.ndarray, expected: np.ndarray, *, first: bool = False):
     variance = np.full(counts.shape, SIGMA**2 / 4)
-    return spells_in(made, counts, expected, variance, 20.0, (0.0, 255.0), first=first)
+    return spells_in(made, counts, expected, variance, expected - 20, (0.0, 255.0), first=first)
 
 
 def test_blocks_are_presses_and_the_rests_after_them():

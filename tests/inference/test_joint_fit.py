@@ -250,7 +250,7 @@ def test_a_loss_is_the_same_from_wherever_it_is_come_to():
     near = replace(end, move=end.move + np.array([1e-4, -1e-4, 0.0]))
     anew = seen.__wrapped__("nothing").fitter
     first = anew.loss_at(near), anew.loss_at(end)
-    assert (fitter.loss_at(near), fitter.loss_at(end)) == pytest.approx(first, abs=1.0)
+    assert (fitter.loss_at(near), fitter.loss_at(end)) == pytest.approx(first, abs=1e-6)
 
 
 def test_unfinished_fit_gets_no_credit_for_its_slopes():

@@ -46,13 +46,19 @@ def test_a_search_ends_where_one_effect_gains_taxel_by_taxel():
     assert one.gain == 20.0 * C.rounds
 
 
+class Entry(SimpleNamespace):
+    """Of a round."""
+
+    __hash__ = object.__hash__
+
+
 class Settling(Search):
     """A joint fit that gains 40 nats after a few steps, and something else once it is settled."""
 
     settled = 0.0
 
     def _scaled(self, fit: Any, tried: Any) -> Any:
-        return None if tried.name == "saturation" else {}
+        return None if tried.name == "saturation" else {"share": np.ones(1)}
 
     def with_one(self, fit: Any, tried: Any, values: Any) -> Any:
         return SimpleNamespace(state=None, free=(), each=2.0)
@@ -70,7 +76,7 @@ def test_named_effect_is_beyond_its_limit_once_settled(settled: float, named: bo
     before: Any = SimpleNamespace(each=0.0)
     search = Settling(none, none, (), frozenset(), np.random.default_rng(0))
     search.settled = settled
-    tried: Any = SimpleNamespace(name="cover", gain=40.0, shared=26.0, sure=2.9, limit=30.0, p_value=0.01)
+    tried: Any = Entry(name="cover", gain=40.0, shared=26.0, sure=2.9, limit=30.0, p_value=0.01)
     assert bool(search._best(before, [tried])) is named
 
 
@@ -116,12 +122,10 @@ def test_what_few_presses_gain_is_no_evidence_whatever_it_is(on: int, named: boo
     before: Any = SimpleNamespace(each=0.0)
     search = Lumpy(none, none, (), frozenset(), np.random.default_rng(0))
     search.on = on
-    tried: Any = SimpleNamespace(name="cover", gain=40.0, shared=6.0, sure=1.5, limit=30.0, p_value=0.01)
+    tried: Any = Entry(name="cover", gain=40.0, shared=6.0, sure=1.5, limit=30.0, p_value=0.01)
     assert bool(search._best(before, [tried])) is named
     # What bounds keep from what its slopes promise takes no place of others, however much that is.
-    cannot = [
-        SimpleNamespace(**vars(tried) | {"name": "saturation", "gain": 900.0, "shared": 90.0})
-    ] * C.contenders
+    cannot = [Entry(**vars(tried) | {"name": "saturation", "gain": 900.0, "shared": 90.0})] * C.contenders
     assert bool(search._best(before, [*cannot, tried])) is named
 
 
