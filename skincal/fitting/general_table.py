@@ -78,7 +78,7 @@ class SkinTable:
     reach: TableReach
 
     def tables(self) -> Tables:
-        """See :meth:`skincal.fitting.seen.Images.tables`."""
+        """Return the table as the likelihood looks it up."""
         turns, levels = turns_of(self.reach), levels_of(self.reach)
         return Tables(
             np.zeros((0, 0, 0, 0, 0, 0), dtype=np.float32), np.zeros(0, dtype=np.intp), np.zeros((0, 2)), 0.0,

@@ -23,8 +23,8 @@ from skincal.fitting.types import Floats
 
 _TINY = 1e-12
 
-STARTS = 2
-"""nlopt starts from so many of the best places of a lattice, where it is not told better."""
+_TOLERANCE_M = 1e-6
+"""The position is sought this finely; its effect on the loss is far below the noise [m]."""
 
 _DIFFERENCE_M = 5e-6
 _CROSS = _DIFFERENCE_M * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
@@ -66,12 +66,7 @@ def image_mismatch(observed: Floats, shares: Floats) -> Floats:
 
 
 def nlopt_micro(
-    observed: Floats,
-    images: Callable[[Floats], Floats],
-    settings: MicroSettings,
-    *,
-    starts_m: Floats | None = None,
-    tolerance_m: float = 1e-7,
+    observed: Floats, images: Callable[[Floats], Floats], settings: MicroSettings, start_m: Floats
 ) -> tuple[Floats, float]:
     """One micro problem with nlopt, for any geometry (SLSQP, Kraft 1994, with slopes by differences).
 
@@ -79,21 +74,18 @@ def nlopt_micro(
         observed: (J,) observed image [counts].
         images: takes slacks (m, 2) [m] to simulated loads (m, J) of any scale.
         settings: noise, stiffness of the slack, bounds.
-        starts_m: (M, 2) slacks to start from, all of which are tried [m]; None for the best two of a lattice.
-        tolerance_m: stop when the position moves less than this [m].
+        start_m: (2,) slack to start from [m].
 
     Returns:
         Slack (2,) [m] and objective there: the best that was seen.
     """
-    if starts_m is None:
-        lattice = slack_lattice(settings.slack_m)
-        starts_m = lattice[np.argsort(_objective(observed, images, lattice, settings))[:STARTS]]
     best, best_q = np.zeros(2), np.inf
 
     def objective(slack_mm: Floats, gradient: Floats) -> float:
         nonlocal best, best_q
         slack = np.asarray(slack_mm, dtype=np.float64) * 1e-3
-        q = _objective(observed, images, slack + (_CROSS if gradient.size else _CROSS[:1]), settings)
+        at = slack + (_CROSS if gradient.size else _CROSS[:1])
+        q = micro_objective(observed[None], images(at), at, settings)
         if q[0] < best_q:
             best, best_q = slack, float(q[0])
         if gradient.size:
@@ -103,23 +95,16 @@ def nlopt_micro(
     bound = settings.slack_m * 1e3
     if bound <= 0:
         return best, objective(best, np.empty(0))
-    for start in np.clip(starts_m * 1e3, -bound, bound):
-        solver: Any = nlopt.opt(nlopt.LD_SLSQP, 2)  # pyright: ignore
-        solver.set_lower_bounds(-bound)
-        solver.set_upper_bounds(bound)
-        solver.set_min_objective(objective)
-        solver.set_xtol_abs(tolerance_m * 1e3)
-        solver.set_maxeval(200)
-        # Where the objective is flat to rounding, nlopt gives up with an error; the best place seen still stands.
-        with suppress(*_GIVES_UP):
-            solver.optimize(start)
+    solver: Any = nlopt.opt(nlopt.LD_SLSQP, 2)  # pyright: ignore
+    solver.set_lower_bounds(-bound)
+    solver.set_upper_bounds(bound)
+    solver.set_min_objective(objective)
+    solver.set_xtol_abs(_TOLERANCE_M * 1e3)
+    solver.set_maxeval(200)
+    # Where the objective is flat to rounding, nlopt gives up with an error; the best place seen still stands.
+    with suppress(*_GIVES_UP):
+        solver.optimize(np.clip(start_m * 1e3, -bound, bound))
     return best, best_q
-
-
-def _objective(
-    observed: Floats, images: Callable[[Floats], Floats], slack_m: Floats, settings: MicroSettings
-) -> Floats:
-    return micro_objective(observed[None], images(slack_m), slack_m, settings)
 
 
 def micro_objective(observed: Floats, shares: Floats, slack_m: Floats, settings: MicroSettings) -> Floats:

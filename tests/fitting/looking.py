@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 
 from skincal.fitting import lookup
+from skincal.fitting.general_table import SkinTable
+from skincal.fitting.kernel import KernelTable
 from skincal.fitting.lookup import Tables, compiled, look_up, room_for
+from skincal.fitting.presses import to_patch
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.seen import Images, to_patch
 
 
 @compiled
@@ -43,7 +45,7 @@ def at_level(
 
 
 def shares(
-    images: Images,
+    images: KernelTable,
     uv: np.ndarray,
     alpha: np.ndarray,
     log_ratio: np.ndarray,
@@ -61,7 +63,11 @@ def shares(
 
 
 def see(
-    images: Images, problem: FitProblem, macro: np.ndarray, press: np.ndarray, nuisance: np.ndarray
+    images: Tables | SkinTable,
+    problem: FitProblem,
+    macro: np.ndarray,
+    press: np.ndarray,
+    nuisance: np.ndarray,
 ) -> SimpleNamespace:
     """Load shares (n, J) of presses; slopes by contact and centre (n, J, 2), turn and log(F/E)."""
     alpha = macro[:, 2]
@@ -69,7 +75,7 @@ def see(
     along = problem.along_m[press] + nuisance[:, 1] - macro[:, 1]
     log_ratio = np.log(problem.force_n[press]) + nuisance[:, 2] - macro[:, 3]
     uv = to_patch(across, along, alpha)
-    tables = images.tables()
+    tables = images if isinstance(images, Tables) else images.tables()
     got = looked_up(tables, problem.indenter[press], problem.rows[press], np.array(macro), uv, log_ratio)
     value, by_u, by_v, by_alpha, by_ratio, east, north = got.transpose(1, 0, 2)
     cos, sin = np.cos(alpha)[:, None], np.sin(alpha)[:, None]

@@ -12,7 +12,7 @@ from skincal.fitting.problem import PressTable, pose_problem
 from skincal.fitting.readings import Link
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.shared import smooth_field
-from skincal.fitting.solve import plan_fit, solve
+from skincal.fitting.solve import solve
 from tests.fitting.conftest import BOX, ONE_LAW, Truth, make_session, rig
 
 FLOAT = Readout(None, None, False)
@@ -26,7 +26,7 @@ def values_of(seed: int, presses: int = 30) -> PressTable:
 
 def fit(table: PressTable, readout: Readout) -> FitResult:
     problem = pose_problem(rig(readout), table)
-    return solve(plan_fit(problem, BOX, ONE_LAW), BOX, ONE_LAW, np.random.default_rng(0))
+    return solve(problem, BOX, ONE_LAW, np.random.default_rng(0))
 
 
 def check(result: FitResult, scale: float = 1.0) -> None:
