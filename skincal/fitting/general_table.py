@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from scipy.special import ive
 
 from skincal.fitting.general_skin import RESOLUTION_M
-from skincal.fitting.lookup import Tables
+from skincal.fitting.lookup import NO_KERNELS, ImageTable, Tables
 from skincal.fitting.types import Bools, Floats, Ints
 
 _SILENT = 1e-7
@@ -80,11 +80,11 @@ class SkinTable:
     def tables(self) -> Tables:
         """Return the table as the likelihood looks it up."""
         turns, levels = turns_of(self.reach), levels_of(self.reach)
-        return Tables(
-            np.zeros((0, 0, 0, 0, 0, 0), dtype=np.float32), np.zeros(0, dtype=np.intp), np.zeros((0, 2)), 0.0,
-            (0.0, 1.0), (0.0, 1.0), self.shares, self.lit, self.plane, self.anchor_m, self.log_ratio, self.slot,
-            self.centre, turns, _spline(turns), levels, _spline(levels), self.reach.step_m,
+        images = ImageTable(
+            self.shares, self.lit, self.plane, self.anchor_m, self.log_ratio, self.slot, self.centre,
+            turns, _spline(turns), levels, _spline(levels), self.reach.step_m,
         )  # fmt: skip
+        return Tables(NO_KERNELS, images)
 
     def holds(self, macro: Floats) -> bool:
         """Return whether macro variables (5,) lie well within the table; the ratio F/E is left to its wide margin."""

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.fitting.kernel import KernelTable, build_table
+from skincal.fitting.kernel import build_table
+from skincal.fitting.lookup import KernelTable
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.slab import place
@@ -141,7 +142,7 @@ def place_presses(
     with telling():
         place(
             # Centres are read-only in one process and not in another: two types to compile.
-            (planes, table.size_of, table.centres_m.copy(), table.lattice),
+            (planes, table.size_of, table.centres_m.copy(), (table.step_m, table.half_m)),
             (weight, problem.values * weight),
             (problem.across_m[:, None] + rows, problem.along_m[:, None] + cols),
             (problem.across_m[:, None] - grid.across_m, problem.along_m[:, None] - grid.y_m),

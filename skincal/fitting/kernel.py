@@ -20,10 +20,9 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skincal.fitting.lookup import Tables, allocating, inlined
-from skincal.fitting.types import Floats, Ints
+from skincal.fitting.lookup import KernelTable, allocating, inlined
+from skincal.fitting.types import Floats
 from skincal.model import Contacts, Indenter, SensorPose, Surface, TaxelLayout
 
 MAX_NODES = 640
@@ -35,57 +34,6 @@ STEP_M = 0.1e-3
 
 RATIO_STEP = 0.05
 """Spacing of the tabled logarithms of F/E. Linear interpolation between them is good to 3e-4 of a load share."""
-
-
-@dataclass(frozen=True, eq=False)
-class KernelTable:
-    """Load shares phi of every indenter and taxel size, for several turns alpha and ratios F/E.
-
-    Attributes:
-        shares: (I, M, A, L, N, N) float32: for indenter i, taxel size m, turn a and ratio l the share of the normal
-            force at offsets (u, v) of the contact from the taxel's centre; zero on the two outer nodes.
-        size_of: (J,) which size each taxel has.
-        centres_m: (J, 2) of the taxels [m].
-        turns: first tabled turn and the step [rad].
-        ratios: the same of log(F_n / E), that in [m³].
-        step_m: lattice step [m].
-        half_m: offset of the outermost nodes [m].
-    """
-
-    shares: NDArray[np.float32]
-    size_of: Ints
-    centres_m: Floats
-    turns: tuple[float, float]
-    ratios: tuple[float, float]
-    step_m: float
-    half_m: float
-
-    @property
-    def lattice(self) -> tuple[float, float]:
-        """Step and half the width of the planes [m]."""
-        return self.step_m, self.half_m
-
-    def tables(self) -> Tables:
-        """Return the table as the likelihood looks it up."""
-        none, line, whole = np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=np.intp)
-        return Tables(
-            self.shares, self.size_of, self.centres_m, self.half_m, self.turns, self.ratios,
-            np.zeros((0, 0, 0, 0), dtype=np.float32), np.zeros((0, 0, 0), dtype=bool), whole.reshape(0, 0), none, line,
-            whole, line, line, np.zeros((4, 0, 0)), line, np.zeros((4, 0, 0)), self.step_m,
-        )  # fmt: skip
-
-    def level(self, turn: int, log_ratio: Floats, indenter: Ints) -> NDArray[np.float32]:
-        """Load shares (K, M, N, N) of presses at the tabled turn number ``turn`` and at log(F/E) ``log_ratio`` (K,)."""
-        levels, (first, step) = self.shares.shape[3], self.ratios
-        position = np.clip((log_ratio - first) / step, 0.0, levels - 1.0)
-        low = np.minimum(position.astype(np.intp), levels - 2)
-        part = (position - low).astype(np.float32)[:, None, None, None]
-        shares = self.shares[:, :, turn]
-        between, above = shares[indenter, :, low], shares[indenter, :, low + 1]
-        between *= 1 - part
-        above *= part
-        between += above
-        return between
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from skincal.fitting import general, grid
 from skincal.fitting.general_table import SkinTable
 from skincal.fitting.grid import GridSlab, MacroGrid
 from skincal.fitting.kernel import build_table
-from skincal.fitting.lookup import Tables
+from skincal.fitting.lookup import NO_IMAGES, Tables
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds, Peak, climb, log_posterior, press_evidence
 from skincal.fitting.press_evidence import find_narrow_slacks, log_evidence
@@ -107,7 +107,7 @@ def _kernels(asked: bytes, spread_m: float, projected: bool) -> Tables:
 
     They are known by what they are made of, as every task brings a copy of its own.
     """
-    return build_table(*pickle.loads(asked), spread_m=spread_m, projected=projected).tables()
+    return Tables(build_table(*pickle.loads(asked), spread_m=spread_m, projected=projected), NO_IMAGES)
 
 
 def climb_near(

@@ -9,8 +9,7 @@ import numpy as np
 
 from skincal.fitting import lookup
 from skincal.fitting.general_table import SkinTable
-from skincal.fitting.kernel import KernelTable
-from skincal.fitting.lookup import Tables, compiled, look_up, room_for
+from skincal.fitting.lookup import NO_IMAGES, KernelTable, Tables, compiled, look_up, room_for
 from skincal.fitting.presses import to_patch
 from skincal.fitting.problem import FitProblem
 
@@ -31,7 +30,7 @@ def looked_up(
     uv: np.ndarray,
     log_ratio: np.ndarray,
 ) -> np.ndarray:
-    out = np.zeros((len(uv), 7, tables.plane.shape[1] + len(tables.centres)))
+    out = np.zeros((len(uv), 7, tables.images.plane.shape[1] + len(tables.kernels.centres_m)))
     room, near = room_for(tables), np.empty(out.shape[2], dtype=np.int64)
     _look_up(tables, kind, row, macro, uv, log_ratio, room, near, out)
     return out
@@ -56,7 +55,7 @@ def shares(
     macro = np.zeros((len(uv), 5))
     macro[:, 2] = alpha
     rows = np.zeros(len(uv), dtype=np.intp) if row is None else row
-    got = looked_up(images.tables(), kind, rows, macro, uv, np.array(log_ratio, dtype=np.float64))
+    got = looked_up(Tables(images, NO_IMAGES), kind, rows, macro, uv, np.array(log_ratio, dtype=np.float64))
     return SimpleNamespace(
         value=got[:, 0], by_u=got[:, 1], by_v=got[:, 2], by_alpha=got[:, 3], by_log_ratio=got[:, 4]
     )

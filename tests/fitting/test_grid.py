@@ -48,7 +48,7 @@ def test_gauss_newton_stays_in_the_slack_and_descends(truth: Truth) -> None:
     turn, settings = (np.cos(truth.alpha_rad), np.sin(truth.alpha_rad)), (4.0, 0.0, 0.5e-3)
     left = []
     for k in range(len(problem)):
-        tables = planes, table.size_of, layout.centres_m, table.lattice, k
+        tables = planes, table.size_of, layout.centres_m, (table.step_m, table.half_m), k
         at = problem.across_m[k] - truth.across_m, problem.along_m[k] - truth.y_m
         given, before, slack = (
             (tables, problem.weight[k], problem.values[k], at, turn),

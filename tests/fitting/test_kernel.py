@@ -102,7 +102,7 @@ def test_one_level_gives_the_same_images_as_the_whole_table() -> None:
     planes = images.level(0, ratio, kind)
     out = np.empty((30, 3, LAYOUT.taxels))
     for k, (u, v) in enumerate(uv):
-        at_level(planes, images.size_of, LAYOUT.centres_m, images.lattice, u, v, k, out[k])
+        at_level(planes, images.size_of, LAYOUT.centres_m, (images.step_m, images.half_m), u, v, k, out[k])
     value, by_u, by_v = out.transpose(1, 0, 2)
     whole = shares(images, uv, np.zeros(30), ratio, kind)
     assert value == pytest.approx(whole.value, abs=1e-5)
