@@ -9,8 +9,8 @@ from scipy.special import ndtri
 
 from skincal.fitting.fit_findings import find
 from skincal.fitting.fit_options import FitOptions, SearchBox
+from skincal.fitting.lattice import best_of_each
 from skincal.fitting.law import LawSpread
-from skincal.fitting.places import best_of_each
 from skincal.fitting.posterior import Peak
 from skincal.fitting.presses import PressModel
 from skincal.fitting.problem import FitProblem
@@ -156,7 +156,7 @@ def _press_fit(model: PressModel, macro: Floats, peak: Peak, sigmas: Floats) -> 
     every = model.settle_at(
         peak.places, macro[None], sigmas[None], forces_known=True, iterations=20, room=1.0
     )
-    state = every[best_of_each(every.press, every.objective, len(problem))]
+    state = every.some(best_of_each(every.press, every.objective, len(problem)))
     spread = np.sqrt(problem.observation.variance(state.sigmas[:, 2], state.sigmas[:, 3], state.press))
     squares = ((state.residual * spread) ** 2).sum(axis=1)
     read = np.maximum((problem.used).sum(axis=1), 1)

@@ -84,7 +84,8 @@ def evaluate_pose(
     found: list[Combination] = []
     for ratio, starts in zip(log_ratio, _starts(skin, log_ratio, observed, weight, settings), strict=True):
         places = [
-            _placed(skin, k, float(ratio[k]), observed[k], weight[k], starts[k], settings) for k in presses
+            _placed(skin, k, float(ratio[k]), observed[k], weight[k], starts[k], settings)
+            for k in range(len(problem))
         ]
         slack = np.array([one for one, _ in places])
         forces = skin.shares(presses, slack, ratio) * weight * problem.force_n[:, None]
@@ -102,7 +103,7 @@ def _starts(
     All images of the lattice are made in one batch, which is much cheaper than one by one.
     """
     lattice = slack_lattice(settings.slack_m)
-    (levels, presses), nodes = log_ratio.shape, len(lattice)
+    levels, presses, nodes = len(log_ratio), len(observed), len(lattice)
     press = np.tile(np.repeat(np.arange(presses), nodes), levels)
     slack = np.tile(lattice, (levels * presses, 1))
     shares = skin.shares(press, slack, np.repeat(log_ratio.ravel(), nodes)) * weight[press]

@@ -19,6 +19,7 @@ from typing import Any
 import nlopt  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
 
+from skincal.fitting.lattice import square
 from skincal.fitting.types import Floats
 
 _TINY = 1e-12
@@ -114,14 +115,7 @@ def micro_objective(observed: Floats, shares: Floats, slack_m: Floats, settings:
     return mismatch + settings.stiffness * (slack_m**2).sum(axis=-1)
 
 
-def slack_lattice(half_m: float, step_m: float = 0.5e-3, most: int = 17) -> Floats:
-    """Square lattice (N, 2) of slacks [m].
-
-    Args:
-        half_m: its outermost slacks [m].
-        step_m: no further apart than this [m] ...
-        most: ... as long as there are no more than so many along a side.
-    """
-    side = min(2 * int(np.ceil(half_m / step_m - 1e-9)) + 1, most)
-    axis = np.linspace(-half_m, half_m, side)
-    return np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+def slack_lattice(half_m: float) -> Floats:
+    """Square lattice (N, 2) of slacks [m] up to ``half_m``; no further apart than 0.5 mm, or 17 along a side."""
+    side = min(2 * int(np.ceil(half_m / 0.5e-3 - 1e-9)) + 1, 17)
+    return square(np.linspace(-half_m, half_m, side))

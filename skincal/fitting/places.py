@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from skincal.fitting.lattice import minima, square
 from skincal.fitting.presses import Places, PressModel, PressStates, to_patch
 from skincal.fitting.types import Bools, Floats, Ints
 from skincal.fitting.volume import MERGED, Fold, fold_of
@@ -31,12 +32,6 @@ _STEP_M, _DEEP = 0.25e-3, 200.0
 
 _APART_M = 0.05e-3
 """Places that a search ended at are one where they are no further apart."""
-
-
-def best_of_each(press: Ints, score: Floats, count: int) -> Ints:
-    """For each of ``count`` presses the place (of N) whose score (N,) is least; every press has one."""
-    order = np.lexsort((score, press))
-    return order[np.searchsorted(press[order], np.arange(count))]
 
 
 def settled_twice(press: Ints, uv_m: Floats, fold: Fold) -> Bools:
@@ -102,9 +97,7 @@ def find_places(model: PressModel, macro: Floats, sigmas: Floats) -> Places:
         start = here.nuisance.copy()
         start[:, :2] = fold_of(model, here).mirror_m
         there = model.settle(macro, sigmas, press, start, iterations=20)
-        both = PressStates(
-            *(np.concatenate(pair) for pair in zip(vars(here).values(), vars(there).values(), strict=True))
-        )
+        both = PressStates._make(np.concatenate(pair) for pair in zip(here, there, strict=True))
         press, nuisance = _distinct(both, len(problem), MOST)
     across = problem.across_m[press] + nuisance[:, 0] - macro[0]
     along = problem.along_m[press] + nuisance[:, 1] - macro[1]
@@ -116,8 +109,7 @@ def _on_lattice(model: PressModel, macro: Floats, sigmas: Floats) -> tuple[Ints,
     count = len(model.problem)
     half = int(model.problem.rig.slack_m / _STEP_M + 1e-9)
     axis = np.arange(-half, half + 1) * _STEP_M
-    side = len(axis)
-    lattice = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    lattice = square(axis)
     press = np.repeat(np.arange(count), len(lattice))
     start = np.zeros((len(press), 3))
     start[:, :2] = np.tile(lattice, (count, 1))
@@ -126,12 +118,9 @@ def _on_lattice(model: PressModel, macro: Floats, sigmas: Floats) -> tuple[Ints,
     blunt[1] = max(sigmas[1], 0.02)
     blunt[2] = max(sigmas[2], BLUNT * model.problem.observation.typical_counts)
     rough = model.settle(macro, blunt, press, start, iterations=1, to_rest=False, brief=True)
-    q = rough.objective.reshape(count, side, side)
-    padded = np.pad(q, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
-    around = [padded[:, i : i + side, j : j + side] for i in range(3) for j in range(3) if (i, j) != (1, 1)]
-    low = (q <= np.min(around, axis=0)) & (q - q.min(axis=(1, 2), keepdims=True) < _DEEP)
-    start = rough.nuisance[low.reshape(-1)]
-    state = model.settle(macro, sigmas, press[low.reshape(-1)], start, iterations=12)
+    q = rough.objective.reshape(count, len(axis), len(axis))
+    low = (minima(q) & (q - q.min(axis=(1, 2), keepdims=True) < _DEEP)).reshape(-1)
+    state = model.settle(macro, sigmas, press[low], rough.nuisance[low], iterations=12)
     return _distinct(state, count, FIRST)
 
 

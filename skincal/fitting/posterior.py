@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from skincal.fitting.places import best_of_each, find_places, mirrored, settled_twice
+from skincal.fitting.lattice import best_of_each
+from skincal.fitting.places import find_places, mirrored, settled_twice
 from skincal.fitting.presses import Places, PressModel, PressStates, half_inverse
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.shared_integral import log_integral
@@ -26,6 +27,9 @@ from skincal.fitting.types import Floats, Ints
 from skincal.fitting.volume import fold_of, log_volume, untracked
 
 SETTLE = 12
+
+STEPS = 25
+"""Steps of a climb at most; places are searched anew a few times on the way."""
 
 _SEARCHES_FAR, _SEARCHES_NEAR = (3, 6, 10, 15), (2, 5)
 """Steps of a climb before which places are searched anew: from afar, and from a peak nearby."""
@@ -128,9 +132,7 @@ def _log_scatter(problem: FitProblem, sigmas: Floats) -> Floats:
     return 0.5 * np.log(variance).sum(axis=1)
 
 
-def climb(
-    model: PressModel, bounds: Bounds, start: Floats, *, sigmas: Floats | None = None, iterations: int = 25
-) -> Peak:
+def climb(model: PressModel, bounds: Bounds, start: Floats, *, sigmas: Floats | None = None) -> Peak:
     """From a grid point to the most probable point: Gauss-Newton over all variables, sigmas by expectation.
 
     Args:
@@ -139,7 +141,6 @@ def climb(
         start: (5,) macro variables to start from.
         sigmas: (6,) of a peak nearby, where there is one; else they start wide, without shared errors, which finds
             the way from afar.
-        iterations: at most so many steps; places are searched anew a few times on the way.
     """
     macro = np.clip(start, bounds.low, bounds.high)
     far = sigmas is None
@@ -147,7 +148,7 @@ def climb(
         sigmas = far_sigmas(model.problem)
     damping, places = 1e-3, None
     searches = _SEARCHES_FAR if far else _SEARCHES_NEAR
-    for step_number in range(iterations):
+    for step_number in range(STEPS):
         problem = model.problem
         if places is None or step_number in searches:
             places = find_places(model, macro, sigmas)
@@ -206,7 +207,7 @@ def _at(model: PressModel, places: Places, macro: Floats, sigmas: Floats) -> tup
     """Where presses settle at one macro point, and each press at its best place."""
     state = model.settle_at(places, macro[None], sigmas[None], iterations=6)
     score = state.objective - 2 * half_inverse(state.hessian)[1]
-    return state.places, state[best_of_each(places.press, score, len(model.problem))]
+    return state.places, state.some(best_of_each(places.press, score, len(model.problem)))
 
 
 def _value(problem: FitProblem, state: PressStates, trust: Floats) -> float:

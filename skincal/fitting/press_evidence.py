@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skincal.fitting.lattice import disc
 from skincal.fitting.presses import Places, PressModel, PressStates, half_inverse
 from skincal.fitting.types import Floats, Ints
 from skincal.fitting.volume import fold_of
@@ -52,16 +53,14 @@ class NarrowSlacks:
     """The narrow slacks (N,) that count, of all presses.
 
     Attributes:
-        press: (N,) number of the press.
+        at: where each press settled in each, at the macro point that it was found for.
         centre_m: (N, 2) where each lies [m].
         omega_m: (N,) its standard deviation [m].
-        at: where each settled at the macro point it was found for.
     """
 
-    press: Ints
+    at: Places
     centre_m: Floats
     omega_m: Floats
-    at: Places
 
 
 def find_narrow_slacks(model: PressModel, places: Places, macro: Floats, sigmas: Floats) -> NarrowSlacks:
@@ -79,19 +78,14 @@ def find_narrow_slacks(model: PressModel, places: Places, macro: Floats, sigmas:
     ).tolist()
     found = [_of_press(model, macro, sigmas, k, one) for k, one in enumerate(omega)]
     press, centre, width, uv, force = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-    return NarrowSlacks(press, centre, width, Places(press, uv, force))
+    return NarrowSlacks(Places(press, uv, force), centre, width)
 
 
 def _of_press(
     model: PressModel, macro: Floats, sigmas: Floats, k: int, omega_m: float
 ) -> tuple[Ints, Floats, Floats, Floats, Floats]:
     """The narrow slacks of press ``k`` that count: one press at a time, as they are many before they are chosen."""
-    reach, step = REACH * float(sigmas[0]), SPACING * omega_m
-    half = int(np.ceil(reach / step))
-    axis: Floats = np.arange(-half, half + 1, dtype=np.float64) * step
-    across, along = np.meshgrid(axis, axis, indexing="ij")
-    lattice = np.column_stack([across.ravel(), along.ravel()])
-    lattice = lattice[np.hypot(lattice[:, 0], lattice[:, 1]) <= reach]
+    lattice = disc(SPACING * omega_m, REACH * float(sigmas[0]))
     press, width = np.full(len(lattice), k, dtype=np.intp), np.full(len(lattice), omega_m)
     start = np.column_stack([lattice + model.problem.shared.shift_m[press], np.zeros(len(press))])
     evidence, at = _evidence(model, macro, sigmas, press, lattice, width, start)
@@ -121,11 +115,12 @@ def log_evidence(model: PressModel, slacks: NarrowSlacks, points: Floats) -> Flo
         points: (W, 11) macro variables and logarithms of the sigmas.
     """
     out = np.empty(len(points))
-    first = np.flatnonzero(np.diff(slacks.press, prepend=-1))
+    press = slacks.at.press
+    first = np.flatnonzero(np.diff(press, prepend=-1))
     for n, point in enumerate(points):
         macro, sigmas = point[:5], np.exp(point[5:])
-        start = model.nuisance_at(slacks.at, np.tile(macro, (len(slacks.press), 1)))
-        evidence, _ = _evidence(model, macro, sigmas, slacks.press, slacks.centre_m, slacks.omega_m, start)
+        start = model.nuisance_at(slacks.at, np.tile(macro, (len(press), 1)))
+        evidence, _ = _evidence(model, macro, sigmas, press, slacks.centre_m, slacks.omega_m, start)
         highest = np.maximum.reduceat(evidence, first)
         parts = np.exp(evidence - np.repeat(highest, np.diff(first, append=len(evidence))))
         out[n] = float((highest + np.log(np.add.reduceat(parts, first))).sum())

@@ -14,13 +14,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from skincal.fitting.lookup import Tables
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.residuals import Found, Presses, room_to_search, search
+from skincal.fitting.residuals import Presses, room_to_search, search
 from skincal.fitting.types import Floats, Ints
 from skincal.model.press.jit import telling
 
@@ -64,8 +64,7 @@ class Places:
     force_error: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class PressStates:
+class PressStates(NamedTuple):
     """Results of Gauss-Newton for n pairs of a macro draw and a press.
 
     Attributes:
@@ -101,9 +100,9 @@ class PressStates:
         """Where the presses are."""
         return Places(self.press, self.uv_m.copy(), self.nuisance[:, 2].copy())
 
-    def __getitem__(self, rows: Any) -> PressStates:
-        """Some of the pairs, by index or mask."""
-        return PressStates(*(array[rows] for array in vars(self).values()))
+    def some(self, rows: Ints) -> PressStates:
+        """Return some of the pairs, by their numbers."""
+        return PressStates._make(array[rows] for array in self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,26 +233,11 @@ class PressModel:
         if centre is not None:  # every pair is a press of its own
             known, own = known.scattered_about(press, centre), np.arange(count, dtype=np.intp)
         shapes = (3,), (), (3, 3), (2,), (taxels,), (taxels,), (taxels, 5), (taxels, 3), (taxels,)
-        found = Found(
-            *(np.empty((0 if brief and n > 2 else count, *shape)) for n, shape in enumerate(shapes))
-        )
-        room = room_to_search(self.tables, taxels)
+        empty = (np.empty((0 if brief and n > 2 else count, *shape)) for n, shape in enumerate(shapes))
+        found, room = PressStates(press, macro, sigmas, *empty), room_to_search(self.tables, taxels)
         with telling():
-            search(
-                self.tables,
-                known,
-                macro,
-                sigmas,
-                own,
-                start,
-                bound,
-                _MAX_STEP,
-                iterations,
-                to_rest,
-                found,
-                room,
-            )
-        return PressStates(press, macro, sigmas, *found)
+            search(self.tables, known, own, start, bound, _MAX_STEP, iterations, to_rest, found, room)
+        return found
 
 
 def solve_small(matrices: Floats, vectors: Floats) -> Floats:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtr
 
+from skincal.fitting.lattice import disc
 from skincal.fitting.presses import PressModel
 from skincal.fitting.types import Floats, Ints
 
@@ -40,7 +41,11 @@ def log_chance(model: PressModel, points: Floats) -> Floats:
 
 def _chances(model: PressModel, point: Floats, press: Ints) -> Floats:
     """Chance (n,) of each of some presses (n,) to be taken, at one point (11,)."""
-    problem, (lattice, weight) = model.problem, _lattice()
+    # Slacks in their standard deviation, and how much each stands for.
+    # In this order, as the chance of a press that is hardly ever taken is what rounding leaves of a sum.
+    problem, lattice = model.problem, disc(SPACING, REACH)[:, ::-1]
+    weight = np.exp(-0.5 * (lattice**2).sum(axis=1))
+    weight /= weight.sum()
     sigmas, each = np.exp(point[5:]), np.repeat(press, len(weight))
     nuisance = np.zeros((len(each), 3))
     # Tables of the general way go no further than the declared slack.
@@ -61,17 +66,6 @@ def _chances(model: PressModel, point: Floats, press: Ints) -> Floats:
     short = _fewer(np.where(problem.used[each], active, 0.0), problem.min_active)
     taken = 1.0 - short.reshape(len(press), len(weight)) @ weight
     return np.maximum(taken, np.finfo(float).tiny)
-
-
-def _lattice() -> tuple[Floats, Floats]:
-    """Slacks (N, 2) in their standard deviation, and how much each stands for (N,)."""
-    half = int(REACH / SPACING)
-    axis: Floats = np.arange(-half, half + 1, dtype=np.float64) * SPACING
-    across, along = np.meshgrid(axis, axis)
-    lattice = np.column_stack([across.ravel(), along.ravel()])
-    lattice = lattice[np.hypot(lattice[:, 0], lattice[:, 1]) <= REACH]
-    weight = np.exp(-0.5 * (lattice**2).sum(axis=1))
-    return lattice, weight / weight.sum()
 
 
 def _fewer(active: Floats, least: int) -> Floats:

@@ -37,19 +37,14 @@ _FAR_NOISE = 0.02
 
 def log_centres(problem: FitProblem) -> Floats:
     """(6,) middles of the priors of the sigmas, in their logarithm."""
-    position = _position_scale(problem)
-    noise = problem.noise_sigma_counts
+    sigma, noise = problem.rig.position_sigma_m, problem.noise_sigma_counts
+    position = sigma if np.isfinite(sigma) and sigma > 0 else problem.rig.slack_m
     return np.log([position, FORCE_SIGMA, noise, MISFIT, GAIN_SIGMA, FIELD_PART * position])
 
 
 def log_prior(problem: FitProblem, log_sigma: Floats) -> Floats:
     """Return the log prior (W,) of the sigmas; it is flat in the macro variables, E and S by their logarithm."""
     return -0.5 * (((log_sigma - log_centres(problem)) / SPREADS) ** 2).sum(axis=1)
-
-
-def _position_scale(problem: FitProblem) -> float:
-    sigma = problem.rig.position_sigma_m
-    return sigma if np.isfinite(sigma) and sigma > 0 else problem.rig.slack_m
 
 
 def far_sigmas(problem: FitProblem) -> Floats:

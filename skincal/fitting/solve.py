@@ -13,8 +13,16 @@ from skincal.fitting.conclude import conclude
 from skincal.fitting.errors import FitError
 from skincal.fitting.fit_options import STEPS, FitOptions, GridSteps, SearchBox
 from skincal.fitting.general_local import LocalPlaces
-from skincal.fitting.general_table import ROUGH, SkinTable, TableReach
-from skincal.fitting.general_tabling import joined, name_of, parts_of, reach_of, run_table
+from skincal.fitting.general_table import (
+    ROUGH,
+    SkinTable,
+    TableReach,
+    joined,
+    name_of,
+    parts_of,
+    reach_of,
+    run_table,
+)
 from skincal.fitting.grid import GridSlab, MacroGrid, span
 from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.micro import MicroSettings

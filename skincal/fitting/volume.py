@@ -108,7 +108,7 @@ def untracked(model: PressModel, state: PressStates, fold: Fold, tracked: Bools)
     rows = np.flatnonzero((fold.a > JOINED_BELOW) & (fold.a < ALONE_BELOW) & ~tracked)
     if not len(rows):
         return counts
-    here = state[rows]
+    here = state.some(rows)
     start = here.nuisance.copy()
     start[:, :2] = fold.mirror_m[rows]
     there = model.settle(here.macro, here.sigmas, here.press, start, iterations=6, to_rest=False)

@@ -25,7 +25,6 @@ from skincal.fitting.presses import solve_small
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Floats, Ints
 from skincal.fitting.wiring_orders import Order, mapping_of, named_orders
-from skincal.model.layout import TaxelLayout
 
 MOST_PRESSES = 150
 """Of more presses so many are looked at, evenly spread."""
@@ -153,7 +152,8 @@ class _Search:
         self.least_variance = max(
             noise**2, _BUMP**2 * float((self.observed[lit] ** 2).mean()) if self.lit else 0.0
         )
-        self.pitch = _pitch(self.layout)
+        # Median distance of a taxel from the nearest other [m].
+        self.pitch = float(np.median(self.layout.apart_m.min(axis=1)))
         self.basis = _smooth_basis(self.place_m)
         # What each function (2 M,) of a smooth error of positions is worth, one sigma [m].
         stretched = _STRETCHED * np.repeat(self.place_m.std(axis=0).max(), self.basis.shape[1])
@@ -367,13 +367,6 @@ def _smooth_basis(place_m: Floats) -> Floats:
     off = place_m - place_m.mean(axis=0)
     x, y = (off / np.maximum(off.std(axis=0), 1e-9)).T
     return np.stack([np.ones_like(x), x, y, (x**2 - 1) / np.sqrt(2), x * y, (y**2 - 1) / np.sqrt(2)], axis=1)
-
-
-def _pitch(layout: TaxelLayout) -> float:
-    """Median distance of a taxel's centre from the nearest other [m]."""
-    apart = np.linalg.norm(layout.centres_m[:, None] - layout.centres_m, axis=-1)
-    np.fill_diagonal(apart, np.inf)
-    return float(np.median(apart.min(axis=1)))
 
 
 def _scale(matrices: tuple[Floats, Floats]) -> float:

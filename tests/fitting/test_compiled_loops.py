@@ -26,7 +26,7 @@ one = [truth.across_m, truth.y_m, truth.alpha_rad, np.log(truth.elasticity_pa_pe
 macro, press = np.tile(one, (count, 1)), np.arange(count) % len(problem)
 model = Neighbourhood.around(macro[0]).model(problem)
 state = model.settle(macro, np.full((count, 6), 0.05), press, np.zeros((count, 3)))
-arrays = [slab.mse_counts2, slab.slack_rms_m, *vars(state).values()]
+arrays = [slab.mse_counts2, slab.slack_rms_m, *state]
 print(hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest())
 """
 

@@ -13,8 +13,7 @@ from skincal.fitting.general import evaluate_pose, evaluate_slab
 from skincal.fitting.general_contacts import MARGIN_M, ContactMap
 from skincal.fitting.general_local import LocalPlaces
 from skincal.fitting.general_skin import SkinShares
-from skincal.fitting.general_table import ROUGH, SkinTable, TableReach
-from skincal.fitting.general_tabling import joined, parts_of, reach_of, run_table
+from skincal.fitting.general_table import ROUGH, SkinTable, TableReach, joined, parts_of, reach_of, run_table
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds

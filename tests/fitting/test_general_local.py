@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from skincal.fitting.general_local import LocalPlaces, LocalSurface
-from skincal.fitting.general_table import SkinTable, TableReach
-from skincal.fitting.general_tabling import name_of, parts_of, run_table
+from skincal.fitting.general_table import SkinTable, TableReach, name_of, parts_of, run_table
 from skincal.fitting.problem import FitProblem
 from skincal.model import Cylinder, SensorPose
 from tests.fitting.conftest import RADIUS, make_session

@@ -212,7 +212,7 @@ def test_a_reading_of_a_weak_taxel_is_not_lost(truth: Truth) -> None:
     residual, slope = 0.1 * states.residual, 100 * states.macro_slope
     residual[loud] = 10.0
     slope[loud][4] = 100.0
-    weak = replace(states, residual=residual, macro_slope=slope)
+    weak = states._replace(residual=residual, macro_slope=slope)
     assert [tuple(at) for at in np.argwhere(lost_readings(problem, weak, 0.0))] == [loud]
     assert not lost_readings(problem, weak, 0.05).any()
 

@@ -42,14 +42,12 @@ def test_presses_of_one_taxel_have_the_mass_of_the_integral() -> None:
     for k in range(8):
         one = PressModel(problem.subset(np.arange(len(problem)) == k, "another press"), model.tables)
         exact = by_brute_force(one, macro, 0) - offset
-        mine = slacks.press == k
+        mine = slacks.at.press == k
         at = replace(
             slacks.at,
             **{n: v[mine] for n, v in vars(slacks.at).items()} | {"press": np.zeros(mine.sum(), int)},
         )
-        own = replace(
-            slacks, press=at.press, centre_m=slacks.centre_m[mine], omega_m=slacks.omega_m[mine], at=at
-        )
+        own = replace(slacks, at=at, centre_m=slacks.centre_m[mine], omega_m=slacks.omega_m[mine])
         off.append(float(log_evidence(one, own, point[None])[0]) - exact)
         there = find_places(one, macro, SIGMAS)
         roughly.append(float(press_evidence(one, there, point[None])[0][0]) - exact)
