@@ -17,7 +17,8 @@ from skincal.fitting.types import Bools, Floats
 def log_integral(shared: Shared, state: PressStates, chance: Floats, alive: Bools) -> Floats:
     """Logarithm (W,) of the integral over the shared errors, relative to the integrand at their present values.
 
-    The mean of the gains is held, as the scale is that of the taxels as they are (:meth:`Shared.directions`).
+    The mean of the gains is held, as the scale is that of the taxels as they are
+    (:meth:`skincal.fitting.shared.Shared.directions`).
 
     Args:
         shared: present values.

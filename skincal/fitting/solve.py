@@ -30,7 +30,7 @@ from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import COORDINATES, FEW_PRESSES, FitProblem
 from skincal.fitting.result import FitResult, GridResult
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
-from skincal.fitting.sampling import Density, Draws, Lacking, sample, walk
+from skincal.fitting.sampling import Density, Draws, sample, walk
 from skincal.fitting.straight import BENDS, Bend, straightened, weigh_bends
 from skincal.fitting.tasks import (
     Mapper,
@@ -361,9 +361,8 @@ class _Fit:
             size=self.options.round_size,
             rounds=(fewest, min(most, ROUGH_ROUNDS * fewest) if lone else most),
             worth=self.options.enough_draws,
-            lacking=Lacking(
-                lambda points: halved(lacking_at, points.mean(axis=0), points), CHECKED if lone else SMOOTH
-            ),
+            lacking=lambda points: halved(lacking_at, points.mean(axis=0), points),
+            checked=CHECKED if lone else SMOOTH,
             on_round=lambda done: self.progress("draws", min(done, fewest), fewest),
         )
 

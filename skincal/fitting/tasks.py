@@ -42,7 +42,7 @@ class Mapper(Protocol):
 
 
 def run(task: Callable[[], _Result]) -> _Result:
-    """Return what a task gives, a function with its arguments: :func:`functools.partial`."""
+    """Return what a task gives, a function with its arguments (``functools.partial``)."""
     return task()
 
 

@@ -14,7 +14,7 @@ from skincal.fitting.posterior import Bounds, Peak, climb
 from skincal.fitting.presses import from_patch, to_patch
 from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
-from skincal.fitting.sampling import Draws, Lacking, sample
+from skincal.fitting.sampling import Draws, sample
 from skincal.fitting.tasks import Neighbourhood
 from skincal.model import Plane, Sphere, TaxelLayout
 from tests.fitting.conftest import Truth, make_session, rig
@@ -262,7 +262,7 @@ def test_importance_sampling_finds_a_known_density(problem: FitProblem, peak: Pe
         return 0.5 * (at[:, 3] - mean[3]) / np.linalg.norm(root[3])
 
     moved, _ = sample(
-        peak, problem, density, rng, size=400, rounds=(8, 8), worth=400, lacking=Lacking(rising, 60)
+        peak, problem, density, rng, size=400, rounds=(8, 8), worth=400, lacking=rising, checked=60
     )
     assert moved.effective > 500
     assert (moved.mean - mean)[3] / np.linalg.norm(root[3]) == pytest.approx(0.5, abs=0.12)

@@ -14,7 +14,7 @@ from skincal.fitting.posterior import press_evidence
 from skincal.fitting.press_evidence import find_narrow_slacks, log_evidence
 from skincal.fitting.presses import PressModel
 from skincal.fitting.problem import pose_problem
-from skincal.fitting.sampling import Draws, Lacking, smooth_term
+from skincal.fitting.sampling import Draws, smooth_term
 from skincal.fitting.tasks import Neighbourhood
 from skincal.model import Contacts, Cylinder, Sphere
 from tests.fitting.conftest import LAYOUT, RADIUS, Truth, make_session, rig, skin
@@ -101,7 +101,7 @@ def test_a_term_that_is_known_at_some_draws_moves_all() -> None:
         rise[:3] = [-60.0, np.inf, 40.0]
         return rise
 
-    weight = np.exp(smooth_term(draws, Lacking(rising, 200), rng)(points))
+    weight = np.exp(smooth_term(draws, rising, 200, rng)(points))
     moved = Draws(points, weight / weight.sum())
     assert abs(moved.mean[3] / 0.05 - 0.5) < 0.15
     assert abs(moved.mean[4] / 0.01) < 0.15
