@@ -36,12 +36,12 @@ from benchmarks.sessions import make_session
 from skincal.calibrate import Way, fit_problem, search_box
 from skincal.fitting import grid
 from skincal.fitting.fit_options import FitOptions
-from skincal.fitting.general import evaluate_combination, evaluate_pose
+from skincal.fitting.general import evaluate_pose
 from skincal.fitting.general_skin import SkinShares
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.micro import MicroSettings, micro_objective
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.solve import plan_fit
+from skincal.fitting.solve import micro_settings, plan_grid
 from skincal.model import Contacts, Patch, SensorPose
 
 PRESSES = 24
@@ -66,11 +66,11 @@ def make_setting(seed: int) -> Setting:
     keep = np.arange(len(fast)) < PRESSES
     general, fast = (p.subset(keep, "one too many") for p in (general, fast))
     assert len(fast) == PRESSES
-    plan = plan_fit(fast, search_box(session), FitOptions())
+    grid = plan_grid(fast, search_box(session), FitOptions())
     told = truth.as_positions_tell
     arc = np.radians(told.beta_deg) * (fast.rig.arc_radius_m or 0.0)
     macro = np.array([arc, told.y_m, np.radians(told.alpha_deg), np.log(ELASTICITY_PA_PER_M)])
-    return Setting(general, fast, plan.grid, plan.settings, macro)
+    return Setting(general, fast, grid, micro_settings(fast), macro)
 
 
 class PlainMicro:
@@ -138,7 +138,12 @@ def run(presses: int, rounds: int, seed: int) -> dict[str, Any]:
         "the paper's, plainly": (lambda: [plain.solve(k) for k in some], share),
         "the same, first hits only": (lambda: [first.solve(k) for k in some], share),
         "skincal, general way": (
-            lambda: evaluate_combination(setting.general, *setting.macro, setting.settings),
+            lambda: evaluate_pose(
+                setting.general,
+                SkinShares(setting.general, *setting.macro[:3]),
+                setting.macro[3:],
+                setting.settings,
+            ),
             1.0,
         ),
         "skincal, fast way": (

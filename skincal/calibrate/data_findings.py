@@ -15,7 +15,7 @@ from skincal.calibration.finding_codes import code_of
 from skincal.dataset import Dataset, rest_levels
 from skincal.dataset.rest import rest_drift
 from skincal.dataset.uniform_pressure import uniform_pressure
-from skincal.errors import WorkError
+from skincal.errors import WorkError, first_of
 from skincal.fitting.fit_options import FitOptions
 from skincal.fitting.wiring import TaxelOrder, order_of_problem
 from skincal.model import TaxelLayout
@@ -29,10 +29,7 @@ CORRUPTED: Final = frozenset({"bytes_swapped", "counter_wrapped"})
 
 def order_finding(order: TaxelOrder, layout: TaxelLayout) -> Finding:
     """Return the finding ``taxel_order``, with the line of a mapping file that mends it."""
-    moved = ["({}, {})".format(*divmod(j, layout.cols)) for j in order.moved.tolist()]
-    which = ", ".join(moved[:MOST_NAMED]) + (
-        f" and {len(moved) - MOST_NAMED} more" if moved[MOST_NAMED:] else ""
-    )
+    which = first_of(["({}, {})".format(*divmod(j, layout.cols)) for j in order.moved.tolist()], MOST_NAMED)
     lines = order.mapping.replace("\n", ", ")
     return Finding(
         "taxel_order",

@@ -26,10 +26,9 @@ from skincal.dataset.refusal import refusal
 from skincal.dataset.rest import REST_IN_DOUBT, rest_in_doubt
 from skincal.fitting.errors import NOWHERE, FitError
 from skincal.fitting.fit_options import FitOptions, SearchBox
-from skincal.fitting.general_tabling import NO_STORE
 from skincal.fitting.problem import FEW_PRESSES, NO_POSITION, USED, FitProblem
 from skincal.fitting.result import FitResult
-from skincal.fitting.solve import LEAST_TO_FIT, Progress, default_steps, plan_fit, solve
+from skincal.fitting.solve import LEAST_TO_FIT, Progress, default_steps, solve
 from skincal.fitting.tasks import Mapper
 from skincal.fitting.wiring import TaxelOrder, order_of_problem
 from skincal.shown import Shown
@@ -95,14 +94,13 @@ def calibrate(
         orders = spread(_order, [(problem, box)])  # looked for while the grid is evaluated
         try:
             result = solve(
-                plan_fit(problem, box, options),
+                problem,
                 box,
                 options,
                 np.random.default_rng(seed),
                 mapper=spread,
                 slabs=slabs,
-                on_slab=(lambda _turn, _slab: None) if kept is None else kept.keep,
-                tables=NO_STORE if kept is None else kept,
+                store=kept,
                 progress=progress,
             )
         except FitError as error:

@@ -48,12 +48,10 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
     contacts = ContactMap.of(
         rig.surface, presses.position_m, problem.rows, rig.slack_m + MARGIN_M, presses.normals
     )
-    if way.method == "general":
-        mount = dataset.meta.mount
-        radius = rig.arc_radius_m
-        nominal = (mount.x_m or 0.0) if radius is None else radius * rad(beta or 0.0)
-        centre = np.array([nominal, mount.y_m])
-        contacts = replace(contacts, local=LocalPlaces.of(problem, presses.position_m, centre))
+    mount, radius = dataset.meta.mount, rig.arc_radius_m
+    nominal = (mount.x_m or 0.0) if radius is None else radius * rad(beta or 0.0)
+    local = LocalPlaces.of(problem, presses.position_m, np.array([nominal, mount.y_m]))
+    contacts = replace(contacts, local=local, skin_on_grid=way.method == "nlopt")
     return replace(problem, contacts=contacts)
 
 

@@ -13,6 +13,7 @@ from skincal.calibration import MARGIN_M, Calibration, Finding, Loss, ModelParam
 from skincal.dataset import Dataset, idle_means
 from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform_pressure import UNIFORM, at_centre, levels_by_lines
+from skincal.errors import first_of
 from skincal.fitting.observe import Readout, observe
 from skincal.fitting.problem import active_threshold
 from skincal.fitting.types import Bools, Floats
@@ -156,13 +157,12 @@ def _findings(scales: Scales, dataset: Dataset) -> tuple[Finding, ...]:
     mute = np.flatnonzero(~scales.told)
     if len(mute):
         cols = dataset.layout().cols
-        names = ["({}, {})".format(*divmod(j, cols)) for j in mute[:MOST_NAMED].tolist()]
-        more = f" and {len(mute) - MOST_NAMED} more" if len(mute) > MOST_NAMED else ""
+        names = first_of(["({}, {})".format(*divmod(j, cols)) for j in mute.tolist()], MOST_NAMED)
         found.append(
             Finding(
                 "no_answer",
                 "warning",
-                f"{len(mute)} of {len(scales.told)} taxels do not answer: {', '.join(names)}{more}. "
+                f"{len(mute)} of {len(scales.told)} taxels do not answer: {names}. "
                 "They are dead, stuck, or at the end of their range; their scale is set to 0.",
                 "Look at them with `skincal dataset show`.",
             )

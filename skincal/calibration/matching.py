@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from math import degrees, inf, isfinite
 
 import numpy as np
@@ -31,7 +31,10 @@ def check_same_sensor(calibration: Calibration, dataset: Dataset) -> None:
     )
     fitted_to_it = bool(dataset.sha256) and calibration.provenance.dataset_sha256 == dataset.sha256
     if not found and not fitted_to_it:
-        found = _mount(calibration, dataset, file)
+        found = [
+            Problem(f"{file}, {key}", expected, got, _FIX)
+            for key, expected, got in _mount(calibration, dataset)
+        ]
     if found:
         raise InputError(found)
 
@@ -46,61 +49,58 @@ def sensor_differences(
     place: str,
 ) -> list[Problem]:
     """Return every difference of a sensor from the calibrated one."""
-    return [
-        *_taxels(calibration, sensor, layout, place),
-        *_converter(calibration.sensor, sensor, place),
-        *_surface(calibration, surface, meshes, place),
+    found = [
+        *_taxels(calibration, sensor, layout),
+        *_converter(calibration.sensor, sensor),
+        *_surface(calibration, surface, meshes),
     ]
+    return [Problem(f"{place}, {key}", expected, got, _FIX) for key, expected, got in found]
 
 
-def _taxels(calibration: Calibration, sensor: SensorSpec, layout: TaxelLayout, place: str) -> list[Problem]:
-    ours = calibration.sensor
+_Difference = tuple[str, str, str]
+"""Key, what was expected there, and what is there."""
+
+
+def _taxels(calibration: Calibration, sensor: SensorSpec, layout: TaxelLayout) -> Iterator[_Difference]:
+    ours, own = calibration.sensor, calibration.layout()
     if (ours.rows, ours.cols) != (sensor.rows, sensor.cols):
         expected = f"{ours.rows} x {ours.cols} taxels, as the calibration has"
-        return [Problem(f"{place}, [sensor]", expected, f"{sensor.rows} x {sensor.cols}", _FIX)]
-    own = calibration.layout()
+        yield "[sensor]", expected, f"{sensor.rows} x {sensor.cols}"
+        return
     off = max(np.abs(own.centres_m - layout.centres_m).max(), np.abs(own.sizes_m - layout.sizes_m).max())
-    if off <= SAME_M:
-        return []
-    expected = "the calibrated positions of the taxels"
-    return [Problem(f"{place}, [sensor]", expected, f"taxels up to {1e3 * off:.3g} mm off", _FIX)]
+    if off > SAME_M:
+        yield "[sensor]", "the calibrated positions of the taxels", f"taxels up to {1e3 * off:.3g} mm off"
 
 
-def _converter(ours: SensorSpec, other: SensorSpec, place: str) -> list[Problem]:
-    """Return differences of the converter's bounds, where both are known: another converter has other counts."""
-    pairs = [(name, getattr(ours, name), getattr(other, name)) for name in ("value_min", "value_max")]
-    return [
-        Problem(f"{place}, [sensor] {name}", f"{mine:g} counts, as calibrated", f"{its:g}", _FIX)
-        for name, mine, its in pairs
-        if mine is not None and its is not None and mine != its
-    ]
+def _converter(ours: SensorSpec, other: SensorSpec) -> Iterator[_Difference]:
+    """Yield differences of the converter's bounds, where both are known: another converter has other counts."""
+    for name in ("value_min", "value_max"):
+        mine, its = getattr(ours, name), getattr(other, name)
+        if mine is not None and its is not None and mine != its:
+            yield f"[sensor] {name}", f"{mine:g} counts, as calibrated", f"{its:g}"
 
 
 def _surface(
-    calibration: Calibration, other: SurfaceSpec, meshes: Mapping[str, bytes], place: str
-) -> list[Problem]:
+    calibration: Calibration, other: SurfaceSpec, meshes: Mapping[str, bytes]
+) -> Iterator[_Difference]:
+    """Yield the first difference of the surface."""
     mine = calibration.surface
     if mine.kind != other.kind:
-        expected, got = f'"{mine.kind}", as calibrated', f'"{other.kind}"'
-        return [Problem(f"{place}, [surface] kind", expected, got, _FIX)]
-    its = other.numbers
+        yield "[surface] kind", f'"{mine.kind}", as calibrated', f'"{other.kind}"'
+        return
     for key, own in mine.numbers.items():
-        if abs(own - its[key]) > SAME_M:
-            return [
-                Problem(f"{place}, [surface] {key}", f"{own:g} m, as calibrated", f"{its[key]:g} m", _FIX)
-            ]
+        if abs(own - other.numbers[key]) > SAME_M:
+            yield f"[surface] {key}", f"{own:g} m, as calibrated", f"{other.numbers[key]:g} m"
+            return
     if mine.file and other.file and calibration.meshes.get(mine.file) != meshes.get(other.file):
-        return [
-            Problem(f"{place}, [surface] file", "the calibrated mesh", f"another one, {other.file}", _FIX)
-        ]
-    return []
+        yield "[surface] file", "the calibrated mesh", f"another one, {other.file}"
 
 
-def _mount(calibration: Calibration, dataset: Dataset, place: str) -> list[Problem]:
-    """Return ranges of the mount that exclude the calibrated pose, allowing for the slack of positions."""
+def _mount(calibration: Calibration, dataset: Dataset) -> Iterator[_Difference]:
+    """Yield ranges of the mount that exclude the calibrated pose, allowing for the slack of positions."""
     mount, slack = dataset.meta.mount, dataset.meta.position.slack_m
     if not isfinite(slack):
-        return []
+        return
     radius = calibration.surface_model().arc_radius_at(calibration.pose())
     ranges = {
         "y_m": (mount.y_range_m, slack),
@@ -108,7 +108,6 @@ def _mount(calibration: Calibration, dataset: Dataset, place: str) -> list[Probl
         "beta_deg": (mount.beta_range_deg, degrees(slack / radius) if radius else inf),
         "alpha_deg": (mount.alpha_range_deg, 0.0),
     }
-    found: list[Problem] = []
     for name, best in calibration.model.best().items():
         searched, beside = ranges.get(name, (None, 0.0))
         if searched is None:
@@ -117,6 +116,4 @@ def _mount(calibration: Calibration, dataset: Dataset, place: str) -> list[Probl
         if high < searched[0] - beside or low > searched[1] + beside:
             key = name.replace("_m", "_range_m").replace("_deg", "_range_deg")
             expected = f"a range with the calibrated {name} in it, {best:.4g}"
-            got = f"{searched[0]:g} to {searched[1]:g}"
-            found.append(Problem(f"{place}, [mount] {key}", expected, got, _FIX))
-    return found
+            yield f"[mount] {key}", expected, f"{searched[0]:g} to {searched[1]:g}"

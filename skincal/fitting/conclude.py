@@ -2,122 +2,101 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import ndtri
 
 from skincal.fitting.fit_findings import find
 from skincal.fitting.fit_options import FitOptions, SearchBox
-from skincal.fitting.grid import GridSlab, MacroGrid
+from skincal.fitting.lattice import best_of_each
 from skincal.fitting.law import LawSpread
-from skincal.fitting.places import best_of_each, starting_nuisance
 from skincal.fitting.posterior import Peak
-from skincal.fitting.presses import settle
+from skincal.fitting.presses import PressModel
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.result import PARAMETERS, FitResult, GridResult, PressFit, Sigmas
 from skincal.fitting.sampling import Draws
-from skincal.fitting.seen import Images
 from skincal.fitting.straight import Bend
 from skincal.fitting.types import Bools, Floats
 from skincal.fitting.valley import OPEN, POSE, at_one_place, choose, interval, valley_loss
 
 
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """Findings of the stages after the grid.
-
-    Attributes:
-        problem: the presses and taxels that are left when glitches and dead taxels have been taken out.
-        kept: (K,) which of the presses that went into the grid are left.
-        dead: (J,) taxels left out.
-        peak: the most probable point.
-        images: simulated images round the peak.
-        draws: from the posterior.
-        law: what is not known of the contact law.
-        bend: how far the response bends.
-        grid_mse_counts2: the grid's loss at the best point, of all presses that went into the grid [counts²].
-    """
-
-    problem: FitProblem
-    kept: Bools
-    dead: Bools
-    peak: Peak
-    images: Images
-    draws: Draws
-    law: LawSpread
-    bend: Bend
-    grid_mse_counts2: float
-
-
 def conclude(
-    grid: MacroGrid,
-    slabs: Sequence[GridSlab],
-    found: Evidence,
+    model: PressModel,
+    peak: Peak,
+    draws: Draws,
+    grid: GridResult,
+    *,
+    kept: Bools,
+    dead: Bools,
+    law: LawSpread,
+    bend: Bend,
     box: SearchBox,
     options: FitOptions,
     rng: np.random.Generator,
 ) -> FitResult:
-    """Best point, valley, intervals, and what a person should know."""
-    problem, images, peak = found.problem, found.images, found.peak
-    centre = found.draws.mean
+    """Best point, valley, intervals, and what a person should know.
+
+    Args:
+        model: the presses and taxels that are left when glitches and dead taxels have been taken out, with simulated
+            images round the peak.
+        peak: the most probable point.
+        draws: from the posterior.
+        grid: the evaluated grid.
+        kept: (K,) which of the presses that went into the grid are left.
+        dead: (J,) taxels left out.
+        law: what is not known of the contact law.
+        bend: how far the response bends.
+        box: ranges that were searched.
+        options: settings.
+        rng: the only source of chance.
+    """
+    problem, centre = model.problem, draws.mean
     macro, sigmas = centre[:5], np.exp(centre[5:])
-    presses, mse = _press_fit(problem, images, macro, peak, sigmas)
-    chosen = found.draws.resampled(rng, options.draws)
+    presses, mse = _press_fit(model, macro, peak, sigmas)
+    chosen = draws.resampled(rng, options.draws)
     fixed = options.bound_counts2
-    bound = valley_loss(problem, images, peak.places, chosen, rng) if fixed is None else fixed
-    losses = _grid_result(grid, slabs, fixed, found.grid_mse_counts2)
     if fixed is None:
-        told = as_told(problem, chosen, rng)
-        clouds = _clouds(told, found.law, problem.rig.force_scale_sigma, rng)
+        bound, level = valley_loss(model, peak.places, chosen, rng), options.level
+        clouds = _clouds(as_told(problem, chosen, rng), law, problem.rig.force_scale_sigma, rng)
     else:
-        clouds = [choose(losses, options.draws, rng)]
+        bound, level = fixed, 1.0
+        clouds = [choose(grid, options.draws, rng)]
     rest, half = _rest(problem, level=options.level)
-    level = options.level if fixed is None else 1.0
     best = np.array([*macro[:3], *np.exp(macro[3:])])
+    intervals = {
+        name: interval(name, [c[:, i] for c in clouds], float(best[i]), box, level)
+        for i, name in enumerate(PARAMETERS)
+    }
     result = FitResult(
         best=dict(zip(PARAMETERS, best.tolist(), strict=True)),
-        intervals={
-            name: interval(name, [c[:, i] for c in clouds], float(best[i]), box, level)
-            for i, name in enumerate(PARAMETERS)
-        },
+        intervals=intervals,
         mse_counts2=mse,
         valley_mse_counts2=float(bound),
         bound="noise" if fixed is None else "fixed",
         draws=np.concatenate(clouds),
         sigmas=Sigmas(*sigmas.tolist()),
-        law_spread_m=found.law.best_m,
-        law_rise=found.law.rise,
-        bend=found.bend,
-        effective_draws=found.draws.effective,
+        law_spread_m=law.best_m,
+        law_rise=law.rise,
+        bend=bend,
+        effective_draws=draws.effective,
         force_low=float(np.exp(np.quantile(chosen[:, 6], 0.025))),
         misfit_low=float(np.exp(np.quantile(chosen[:, 8], 0.025))),
         rest_counts=rest,
         rest_interval=(rest - half, rest + half),
-        grid=losses,
+        grid=grid,
         presses=presses,
         problem=problem,
         box=box,
         scale_per_taxel_per_n=best[4] * np.exp(problem.shared.log_gain) if options.per_taxel else None,
-        dead_taxels=found.dead,
+        dead_taxels=dead,
         findings=(),
     )
     if not result.told:
         result = replace(result, intervals=dict.fromkeys(PARAMETERS, OPEN))
     elif at_one_place(problem):
-        result = replace(result, intervals={**result.intervals, **dict.fromkeys(POSE, OPEN)})
-    return find(result, dropped=int((~found.kept).sum()))
-
-
-def _grid_result(
-    grid: MacroGrid, slabs: Sequence[GridSlab], fixed_counts2: float | None, at_best_counts2: float
-) -> GridResult:
-    losses = np.stack([s.mse_counts2 for s in slabs])
-    scale = np.stack([s.scale_per_n for s in slabs])
-    slack = np.stack([s.slack_rms_m for s in slabs])
-    inside = np.zeros(losses.shape, dtype=bool) if fixed_counts2 is None else losses <= fixed_counts2
-    return GridResult(grid, losses, scale, slack, inside, at_best_counts2)
+        result = replace(result, intervals={**intervals, **dict.fromkeys(POSE, OPEN)})
+    return find(result, dropped=int((~kept).sum()))
 
 
 def as_told(problem: FitProblem, draws: Floats, rng: np.random.Generator) -> Floats:
@@ -171,31 +150,24 @@ def _rest(problem: FitProblem, level: float) -> tuple[float, float]:
     return float(levels.mean()), half
 
 
-def _press_fit(
-    problem: FitProblem, images: Images, macro: Floats, peak: Peak, sigmas: Floats
-) -> tuple[PressFit, float]:
+def _press_fit(model: PressModel, macro: Floats, peak: Peak, sigmas: Floats) -> tuple[PressFit, float]:
     """The presses at the best point with the force taken as measured, and the loss there."""
-    count = len(peak.places.press)
-    many = np.broadcast_to(macro, (count, 5)).copy()
-    start = starting_nuisance(problem, peak.places, many, peak.places.press, 1)
-    start[:, 2] = 0.0
-    stiff = np.broadcast_to(sigmas, (count, len(sigmas))).copy()
-    stiff[:, 1] = 1e-7
-    state = settle(problem, images, many, stiff, peak.places.press, start, iterations=20, room=1.0)
-    best = best_of_each(peak.places.press, state.objective, len(problem))
-    model, presses = problem.observation, np.arange(len(problem))
-    many = np.ones(len(problem))
-    spread = np.sqrt(model.variance(sigmas[2] * many, sigmas[3] * many, presses))
-    squares = ((state.residual[best] * spread) ** 2).sum(axis=1)
+    problem = model.problem
+    every = model.settle_at(
+        peak.places, macro[None], sigmas[None], forces_known=True, iterations=20, room=1.0
+    )
+    state = every.some(best_of_each(every.press, every.objective, len(problem)))
+    spread = np.sqrt(problem.observation.variance(state.sigmas[:, 2], state.sigmas[:, 3], state.press))
+    squares = ((state.residual * spread) ** 2).sum(axis=1)
     read = np.maximum((problem.used).sum(axis=1), 1)
     rmse = np.sqrt(squares / read)
     expected = np.sqrt((spread**2 * problem.used).sum(axis=1) / read)
     good = rmse <= 3.0 * np.maximum(float(np.median(rmse / expected)), 1.0) * expected
     fit = PressFit(
-        state.nuisance[best][:, :2],
-        state.uv_m[best],
+        state.nuisance[:, :2],
+        state.uv_m,
         problem.values.copy(),
-        state.simulated[best],
+        state.simulated,
         rmse,
         good,
         peak.states.nuisance[:, 2],

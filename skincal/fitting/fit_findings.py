@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import bdtrc, ndtr
 
+from skincal.errors import first_of
 from skincal.fitting.problem import FEW_PRESSES
 from skincal.fitting.result import FEWEST_DRAWS, FitFinding, FitResult
 from skincal.fitting.sigmas import MISFIT
@@ -291,8 +292,7 @@ def _rest(result: FitResult) -> Iterator[FitFinding]:
 def _places(taxels: Sequence[int], result: FitResult) -> str:
     """Return row and column of taxels, the first few of many."""
     cols = result.problem.rig.layout.cols
-    names = ", ".join(f"({j // cols}, {j % cols})" for j in taxels[:MOST_NAMED])
-    return names + (f" and {len(taxels) - MOST_NAMED} more" if len(taxels) > MOST_NAMED else "")
+    return first_of([f"({j // cols}, {j % cols})" for j in taxels], MOST_NAMED)
 
 
 def _sampling(result: FitResult) -> Iterator[FitFinding]:

@@ -11,14 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.fitting.general_skin import RESOLUTION_M, SkinShares
+from skincal.fitting.general_skin import SkinShares
 from skincal.fitting.grid import GridSlab, MacroGrid, least_squares_scale
 from skincal.fitting.micro import MicroSettings, micro_objective, nlopt_micro, slack_lattice
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Floats
-
-_TOLERANCE_M = 1e-6
-"""The position is sought this finely on the grid; its effect on the loss is far below the noise [m]."""
 
 _APART_M = 0.75e-3
 _DOUBTFUL = 4.0
@@ -47,14 +44,7 @@ class Combination:
         return float(np.sqrt((self.slack_m**2).mean()))
 
 
-def evaluate_slab(
-    problem: FitProblem,
-    grid: MacroGrid,
-    turn: int,
-    settings: MicroSettings,
-    *,
-    resolution_m: float = RESOLUTION_M,
-) -> GridSlab:
+def evaluate_slab(problem: FitProblem, grid: MacroGrid, turn: int, settings: MicroSettings) -> GridSlab:
     """Evaluates all combinations of one turn alpha, as :func:`skincal.fitting.grid.evaluate_slab` does.
 
     Args:
@@ -62,7 +52,6 @@ def evaluate_slab(
         grid: the macro variables.
         turn: which of the grid's turns.
         settings: of the micro problems.
-        resolution_m: cells of the patch [m].
 
     Returns:
         Loss, scale and slack of every combination (E, X, Y).
@@ -70,42 +59,18 @@ def evaluate_slab(
     results = np.zeros((3, *grid.shape[1:]))
     for x, across in enumerate(grid.across_m):
         for y, along in enumerate(grid.y_m):
-            pose = float(across), float(along), float(grid.alpha_rad[turn])
-            skin = SkinShares(problem, *pose, resolution_m=resolution_m)
+            skin = SkinShares(problem, float(across), float(along), float(grid.alpha_rad[turn]))
             found = evaluate_pose(problem, skin, grid.log_elasticity, settings)
             results[:, :, x, y] = np.transpose([(c.mse_counts2, c.scale_per_n, c.slack_rms_m) for c in found])
     return GridSlab(*results)
 
 
-def evaluate_combination(
-    problem: FitProblem,
-    across_m: float,
-    y_m: float,
-    alpha_rad: float,
-    log_elasticity: float,
-    settings: MicroSettings,
-    *,
-    resolution_m: float = RESOLUTION_M,
-) -> Combination:
-    """Evaluates one combination: every press's position by nlopt, then the scale (paper, section III-B).
-
-    Args:
-        problem: presses with contacts in space.
-        across_m: the sensor's centre round the surface: arc length R beta, or x on a plane [m].
-        y_m: the same along the axis [m].
-        alpha_rad: turn [rad].
-        log_elasticity: logarithm of E in [Pa/m].
-        settings: of the micro problems.
-        resolution_m: cells of the patch [m].
-    """
-    skin = SkinShares(problem, across_m, y_m, alpha_rad, resolution_m=resolution_m)
-    return evaluate_pose(problem, skin, np.array([log_elasticity]), settings)[0]
-
-
 def evaluate_pose(
     problem: FitProblem, skin: SkinShares, log_elasticity: Floats, settings: MicroSettings
 ) -> list[Combination]:
-    """Evaluates some elasticities at one pose; a pose at which the taxels do not fit gives no image at all.
+    """Evaluates some elasticities at one pose: every press's position by nlopt, then the scale (paper, section III-B).
+
+    A pose at which the taxels do not fit gives no image at all.
 
     Args:
         problem: presses with contacts in space.
@@ -114,29 +79,31 @@ def evaluate_pose(
         settings: of the micro problems.
     """
     weight = np.where(problem.saturated, 0.0, problem.weight)
-    observed = problem.values * weight
+    observed, presses = problem.values * weight, np.arange(len(problem))
     log_ratio = np.log(problem.force_n) - log_elasticity[:, None]
-    start = _search(problem, skin, log_ratio, observed, weight, settings)
-    return [
-        _combination(problem, skin, log_ratio[e], observed, weight, start[e], settings)
-        for e in range(len(log_elasticity))
-    ]
+    found: list[Combination] = []
+    for ratio, starts in zip(log_ratio, _starts(skin, log_ratio, observed, weight, settings), strict=True):
+        places = [
+            _placed(skin, k, float(ratio[k]), observed[k], weight[k], starts[k], settings)
+            for k in range(len(problem))
+        ]
+        slack = np.array([one for one, _ in places])
+        forces = skin.shares(presses, slack, ratio) * weight * problem.force_n[:, None]
+        scale, squares = least_squares_scale(forces, observed)
+        mse = float(squares) / max(1.0, float((weight > 0).sum()))
+        found.append(Combination(mse, float(scale), slack, np.array([q for _, q in places])))
+    return found
 
 
-def _search(
-    problem: FitProblem,
-    skin: SkinShares,
-    log_ratio: Floats,
-    observed: Floats,
-    weight: Floats,
-    settings: MicroSettings,
+def _starts(
+    skin: SkinShares, log_ratio: Floats, observed: Floats, weight: Floats, settings: MicroSettings
 ) -> Floats:
     """Starts (E, K, 2, 2) from a lattice [m]: its best slack, and the best of those that lie elsewhere.
 
     All images of the lattice are made in one batch, which is much cheaper than one by one.
     """
     lattice = slack_lattice(settings.slack_m)
-    levels, presses, nodes = len(log_ratio), len(problem), len(lattice)
+    levels, presses, nodes = len(log_ratio), len(observed), len(lattice)
     press = np.tile(np.repeat(np.arange(presses), nodes), levels)
     slack = np.tile(lattice, (levels * presses, 1))
     shares = skin.shares(press, slack, np.repeat(log_ratio.ravel(), nodes)) * weight[press]
@@ -147,33 +114,22 @@ def _search(
     return np.stack([lattice[best], lattice[second]], axis=2)
 
 
-def _combination(
-    problem: FitProblem,
+def _placed(
     skin: SkinShares,
-    log_ratio: Floats,
+    press: int,
+    log_ratio: float,
     observed: Floats,
     weight: Floats,
-    start_m: Floats,
+    starts_m: Floats,
     settings: MicroSettings,
-) -> Combination:
-    presses = np.arange(len(problem))
-    slack, objective = np.zeros((len(problem), 2)), np.zeros(len(problem))
-    for k in range(len(problem)):
+) -> tuple[Floats, float]:
+    """The best slack (2,) of a press [m], and the objective there, by nlopt from its starts (2, 2)."""
 
-        def images(slack_m: Floats, k: int = k) -> Floats:
-            same = np.full(len(slack_m), k)
-            return skin.shares(same, slack_m, log_ratio[same]) * weight[k]
+    def images(slack_m: Floats) -> Floats:
+        same = np.full(len(slack_m), press)
+        return skin.shares(same, slack_m, np.full(len(slack_m), log_ratio)) * weight
 
-        found = [
-            nlopt_micro(observed[k], images, settings, starts_m=start_m[k, :1], tolerance_m=_TOLERANCE_M)
-        ]
-        if found[0][1] > _DOUBTFUL:
-            again = nlopt_micro(
-                observed[k], images, settings, starts_m=start_m[k, 1:], tolerance_m=_TOLERANCE_M
-            )
-            found.append(again)
-        slack[k], objective[k] = min(found, key=lambda one: one[1])
-    forces = skin.shares(presses, slack, log_ratio) * weight * problem.force_n[:, None]
-    scale, squares = least_squares_scale(forces, observed)
-    mse = float(squares) / max(1.0, float((weight > 0).sum()))
-    return Combination(mse, float(scale), slack, objective)
+    best = nlopt_micro(observed, images, settings, starts_m[0])
+    if best[1] > _DOUBTFUL:
+        best = min(best, nlopt_micro(observed, images, settings, starts_m[1]), key=lambda one: one[1])
+    return best

@@ -36,8 +36,8 @@ class ContactMap:
         slot: (M,) for every press of the session its row in the arrays above, or -1.
         half_m: slack at the outermost nodes that are looked up [m]; beyond it a contact stays there.
         measured_normals: whether normals are measured; they are then kept as they are when a contact moves.
-        local: the presses on a surface that looks the same everywhere, for the grid; None where the grid asks the
-            skin model itself.
+        local: the presses on a surface that looks the same everywhere; None where there is none.
+        skin_on_grid: whether the grid asks the skin model itself, even so.
     """
 
     measured_m: Floats
@@ -46,6 +46,12 @@ class ContactMap:
     half_m: float
     measured_normals: bool
     local: LocalPlaces | None = None
+    skin_on_grid: bool = False
+
+    @property
+    def on_grid(self) -> LocalPlaces | None:
+        """The presses as the grid places them; None where it asks the skin model itself."""
+        return None if self.skin_on_grid else self.local
 
     @classmethod
     def of(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.fitting.grid import MacroGrid
+from skincal.fitting.lattice import square
 from skincal.fitting.presses import solve_small
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Floats, Ints
@@ -103,8 +104,7 @@ class LocalPlaces:
             return SensorPose(along, 0.0, beta_rad=across / rig.arc_radius_m)
 
         across, along = centre_m.tolist()
-        axis = np.arange(-half - _BEYOND_M, half + _BEYOND_M + _STEP_M, _STEP_M)
-        uv = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+        uv = square(np.arange(-half - _BEYOND_M, half + _BEYOND_M + _STEP_M, _STEP_M))
         try:
             laid, _ = rig.surface.wrap(pose(across, along), uv)
             ends = [

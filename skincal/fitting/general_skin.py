@@ -90,21 +90,16 @@ class SkinShares:
             (n, J) shares; zero where the taxels do not fit on the surface.
         """
         out = np.zeros((len(press), self.problem.rig.layout.taxels))
-        kinds = self.problem.indenter[press]
+        if self.skin is None:
+            return out
+        kinds, rows = self.problem.indenter[press], self.problem.rows[press]
         ratio = np.exp(np.asarray(log_ratio, dtype=np.float64))
         for kind in np.unique(kinds):
-            rows = np.flatnonzero(kinds == kind)
-            for start in range(0, len(rows), _CHUNK):
-                part = rows[start : start + _CHUNK]
-                out[part] = self._of_one(int(kind), press[part], slack_m[part], ratio[part])
+            same = np.flatnonzero(kinds == kind)
+            for part in np.split(same, np.arange(_CHUNK, len(same), _CHUNK)):
+                points, normals = self.contacts.at(rows[part], slack_m[part])
+                # With E = 1 Pa/m a force of F/E newtons presses as deep as F does on the real skin.
+                contacts = Contacts(points, normals, ratio[part])
+                loads = self.skin.loads(self.problem.rig.indenters[int(kind)], contacts)
+                out[part] = np.nan_to_num(loads) / ratio[part, None]
         return out
-
-    def _of_one(self, kind: int, press: Ints, slack_m: Floats, ratio_m3: FloatArray) -> Floats:
-        if self.skin is None:
-            return np.zeros((len(press), self.problem.rig.layout.taxels))
-        points, normals = self.contacts.at(self.problem.rows[press], slack_m)
-        # With E = 1 Pa/m a force of F/E newtons presses as deep as F does on the real skin.
-        loads = self.skin.loads(
-            self.problem.rig.indenters[kind], Contacts(points, normals, ratio_m3.astype(np.float64))
-        )
-        return np.nan_to_num(loads) / ratio_m3[:, None]

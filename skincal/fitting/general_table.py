@@ -13,15 +13,30 @@ a cylinder and a plane.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.special import ive
 
-from skincal.fitting.general_skin import RESOLUTION_M
-from skincal.fitting.lookup import Tables
+from skincal.fitting.general_skin import RESOLUTION_M, SkinShares
+from skincal.fitting.lattice import square
+from skincal.fitting.lookup import NO_KERNELS, ImageTable, Tables
+from skincal.fitting.posterior import Peak
+from skincal.fitting.presses import from_patch, to_patch
+from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Bools, Floats, Ints
+
+PART = 6
+"""Presses tabled in one piece of work."""
+
+_CENTRE_STEP_M = 1e-3
+"""Longer than the facets of a mesh, whose edges are not what a place on a finger is known by."""
+
+_LOADED = 1e-6
+"""A taxel that never gets this share of the force is left out."""
 
 _SILENT = 1e-7
 """A taxel with less than this share of the force at a place is not looked up there."""
@@ -46,6 +61,16 @@ class TableReach:
     levels: int = 7
     step_m: float = 0.3e-3
     resolution_m: float = RESOLUTION_M
+
+    @property
+    def tabled_turns(self) -> Floats:
+        """(3,) tabled turns, from the middle one [rad]."""
+        return np.linspace(-self.alpha_rad, self.alpha_rad, 3)
+
+    @property
+    def tabled_ratios(self) -> Floats:
+        """(L,) tabled log(F/E), from the middle one."""
+        return np.linspace(-self.log_ratio, self.log_ratio, self.levels)
 
 
 ROUGH = TableReach(1.2e-3, np.radians(8.0), 0.9, levels=5, step_m=0.5e-3, resolution_m=0.5e-3)
@@ -78,13 +103,13 @@ class SkinTable:
     reach: TableReach
 
     def tables(self) -> Tables:
-        """See :meth:`skincal.fitting.seen.Images.tables`."""
-        turns, levels = turns_of(self.reach), levels_of(self.reach)
-        return Tables(
-            np.zeros((0, 0, 0, 0, 0, 0), dtype=np.float32), np.zeros(0, dtype=np.intp), np.zeros((0, 2)), 0.0,
-            (0.0, 1.0), (0.0, 1.0), self.shares, self.lit, self.plane, self.anchor_m, self.log_ratio, self.slot,
-            self.centre, turns, _spline(turns), levels, _spline(levels), self.reach.step_m,
+        """Return the table as the likelihood looks it up."""
+        turns, levels = self.reach.tabled_turns, self.reach.tabled_ratios
+        images = ImageTable(
+            self.shares, self.lit, self.plane, self.anchor_m, self.log_ratio, self.slot, self.centre,
+            turns, _spline(turns), levels, _spline(levels), self.reach.step_m,
         )  # fmt: skip
+        return Tables(NO_KERNELS, images)
 
     def holds(self, macro: Floats) -> bool:
         """Return whether macro variables (5,) lie well within the table; the ratio F/E is left to its wide margin."""
@@ -105,16 +130,6 @@ class SkinTable:
         return replace(self, shares=shares, lit=lit_nodes(shares))
 
 
-def turns_of(reach: TableReach) -> Floats:
-    """Tabled turns, from the middle one [rad]."""
-    return np.linspace(-reach.alpha_rad, reach.alpha_rad, 3)
-
-
-def levels_of(reach: TableReach) -> Floats:
-    """Tabled log(F/E), from the middle one."""
-    return np.linspace(-reach.log_ratio, reach.log_ratio, reach.levels)
-
-
 def lit_nodes(shares: Floats) -> Bools:
     """Nodes (P, N, N) within reach of whose taps anything is not zero."""
     from scipy.ndimage import maximum_filter  # takes a moment, and few fits have such tables
@@ -133,11 +148,11 @@ def smoothed(shares: Floats, variance: Floats) -> Floats:
     """
     from scipy.ndimage import convolve1d
 
-    for axis, square in enumerate(variance, start=1):
-        if square <= 0:
+    for axis, width in enumerate(variance, start=1):
+        if width <= 0:
             continue
-        far = int(np.ceil(4 * square**0.5 + 2))
-        kernel = np.asarray(ive(np.abs(np.arange(-far, far + 1)), square), dtype=np.float32)
+        far = int(np.ceil(4 * width**0.5 + 2))
+        kernel = np.asarray(ive(np.abs(np.arange(-far, far + 1)), width), dtype=np.float32)
         shares = np.asarray(convolve1d(shares, kernel / kernel.sum(), axis=axis, mode="nearest"))
     return shares
 
@@ -145,3 +160,104 @@ def smoothed(shares: Floats, variance: Floats) -> Floats:
 def _spline(knots: Floats) -> Floats:
     """Coefficients (4, K - 1, K) of the cubic splines (three knots: parabolas) that are 1 at one knot each."""
     return np.ascontiguousarray(CubicSpline(knots, np.eye(len(knots))).c)
+
+
+def parts_of(problem: FitProblem) -> list[Ints]:
+    """Numbers of the presses of each piece of work that makes a part of a table of all presses."""
+    return np.array_split(np.arange(len(problem)), -(-len(problem) // PART))
+
+
+def name_of(problem: FitProblem, presses: Ints, macro: Floats, reach: TableReach) -> str:
+    """Return what a table of one problem depends on, as a hash: its presses, its middle and its reach."""
+    steps = np.array(list(asdict(reach).values()), dtype=np.float64)
+    depends = (problem.rows, presses, macro[:4], steps)
+    return sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in depends)).hexdigest()[:24]
+
+
+def reach_of(peak: Peak) -> TableReach:
+    """A fine table that holds what a peak leaves open, four sigmas to each side."""
+    sigma = np.sqrt(np.maximum(np.diag(peak.covariance), 0.0))
+    return TableReach(
+        centre_m=float(np.clip(4 * sigma[:2].max(), 0.2e-3, 1.0e-3)),
+        alpha_rad=float(np.clip(4 * sigma[2], np.radians(1.5), np.radians(6.0))),
+        # Wide enough for the E of other contact laws, too.
+        log_ratio=float(np.clip(4 * sigma[3], 0.6, 0.9)),
+    )
+
+
+def joined(parts: Sequence[SkinTable]) -> SkinTable:
+    """One table of all presses, of tables of some."""
+    first = parts[0]
+    slot = np.full_like(first.slot, -1)
+    planes, presses = 0, 0
+    plane: list[Ints] = []
+    for part in parts:
+        slot = np.where(part.slot >= 0, part.slot + presses, slot)
+        plane.append(np.where(part.plane >= 0, part.plane + planes, -1))
+        planes, presses = planes + len(part.shares), presses + len(part.plane)
+    return SkinTable(
+        np.concatenate([p.shares for p in parts]),
+        np.concatenate([p.lit for p in parts]),
+        np.concatenate(plane),
+        np.concatenate([p.anchor_m for p in parts]),
+        slot,
+        np.concatenate([p.log_ratio for p in parts]),
+        first.centre,
+        first.reach,
+    )
+
+
+def run_table(problem: FitProblem, presses: Ints, macro: Floats, reach: TableReach) -> SkinTable:
+    """Table some presses, by the skin model on a lattice of places on the patch.
+
+    Args:
+        problem: presses with contacts in space.
+        presses: (K,) numbers of those to table.
+        macro: (5,) macro variables in the middle of the table.
+        reach: how far it goes.
+    """
+    measured = np.stack([problem.across_m, problem.along_m], axis=1)
+    off = measured - macro[:2]
+    anchor = to_patch(off[:, 0], off[:, 1], np.full(len(problem), macro[2]))
+    # A turn moves the places that a press can have on the patch; as far for all, so that tables can be joined.
+    swept = reach.alpha_rad * float(np.hypot(*anchor.T).max())
+    # Two more nodes all round, so that a look-up at the edge has all its neighbours.
+    count = int(np.ceil((problem.rig.slack_m + reach.centre_m + swept) / reach.step_m)) + 2
+    axis = np.arange(-count, count + 1) * reach.step_m
+    lattice = square(axis)
+    uv = (anchor[presses, None] + lattice).reshape(-1, 2)
+    press = np.repeat(presses, len(lattice))
+    middle = np.log(problem.force_n) - macro[3]
+
+    def placed(shift: Floats) -> SkinShares:
+        at = (float(x) for x in macro[:3] + shift)
+        return SkinShares(problem, *at, resolution_m=reach.resolution_m)
+
+    home = placed(np.zeros(3))
+
+    def images(shift: Floats, levels: Floats) -> list[Floats]:
+        """Shares (n, J) at every level, with the sensor's centre and turn shifted (3,)."""
+        skin = placed(shift)
+        if not skin.placed:  # where the taxels would not fit on the surface, the image is taken not to change
+            skin, shift = home, np.zeros(3)
+        at = macro[:3] + shift
+        slack = from_patch(uv, np.full(len(uv), at[2])) + at[:2] - measured[press]
+        return [skin.shares(press, slack, middle[press] + v).astype(np.float32) for v in levels]
+
+    channels: list[Floats] = []
+    for turn in reach.tabled_turns:
+        channels += images(np.array([0.0, 0.0, turn]), reach.tabled_ratios)
+    for shift in _CENTRE_STEP_M * np.eye(2, 3):
+        ahead, behind = (images(s, np.zeros(1))[0] for s in (shift, -shift))
+        channels.append((ahead - behind) / (2 * _CENTRE_STEP_M))
+    stacked = np.stack(channels, axis=-1).reshape(len(presses), len(axis), len(axis), -1, len(channels))
+    stacked = np.moveaxis(stacked, 3, 1)
+    loaded = stacked[..., :-2].max(axis=(2, 3, 4)) > _LOADED
+    plane = np.full(loaded.shape, -1, dtype=np.intp)
+    plane[loaded] = np.arange(loaded.sum())
+    slot = np.full(len(problem.status), -1, dtype=np.intp)
+    slot[problem.rows[presses]] = np.arange(len(presses))
+    shares = smoothed(np.ascontiguousarray(stacked[loaded]), home.lost_m2() / reach.step_m**2)
+    return SkinTable(
+        shares, lit_nodes(shares), plane, anchor[presses], slot, middle[presses], macro[:3], reach
+    )

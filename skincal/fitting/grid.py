@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from skincal.fitting.images import KernelImages, Level
+from skincal.fitting.kernel import build_table
+from skincal.fitting.lookup import KernelTable
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.slab import place
@@ -44,8 +47,7 @@ class MacroGrid:
         return int(np.prod(self.shape))
 
 
-@dataclass(frozen=True, eq=False)
-class GridSlab:
+class GridSlab(NamedTuple):
     """Results of one turn of the sensor, each array (E, X, Y).
 
     Attributes:
@@ -88,42 +90,20 @@ def evaluate_slab(problem: FitProblem, grid: MacroGrid, turn: int, settings: Mic
     Returns:
         Loss, scale and slack of every combination (E, X, Y).
     """
-    rig = problem.rig
-    log_force = np.log(problem.force_n)
+    rig, log_force = problem.rig, np.log(problem.force_n)
     ratios = (log_force.min() - grid.log_elasticity[-1], log_force.max() - grid.log_elasticity[0])
-    images = KernelImages(rig.surface, rig.indenters, rig.layout, grid.alpha_rad[turn : turn + 1], ratios)
-    search = _Search.build(problem, grid, settings)
-    results = [
-        _evaluate_level(problem, grid, float(grid.alpha_rad[turn]), settings, images, level, search)
-        for level in (images.level(0, log_force - e, problem.indenter) for e in grid.log_elasticity)
-    ]
-    return GridSlab(*(np.stack(arrays) for arrays in zip(*results, strict=True)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """Lattice of contact positions relative to the sensor's centre that all combinations of a turn share.
-
-    Each press has its own lattice, so laid that every grid value of the centre, with slack zero, falls on a node.
-    """
-
-    across_m: Floats  # (K, P) positions, measured contact minus centre plus slack
-    along_m: Floats  # (K, Q)
-    slack_across_m: Floats  # (W,)
-    slack_along_m: Floats  # (V,)
-    stride: tuple[int, int]
-
-    @classmethod
-    def build(cls, problem: FitProblem, grid: MacroGrid, settings: MicroSettings) -> _Search:
-        rows, slack_rows, row_stride = _axis(grid.across_m, settings.slack_m)
-        cols, slack_cols, col_stride = _axis(grid.y_m, settings.slack_m)
-        return cls(
-            problem.across_m[:, None] + rows,
-            problem.along_m[:, None] + cols,
-            slack_rows,
-            slack_cols,
-            (row_stride, col_stride),
-        )
+    table = build_table(rig.surface, rig.indenters, rig.layout, grid.alpha_rad[turn : turn + 1], ratios)
+    weight = np.where(problem.saturated, 0.0, problem.weight)
+    observed = (problem.values * weight)[:, None, None]
+    results = np.zeros((3, *grid.shape[1:]))
+    for e, log_elasticity in enumerate(grid.log_elasticity):
+        planes = table.level(0, log_force - log_elasticity, problem.indenter)
+        slack, shares = place_presses(problem, grid, turn, settings, table, planes)
+        forces = shares * problem.force_n[:, None, None, None]
+        scale, squares = least_squares_scale(forces, np.broadcast_to(observed, forces.shape))
+        mse = squares / max(1.0, float((weight > 0).sum()))
+        results[:, e] = mse, scale, np.sqrt((slack**2).mean(axis=(0, 3)))
+    return GridSlab(*results)
 
 
 def _axis(centres: Floats, slack: float) -> tuple[Floats, Floats, int]:
@@ -138,50 +118,37 @@ def _axis(centres: Floats, slack: float) -> tuple[Floats, Floats, int]:
     return offsets, window, stride
 
 
-def _evaluate_level(
-    problem: FitProblem,
-    grid: MacroGrid,
-    alpha_rad: float,
-    settings: MicroSettings,
-    images: KernelImages,
-    level: Level,
-    search: _Search,
-) -> tuple[Floats, Floats, Floats]:
-    slack, shares = place_presses(problem, grid, alpha_rad, settings, images, level, search)
-    weight = np.where(problem.saturated, 0.0, problem.weight)
-    observed = (problem.values * weight)[:, None, None]
-    forces = shares * problem.force_n[:, None, None, None]
-    scale, squares = least_squares_scale(forces, np.broadcast_to(observed, forces.shape))
-    mse = squares / max(1.0, float((weight > 0).sum()))
-    return mse, scale, np.sqrt((slack**2).mean(axis=(0, 3)))
-
-
 def place_presses(
     problem: FitProblem,
     grid: MacroGrid,
-    alpha_rad: float,
+    turn: int,
     settings: MicroSettings,
-    images: KernelImages,
-    level: Level,
-    search: _Search,
+    table: KernelTable,
+    planes: NDArray[np.float32],
 ) -> tuple[Floats, Floats]:
-    """Slacks (K, X, Y, 2) [m] of every press under every centre, and its weighted load shares there (K, X, Y, J)."""
+    """Slacks (K, X, Y, 2) [m] of every press under every centre, and its weighted load shares there (K, X, Y, J).
+
+    Each press has a lattice of contact positions relative to the sensor's centre that all combinations share, so laid
+    that every grid value of the centre, with slack zero, falls on a node.
+    """
+    rows, slack_rows, row_stride = _axis(grid.across_m, settings.slack_m)
+    cols, slack_cols, col_stride = _axis(grid.y_m, settings.slack_m)
     weight = np.where(problem.saturated, 0.0, problem.weight)
     shape = (len(problem), len(grid.across_m), len(grid.y_m))
-    taxels, nodes = problem.rig.layout.taxels, (search.across_m.shape[1], search.along_m.shape[1])
+    taxels, alpha = problem.rig.layout.taxels, float(grid.alpha_rad[turn])
     slack, shares = np.zeros((*shape, 2)), np.empty((*shape, taxels))
-    room = np.empty(nodes), *np.empty((2, len(grid.y_m), nodes[0])), np.empty((3, taxels))
+    room = np.empty((len(rows), len(cols))), *np.empty((2, len(grid.y_m), len(rows))), np.empty((3, taxels))
     how = 1.0 / settings.sigma_counts**2, settings.stiffness, settings.slack_m
     with telling():
         place(
             # Centres are read-only in one process and not in another: two types to compile.
-            (level.planes, images.size_of, problem.rig.layout.centres_m.copy(), images.lattice),
+            (planes, table.size_of, table.centres_m.copy(), (table.step_m, table.half_m)),
             (weight, problem.values * weight),
-            (search.across_m, search.along_m),
+            (problem.across_m[:, None] + rows, problem.along_m[:, None] + cols),
             (problem.across_m[:, None] - grid.across_m, problem.along_m[:, None] - grid.y_m),
-            (search.slack_across_m, search.slack_along_m),
-            search.stride,
-            ((float(np.cos(alpha_rad)), float(np.sin(alpha_rad))), how),
+            (slack_rows, slack_cols),
+            (row_stride, col_stride),
+            ((float(np.cos(alpha)), float(np.sin(alpha))), how),
             (slack, shares),
             room,
         )

@@ -20,34 +20,20 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skincal.fitting.lookup import allocating, inlined
+from skincal.fitting.lookup import KernelTable, allocating, inlined
 from skincal.fitting.types import Floats
 from skincal.model import Contacts, Indenter, SensorPose, Surface, TaxelLayout
 
 MAX_NODES = 640
 """Nodes along one side of a table at most; a larger contact is tabled on a coarser lattice."""
 
+STEP_M = 0.1e-3
+"""Lattice step of tables, unless a contact is so large that it would need too many nodes [m]."""
 
-@dataclass(frozen=True, eq=False)
-class KernelTable:
-    """Load shares phi of every indenter and taxel size, for several turns alpha and ratios F/E.
 
-    Attributes:
-        shares: (I, M, A, L, N, N) float32: for indenter i, taxel size m, turn a and ratio l the share of the normal
-            force at offsets (u, v) of the contact from the taxel's centre; zero on the two outer nodes.
-        alphas_rad: (A,) equally spaced turns of the patch [rad].
-        log_ratios: (L,) equally spaced logarithms of F_n / E, that in [m³].
-        step_m: lattice step [m].
-        half_m: offset of the outermost nodes [m].
-    """
-
-    shares: NDArray[np.float32]
-    alphas_rad: Floats
-    log_ratios: Floats
-    step_m: float
-    half_m: float
+RATIO_STEP = 0.05
+"""Spacing of the tabled logarithms of F/E. Linear interpolation between them is good to 3e-4 of a load share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +48,10 @@ class _Field:
 def build_table(
     surface: Surface,
     indenters: tuple[Indenter, ...],
-    taxel_sizes_m: Floats,
+    layout: TaxelLayout,
     alphas_rad: Floats,
-    log_ratios: Floats,
+    ratio_span: tuple[float, float],
     *,
-    step_m: float = 0.1e-3,
     spread_m: float = 0.0,
     projected: bool = True,
 ) -> KernelTable:
@@ -74,25 +59,27 @@ def build_table(
 
     Args:
         surface: a cylinder or a plane.
-        indenters: the different indenters.
-        taxel_sizes_m: (M, 2) the different edge lengths of taxels along u and v [m].
-        alphas_rad: (A,) turns of the patch, equally spaced [rad].
-        log_ratios: (L,) logarithms of F_n / E, equally spaced; F_n / E in [m³].
-        step_m: lattice step [m]; coarser where a contact is so large that it would need too many nodes.
+        indenters: the different indenters of the presses.
+        layout: the taxels.
+        alphas_rad: (A,) equally spaced turns [rad]; between them shares are interpolated linearly (the turn acts
+            mostly through u and v; what is left is the turn of a nearly round field).
+        ratio_span: lowest and highest log(F_n / E) that will be asked for; F_n / E in [m³].
         spread_m: the pressure is spread sideways by a Gaussian of this width [m]; 0 is the paper's foundation.
         projected: a taxel feels the pressure times both projections of the paper; else the pressure itself.
 
     Returns:
         The table. Its lattice is just large enough for the largest contact.
     """
+    levels = max(2, int(np.ceil((ratio_span[1] - ratio_span[0]) / RATIO_STEP)) + 1)
+    log_ratios = ratio_span[0] + RATIO_STEP * np.arange(levels)
+    sizes, size_of = np.unique(np.round(layout.sizes_m, 9), axis=0, return_inverse=True)
     ratios = np.exp(log_ratios)
     reach = max(contact_reach(surface, one, float(ratios[-1])) for one in indenters) + 3 * spread_m
-    half = reach + float(np.max(taxel_sizes_m)) / 2
-    step = max(step_m, 2 * half / (MAX_NODES - 8))
+    half = reach + float(np.max(sizes)) / 2
+    step = max(STEP_M, 2 * half / (MAX_NODES - 8))
     count = int(np.ceil(half / step)) + 2
     side = 2 * count + 1
-    shape = (len(indenters), len(taxel_sizes_m), len(alphas_rad), len(log_ratios), side, side)
-    shares = np.zeros(shape, dtype=np.float32)
+    shares = np.zeros((len(indenters), len(sizes), len(alphas_rad), levels, side, side), dtype=np.float32)
     blur = gaussian_blur(side, spread_m / step)
     for i, indenter in enumerate(indenters):
         for a, alpha in enumerate(alphas_rad):
@@ -102,12 +89,16 @@ def build_table(
                 load = np.maximum(depth - field.gap_m, 0.0) * area
                 if spread_m > 0:
                     load = blur @ load @ blur
-                for m, (du, dv) in enumerate(taxel_sizes_m):
+                for m, (du, dv) in enumerate(sizes):
                     box_shares(load, du / step, dv / step, 1.0 / ratios[level], shares[i, m, a, level])
     # The border is zero, so that an offset clamped to it reads zero.
     shares[..., [0, 1, -2, -1], :] = 0.0
     shares[..., [0, 1, -2, -1]] = 0.0
-    return KernelTable(shares, alphas_rad, log_ratios, step, count * step)
+    turns, spacing = (
+        (float(knots[0]), float(knots[1] - knots[0]) if len(knots) > 1 else 1.0)
+        for knots in (alphas_rad, log_ratios)
+    )
+    return KernelTable(shares, size_of.reshape(-1), layout.centres_m, turns, spacing, step, count * step)
 
 
 def _field(surface: Surface, indenter: Indenter, alpha_rad: float, count: int, step_m: float) -> _Field:
@@ -225,9 +216,3 @@ def box_shares(
             j, i = first[1, c], first[0, c]
             end = line[j] + rest[1, c] * (line[j + 1] - line[j])
             out[r, c] = factor * (end - line[i] - rest[0, c] * (line[i + 1] - line[i]))
-
-
-def taxel_sizes(layout: TaxelLayout) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """The different taxel sizes of a layout (M, 2) [m], and which of them each taxel has (J,)."""
-    sizes, kind = np.unique(np.round(layout.sizes_m, 9), axis=0, return_inverse=True)
-    return sizes, kind.reshape(-1)

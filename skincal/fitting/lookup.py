@@ -132,20 +132,50 @@ def at_level(
             out[0, j] = out[1, j] = out[2, j] = 0.0
 
 
-class Tables(NamedTuple):
-    """Load shares that are looked up: kernels, or images press by press; what belongs to the others is empty.
+class KernelTable(NamedTuple):
+    """Load shares phi of every indenter and taxel size, for several turns alpha and ratios F/E.
 
     Attributes:
-        kernels: (I, M, A, L, N, N) as in :class:`skincal.fitting.kernel.KernelTable`.
+        shares: (I, M, A, L, N, N) float32: for indenter i, taxel size m, turn a and ratio l the share of the normal
+            force at offsets (u, v) of the contact from the taxel's centre; zero on the two outer nodes.
         size_of: (J,) which size each taxel has.
-        centres: (J, 2) of the taxels [m].
-        half_m: half the width of the planes [m].
+        centres_m: (J, 2) of the taxels [m].
         turns: first tabled turn and the step [rad].
-        ratios: the same of log(F/E).
-        images: (P, S, S, C) as in :class:`skincal.fitting.general_table.SkinTable`.
+        ratios: the same of log(F_n / E), that in [m³].
+        step_m: lattice step [m].
+        half_m: offset of the outermost nodes [m].
+    """
+
+    shares: NDArray[np.float32]
+    size_of: Ints
+    centres_m: Floats
+    turns: tuple[float, float]
+    ratios: tuple[float, float]
+    step_m: float
+    half_m: float
+
+    def level(self, turn: int, log_ratio: Floats, indenter: Ints) -> NDArray[np.float32]:
+        """Load shares (K, M, N, N) of presses at the tabled turn number ``turn`` and at log(F/E) ``log_ratio`` (K,)."""
+        levels, (first, step) = self.shares.shape[3], self.ratios
+        position = np.clip((log_ratio - first) / step, 0.0, levels - 1.0)
+        low = np.minimum(position.astype(np.intp), levels - 2)
+        part = (position - low).astype(np.float32)[:, None, None, None]
+        shares = self.shares[:, :, turn]
+        between, above = shares[indenter, :, low], shares[indenter, :, low + 1]
+        between *= 1 - part
+        above *= part
+        between += above
+        return between
+
+
+class ImageTable(NamedTuple):
+    """Images tabled press by press: see :class:`skincal.fitting.general_table.SkinTable`.
+
+    Attributes:
+        shares: (P, S, S, C) by turn and ratio, and their slopes by the centre across and along.
         lit: (P, S, S) where there is anything to look up.
         plane: (K, J) which of the P planes belongs to a taxel of a press, or -1.
-        anchor: (K, 2) middle of each press's lattice [m].
+        anchor_m: (K, 2) middle of each press's lattice [m].
         middle: (K,) log(F/E) in the middle of the tabled ratios.
         slot: (M,) for every press of the session its row in these, or -1.
         centre: (3,) tabled centre across and along [m], and turn [rad].
@@ -156,16 +186,10 @@ class Tables(NamedTuple):
         step_m: lattice step [m].
     """
 
-    kernels: NDArray[np.float32]
-    size_of: Ints
-    centres: Floats
-    half_m: float
-    turns: tuple[float, float]
-    ratios: tuple[float, float]
-    images: NDArray[np.float32]
+    shares: NDArray[np.float32]
     lit: Bools
     plane: Ints
-    anchor: Floats
+    anchor_m: Floats
     middle: Floats
     slot: Ints
     centre: Floats
@@ -174,6 +198,24 @@ class Tables(NamedTuple):
     level_knots: Floats
     level_spline: Floats
     step_m: float
+
+
+class Tables(NamedTuple):
+    """Load shares that are looked up: images press by press if there are any, else kernels."""
+
+    kernels: KernelTable
+    images: ImageTable
+
+
+_NONE, _PAIRS, _WHOLE, _CUBICS = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.intp), np.zeros((4, 0, 0))
+
+NO_KERNELS = KernelTable(
+    np.zeros((0, 0, 0, 0, 0, 0), np.float32), _WHOLE, _PAIRS, (0.0, 1.0), (0.0, 1.0), 1.0, 0.0
+)
+NO_IMAGES = ImageTable(
+    np.zeros((0, 0, 0, 0), np.float32), np.zeros((0, 0, 0), np.bool_), _WHOLE.reshape(0, 0), _PAIRS, _NONE, _WHOLE,
+    _NONE, _NONE, _CUBICS, _NONE, _CUBICS, 1.0,
+)  # fmt: skip
 
 
 @inlined
@@ -189,14 +231,14 @@ def _in_kernels(
     tables: Any, kind: int, u: float, v: float, alpha: float, log_ratio: float, near: Any, out: Any
 ) -> int:  # pragma: no cover - compiled
     """Look up kernels: see :func:`look_up`; linear between turns and between ratios."""
-    shares, step = tables.kernels, tables.step_m
+    shares, step = tables.shares, tables.step_m
     reach, side = tables.half_m - 1.5 * step, shares.shape[4]
     a, wa = _bracket(alpha, tables.turns[0], tables.turns[1], shares.shape[2])
     r, wr = _bracket(log_ratio, tables.ratios[0], tables.ratios[1], shares.shape[3])
     # Corners of the interpolation: the turn below and above, the ratio below and above; there may be one turn.
     corners, count = 4 if shares.shape[2] > 1 else 2, 0
-    for j in range(len(tables.centres)):
-        du, dv = u - tables.centres[j, 0], v - tables.centres[j, 1]
+    for j in range(len(tables.centres_m)):
+        du, dv = u - tables.centres_m[j, 0], v - tables.centres_m[j, 1]
         if not (abs(du) < reach and abs(dv) < reach):
             continue
         near[count] = j
@@ -238,7 +280,7 @@ def _in_images(
     tables: Any, row: int, macro: Any, u: float, v: float, log_ratio: float, room: Any, near: Any, out: Any
 ) -> int:  # pragma: no cover - compiled
     """Look up images: see :func:`look_up`; splines of turns and ratios, and the slope by the centre's place."""
-    shares, step = tables.images, tables.step_m
+    shares, step = tables.shares, tables.step_m
     weights, sums, spots, turn, level = room
     slot = tables.slot[row]
     side, channels = shares.shape[1], shares.shape[3]
@@ -253,8 +295,8 @@ def _in_images(
     for d in range(2):
         c = channels - 2 + d
         weights[0, c], weights[1, c], weights[2, c] = macro[d] - tables.centre[d], 0.0, 0.0
-    at_row = (u - tables.anchor[slot, 0]) / step + (side - 1) / 2
-    at_col = (v - tables.anchor[slot, 1]) / step + (side - 1) / 2
+    at_row = (u - tables.anchor_m[slot, 0]) / step + (side - 1) / 2
+    at_col = (v - tables.anchor_m[slot, 1]) / step + (side - 1) / 2
     near_row = int(min(max(at_row, 0.0), side - 1.0) + 0.5)
     near_col = int(min(max(at_col, 0.0), side - 1.0) + 0.5)
     r0, rw, rs = keys(at_row, side)
@@ -321,13 +363,14 @@ def look_up(
     Returns:
         The number of the taxels that it may reach.
     """
-    if tables.images.shape[0] > 0:
-        return _in_images(tables, row, macro, u, v, log_ratio, room, near, out)
-    return _in_kernels(tables, kind, u, v, macro[2], log_ratio, near, out)
+    if tables.images.shares.shape[0] > 0:
+        return _in_images(tables.images, row, macro, u, v, log_ratio, room, near, out)
+    return _in_kernels(tables.kernels, kind, u, v, macro[2], log_ratio, near, out)
 
 
 def room_for(tables: Tables) -> tuple[Floats, ...]:
     """Return room for the work of :func:`look_up`."""
-    channels = tables.images.shape[3]
-    turn, level = np.empty((2, len(tables.turn_knots))), np.empty((2, len(tables.level_knots)))
+    images = tables.images
+    channels = images.shares.shape[3]
+    turn, level = np.empty((2, len(images.turn_knots))), np.empty((2, len(images.level_knots)))
     return np.empty((3, channels)), np.empty((3, channels)), np.empty((3, 16)), turn, level

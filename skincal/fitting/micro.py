@@ -19,12 +19,13 @@ from typing import Any
 import nlopt  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
 
+from skincal.fitting.lattice import square
 from skincal.fitting.types import Floats
 
 _TINY = 1e-12
 
-STARTS = 2
-"""nlopt starts from so many of the best places of a lattice, where it is not told better."""
+_TOLERANCE_M = 1e-6
+"""The position is sought this finely; its effect on the loss is far below the noise [m]."""
 
 _DIFFERENCE_M = 5e-6
 _CROSS = _DIFFERENCE_M * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
@@ -66,12 +67,7 @@ def image_mismatch(observed: Floats, shares: Floats) -> Floats:
 
 
 def nlopt_micro(
-    observed: Floats,
-    images: Callable[[Floats], Floats],
-    settings: MicroSettings,
-    *,
-    starts_m: Floats | None = None,
-    tolerance_m: float = 1e-7,
+    observed: Floats, images: Callable[[Floats], Floats], settings: MicroSettings, start_m: Floats
 ) -> tuple[Floats, float]:
     """One micro problem with nlopt, for any geometry (SLSQP, Kraft 1994, with slopes by differences).
 
@@ -79,21 +75,18 @@ def nlopt_micro(
         observed: (J,) observed image [counts].
         images: takes slacks (m, 2) [m] to simulated loads (m, J) of any scale.
         settings: noise, stiffness of the slack, bounds.
-        starts_m: (M, 2) slacks to start from, all of which are tried [m]; None for the best two of a lattice.
-        tolerance_m: stop when the position moves less than this [m].
+        start_m: (2,) slack to start from [m].
 
     Returns:
         Slack (2,) [m] and objective there: the best that was seen.
     """
-    if starts_m is None:
-        lattice = slack_lattice(settings.slack_m)
-        starts_m = lattice[np.argsort(_objective(observed, images, lattice, settings))[:STARTS]]
     best, best_q = np.zeros(2), np.inf
 
     def objective(slack_mm: Floats, gradient: Floats) -> float:
         nonlocal best, best_q
         slack = np.asarray(slack_mm, dtype=np.float64) * 1e-3
-        q = _objective(observed, images, slack + (_CROSS if gradient.size else _CROSS[:1]), settings)
+        at = slack + (_CROSS if gradient.size else _CROSS[:1])
+        q = micro_objective(observed[None], images(at), at, settings)
         if q[0] < best_q:
             best, best_q = slack, float(q[0])
         if gradient.size:
@@ -103,23 +96,16 @@ def nlopt_micro(
     bound = settings.slack_m * 1e3
     if bound <= 0:
         return best, objective(best, np.empty(0))
-    for start in np.clip(starts_m * 1e3, -bound, bound):
-        solver: Any = nlopt.opt(nlopt.LD_SLSQP, 2)  # pyright: ignore
-        solver.set_lower_bounds(-bound)
-        solver.set_upper_bounds(bound)
-        solver.set_min_objective(objective)
-        solver.set_xtol_abs(tolerance_m * 1e3)
-        solver.set_maxeval(200)
-        # Where the objective is flat to rounding, nlopt gives up with an error; the best place seen still stands.
-        with suppress(*_GIVES_UP):
-            solver.optimize(start)
+    solver: Any = nlopt.opt(nlopt.LD_SLSQP, 2)  # pyright: ignore
+    solver.set_lower_bounds(-bound)
+    solver.set_upper_bounds(bound)
+    solver.set_min_objective(objective)
+    solver.set_xtol_abs(_TOLERANCE_M * 1e3)
+    solver.set_maxeval(200)
+    # Where the objective is flat to rounding, nlopt gives up with an error; the best place seen still stands.
+    with suppress(*_GIVES_UP):
+        solver.optimize(np.clip(start_m * 1e3, -bound, bound))
     return best, best_q
-
-
-def _objective(
-    observed: Floats, images: Callable[[Floats], Floats], slack_m: Floats, settings: MicroSettings
-) -> Floats:
-    return micro_objective(observed[None], images(slack_m), slack_m, settings)
 
 
 def micro_objective(observed: Floats, shares: Floats, slack_m: Floats, settings: MicroSettings) -> Floats:
@@ -129,14 +115,7 @@ def micro_objective(observed: Floats, shares: Floats, slack_m: Floats, settings:
     return mismatch + settings.stiffness * (slack_m**2).sum(axis=-1)
 
 
-def slack_lattice(half_m: float, step_m: float = 0.5e-3, most: int = 17) -> Floats:
-    """Square lattice (N, 2) of slacks [m].
-
-    Args:
-        half_m: its outermost slacks [m].
-        step_m: no further apart than this [m] ...
-        most: ... as long as there are no more than so many along a side.
-    """
-    side = min(2 * int(np.ceil(half_m / step_m - 1e-9)) + 1, most)
-    axis = np.linspace(-half_m, half_m, side)
-    return np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+def slack_lattice(half_m: float) -> Floats:
+    """Square lattice (N, 2) of slacks [m] up to ``half_m``; no further apart than 0.5 mm, or 17 along a side."""
+    side = min(2 * int(np.ceil(half_m / 0.5e-3 - 1e-9)) + 1, 17)
+    return square(np.linspace(-half_m, half_m, side))

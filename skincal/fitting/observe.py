@@ -186,19 +186,40 @@ def observe(counts: Floats, readout: Readout, rest_mean: Floats | None = None) -
     """
     counts = np.asarray(counts, dtype=np.float64)
     found = levels_from_presses(counts)
-    rest, scatter, known = found.level.copy(), found.scatter, found.known.copy()
-    measured = np.zeros(len(rest), dtype=bool) if rest_mean is None else np.isfinite(rest_mean)
+    level, scatter, known = found.level.copy(), found.scatter, found.known.copy()
+    measured = np.zeros(len(level), dtype=bool) if rest_mean is None else np.isfinite(rest_mean)
     if rest_mean is not None:
-        rest[measured] = rest_mean[measured]
+        level[measured] = rest_mean[measured]
     known |= measured
-    if readout.rest_subtracted:
-        levels = (np.where(known, rest, np.nan), measured, known)
-        return _plain(counts, readout, np.zeros_like(rest), scatter, levels)
-    levels = (rest, measured, known)
-    sigma = _noise_on_bound(counts, replace(found, level=rest), readout)
-    if not np.isfinite(sigma):
-        return _plain(counts, readout, np.nan_to_num(rest), scatter, levels)
-    return _unclipped(counts, readout, rest, sigma, scatter, levels)
+    sigma = float("nan")
+    if not readout.rest_subtracted:
+        sigma = _noise_on_bound(counts, replace(found, level=level), readout)
+    if np.isfinite(sigma):
+        values, slope, saturated, rest, own = _unclipped(counts, readout, level, sigma, scatter, known)
+        apart = own[known]
+    else:
+        high = np.inf if readout.value_max is None else readout.value_max
+        saturated = np.nan_to_num(counts, nan=-np.inf) >= high - (0.5 if readout.integer else 0.0)
+        rest = np.zeros_like(level) if readout.rest_subtracted else np.nan_to_num(level)
+        values, slope = counts - rest, np.ones_like(counts)
+        apart = level[known]
+        if not readout.rest_subtracted and known.any():
+            apart = apart - float(np.median(apart))
+    spread = np.where(
+        measured, np.nan_to_num(scatter) / np.sqrt(_FRAMES_OF_REST), _spread(apart, scatter, len(counts))
+    )
+    return Observed(values, slope, saturated, rest, sigma, scatter, spread, known)
+
+
+def _spread(apart: Floats, scatter: float, rows: int) -> float:
+    """Return what is known of a level before the fit [counts], from how far levels (n,) lie apart.
+
+    The presses that leave a taxel alone tell its level, and they are in the likelihood: beforehand there is no more
+    than how far the levels of taxels lie apart. A level from frames at rest is a measurement of its own.
+    """
+    # Of n levels the spread is known to 1 / sqrt(2 n); twice of it covers that of few.
+    spread = 2.0 * float(np.sqrt(np.mean(apart**2))) if len(apart) > 1 else 0.0
+    return max(spread, float(np.nan_to_num(scatter)) / np.sqrt(max(rows, 1)))
 
 
 _ON_BOUND = 0.1
@@ -272,69 +293,42 @@ def _noise_of_levels(lift: Floats, scatter: Floats, dark: Floats) -> float:
     return float(sigmas[best]) if squares[best] < squares[0] - _SEEN else float("nan")
 
 
-_Levels = tuple[Floats, Bools, Bools]
-"""Levels at rest (J,), whether they were measured apart from the presses, and whether they were seen at all."""
-
-
-def _level_sigma(levels: _Levels, scatter: float, centre: Floats | float, rows: int) -> Floats:
-    """Return what is known of each level (J,) before the fit [counts].
-
-    The presses that leave a taxel alone tell its level, and they are in the likelihood: beforehand there is no more
-    than how far the levels of taxels lie apart. A level from frames at rest is a measurement of its own.
-    """
-    rest, measured, known = levels
-    noise = np.nan_to_num(scatter)
-    apart = (rest - centre)[known]
-    # Of n levels the spread is known to 1 / sqrt(2 n); twice of it covers that of few.
-    spread = 2.0 * float(np.sqrt(np.mean(apart**2))) if len(apart) > 1 else 0.0
-    before = max(spread, noise / np.sqrt(max(rows, 1)))
-    return np.where(measured, noise / np.sqrt(_FRAMES_OF_REST), before)
-
-
-def _plain(counts: Floats, readout: Readout, rest: Floats, scatter: float, levels: _Levels) -> Observed:
-    high = np.inf if readout.value_max is None else readout.value_max
-    saturated = np.nan_to_num(counts, nan=-np.inf) >= high - (0.5 if readout.integer else 0.0)
-    level, _, known = levels
-    centre = 0.0 if readout.rest_subtracted else float(np.median(level[known])) if known.any() else 0.0
-    sigma = _level_sigma(levels, scatter, centre, len(counts))
-    return Observed(counts - rest, np.ones_like(counts), saturated, rest, float("nan"), scatter, sigma, known)
-
-
 _LEAST = 0.02
 """A level at rest is not better known than this part of the noise of a frame."""
 
 
-def noise_lift(sigma: float, readout: Readout) -> float:
-    """Return how much clipped noise lifts the mean of a taxel whose level is the lower bound [counts]."""
-    low = readout.value_min or 0.0
-    return float(expected_counts(np.array(low), sigma, readout)) - low
-
-
-def _unclipping_knots(low: float, high: float, sigma: float) -> Floats:
-    """Values between which clipping is undone: close where it bends, far apart where it does nothing."""
-    near = sigma * np.arange(-2.5, _SPREAD, 0.02)
-    knots = np.concatenate([low + near, high - near])
-    return np.unique(knots[(knots >= low + near[0]) & (knots <= high - near[0])])
-
-
 def _unclipped(
-    counts: Floats, readout: Readout, rest: Floats, sigma: float, scatter: float, levels: _Levels
-) -> Observed:
+    counts: Floats, readout: Readout, rest: Floats, sigma: float, scatter: float, known: Bools
+) -> tuple[Floats, Floats, Bools, Floats, Floats]:
+    """Undo the clipping of noise on the lower bound.
+
+    Args:
+        counts: (K, J) mean counts.
+        readout: bounds and rounding.
+        rest: (J,) mean counts at rest.
+        sigma: noise of one frame [counts].
+        scatter: of the hold means of untouched taxels [counts].
+        known: (J,) taxels that were seen at rest.
+
+    Returns:
+        Values above rest, the part of their change that counts show, and which are saturated, each (K, J); levels at
+        rest that were taken off, and those that counts at rest stand for, each (J,).
+    """
     low = readout.value_min if readout.value_min is not None else 0.0
     high = readout.value_max if readout.value_max is not None else max(float(np.nanmax(counts)), low) + 50.0
-    knots = _unclipping_knots(low, high, sigma)
+    # Values between which clipping is undone: close where it bends, far apart where it does nothing.
+    near = sigma * np.arange(-2.5, _SPREAD, 0.02)
+    knots = np.concatenate([low + near, high - near])
+    knots = np.unique(knots[(knots >= low + near[0]) & (knots <= high - near[0])])
     means = expected_counts(knots, sigma, readout)
-    slopes = np.gradient(means, knots)
     values = np.interp(counts, means, knots)
     values[np.isnan(counts)] = np.nan
     own = np.nan_to_num(np.interp(rest, means, knots) - low)
     # A level that differs from the bound by less than its own scatter is no offset, unless levels do so all together.
     doubt = _APART * max(scatter, _LEAST * sigma) / np.sqrt(max(1.0, len(counts) / 3))
-    lift = np.nan_to_num(rest, nan=low) - low - noise_lift(sigma, readout)
-    together = float(np.sqrt(np.mean(lift[levels[2]] ** 2))) if levels[2].any() else 0.0
+    lift = np.nan_to_num(rest, nan=low) - low - (float(expected_counts(np.array(low), sigma, readout)) - low)
+    together = float(np.sqrt(np.mean(lift[known] ** 2))) if known.any() else 0.0
     offset = np.where((np.abs(lift) > doubt) | (together > 0.5 * doubt), own, 0.0)
     saturated = np.nan_to_num(counts, nan=-np.inf) >= high - max(0.5 if readout.integer else 0.0, sigma)
-    slope = np.maximum(np.interp(counts, means, slopes), 0.05)
-    _, measured, known = levels
-    spread = _level_sigma((own, measured, known), scatter, 0.0, len(counts))
-    return Observed(values - low - offset, slope, saturated, offset, sigma, scatter, spread, known)
+    slope = np.maximum(np.interp(counts, means, np.gradient(means, knots)), 0.05)
+    return values - low - offset, slope, saturated, offset, own

@@ -7,13 +7,10 @@ missed, or counted twice, weighs the macro variables for which it is there again
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from skincal.fitting.presses import PressStates, settle
-from skincal.fitting.problem import FitProblem
-from skincal.fitting.seen import Images, from_patch, to_patch
+from skincal.fitting.lattice import minima, square
+from skincal.fitting.presses import Places, PressModel, PressStates, to_patch
 from skincal.fitting.types import Bools, Floats, Ints
 from skincal.fitting.volume import MERGED, Fold, fold_of
 
@@ -26,65 +23,15 @@ SAME_FOLD_M = 0.3e-3
 BLUNT = 0.06
 """Noise, as a part of the usual signal, that a lattice of 0.25 mm steps over: a taxel's response to such a step."""
 
-MOST, MARGIN = 6, 30.0
-"""So many places of a press are kept at most, and none whose objective is so much above its best."""
+FIRST, MOST, MARGIN = 4, 6, 30.0
+"""So many places of a press are kept at most, of the lattice and with mirror places, and none whose objective is so
+much above its best."""
 
+_STEP_M, _DEEP = 0.25e-3, 200.0
+"""Lattice of starts [m], and how far above its least one the objective of a start may be."""
 
-@dataclass(frozen=True, eq=False)
-class Places:
-    """Possible places of presses: number of the press (N,), patch coordinates (N, 2) [m], force error (N,)."""
-
-    press: Ints
-    uv_m: Floats
-    force_error: Floats
-
-
-def starting_nuisance(problem: FitProblem, places: Places, macro: Floats, press: Ints, count: int) -> Floats:
-    """Nuisance that keeps a press at its place on the patch when the patch moves."""
-    offset = from_patch(np.tile(places.uv_m, (count, 1)), macro[:, 2])
-    across = offset[:, 0] + macro[:, 0] - problem.across_m[press]
-    along = offset[:, 1] + macro[:, 1] - problem.along_m[press]
-    return np.stack([across, along, np.tile(places.force_error, count)], axis=1)
-
-
-def find_places(problem: FitProblem, images: Images, macro: Floats, sigmas: Floats) -> Places:
-    """All places within the slack where each press could have been, seen from one macro point.
-
-    A lattice of starts finds most of them; where the images tell a place's mirror place, it is looked for there too,
-    as the two basins may be narrower than the lattice.
-
-    Args:
-        problem: the presses.
-        images: simulated images.
-        macro: (5,) macro variables.
-        sigmas: (6,) in the order of ``HYPER``.
-    """
-    press, nuisance = find_modes(problem, images, macro, sigmas)
-    for _ in range(2):
-        press, nuisance = _with_mirrors(problem, images, macro, sigmas, press, nuisance)
-    across = problem.across_m[press] + nuisance[:, 0] - macro[0]
-    along = problem.along_m[press] + nuisance[:, 1] - macro[1]
-    return Places(press, to_patch(across, along, macro[2]), nuisance[:, 2])
-
-
-def _with_mirrors(
-    problem: FitProblem, images: Images, macro: Floats, sigmas: Floats, press: Ints, nuisance: Floats
-) -> tuple[Ints, Floats]:
-    many, spreads = np.tile(macro, (len(press), 1)), np.tile(sigmas, (len(press), 1))
-    here = settle(problem, images, many, spreads, press, nuisance, iterations=12)
-    start = here.nuisance.copy()
-    start[:, :2] = fold_of(problem, images, many, spreads, press, here).mirror_m
-    there = settle(problem, images, many, spreads, press, start, iterations=20)
-    both = PressStates(
-        *(np.concatenate(pair) for pair in zip(vars(here).values(), vars(there).values(), strict=True))
-    )
-    return distinct(np.tile(press, 2), both, len(problem), MOST, MARGIN)
-
-
-def best_of_each(press: Ints, score: Floats, count: int) -> Ints:
-    """For each of ``count`` presses the place (of N) whose score (N,) is least; every press has one."""
-    order = np.lexsort((score, press))
-    return order[np.searchsorted(press[order], np.arange(count))]
+_APART_M = 0.05e-3
+"""Places that a search ended at are one where they are no further apart."""
 
 
 def settled_twice(press: Ints, uv_m: Floats, fold: Fold) -> Bools:
@@ -132,91 +79,60 @@ def mirrored(press: Ints, slack_m: Floats, mirror_m: Floats, count: int) -> Bool
     return found.reshape(-1)
 
 
-def find_modes(
-    problem: FitProblem,
-    images: Images,
-    macro: Floats,
-    sigmas: Floats,
-    *,
-    step_m: float = 0.25e-3,
-    most: int = 4,
-    margin: float = 30.0,
-) -> tuple[Ints, Floats]:
-    """All places within the slack where a press could have been, at one macro point.
+def find_places(model: PressModel, macro: Floats, sigmas: Floats) -> Places:
+    """All places within the slack where each press could have been, seen from one macro point.
 
-    Two or more taxels in a row tell one coordinate well and the other only by its size: a mirror image on the other
-    side of the row fits almost as well. All such places are kept, and weighed later.
+    A lattice of starts finds most of them; where the images tell a place's mirror place, it is looked for there too,
+    as the two basins may be narrower than the lattice.
 
     Args:
-        problem: the presses.
-        images: kernels.
+        model: the presses.
         macro: (5,) macro variables.
         sigmas: (6,) in the order of ``HYPER``.
-        step_m: lattice of starts [m].
-        most: so many places a press at most.
-        margin: places whose objective is so much above the best are left out.
-
-    Returns:
-        Number of the press (N,) and nuisance (N, 3) of every place, best first for each press.
     """
-    half = int(problem.rig.slack_m / step_m + 1e-9)
-    axis = np.arange(-half, half + 1) * step_m
-    side, count = len(axis), len(problem)
-    lattice = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    problem = model.problem
+    press, nuisance = _on_lattice(model, macro, sigmas)
+    for _ in range(2):
+        here = model.settle(macro, sigmas, press, nuisance, iterations=12)
+        start = here.nuisance.copy()
+        start[:, :2] = fold_of(model, here).mirror_m
+        there = model.settle(macro, sigmas, press, start, iterations=20)
+        both = PressStates._make(np.concatenate(pair) for pair in zip(here, there, strict=True))
+        press, nuisance = _distinct(both, len(problem), MOST)
+    across = problem.across_m[press] + nuisance[:, 0] - macro[0]
+    along = problem.along_m[press] + nuisance[:, 1] - macro[1]
+    return Places(press, to_patch(across, along, macro[2]), nuisance[:, 2])
+
+
+def _on_lattice(model: PressModel, macro: Floats, sigmas: Floats) -> tuple[Ints, Floats]:
+    """Press (N,) and nuisance (N, 3) of the places that a lattice of starts leads to."""
+    count = len(model.problem)
+    half = int(model.problem.rig.slack_m / _STEP_M + 1e-9)
+    axis = np.arange(-half, half + 1) * _STEP_M
+    lattice = square(axis)
     press = np.repeat(np.arange(count), len(lattice))
     start = np.zeros((len(press), 3))
     start[:, :2] = np.tile(lattice, (count, 1))
     # A blunt noise keeps the basins wide enough for the lattice.
     blunt = sigmas.copy()
     blunt[1] = max(sigmas[1], 0.02)
-    blunt[2] = max(sigmas[2], BLUNT * problem.observation.typical_counts)
-    many = np.broadcast_to
-    rough = settle(
-        problem,
-        images,
-        many(macro, (len(press), 5)),
-        many(blunt, (len(press), len(blunt))),
-        press,
-        start,
-        iterations=1,
-        to_rest=False,
-        brief=True,
-    )
-    q = rough.objective.reshape(count, side, side)
-    padded = np.pad(q, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
-    around = np.stack(
-        [
-            padded[:, 1 + i : 1 + i + side, 1 + j : 1 + j + side]
-            for i in (-1, 0, 1)
-            for j in (-1, 0, 1)
-            if (i, j) != (0, 0)
-        ]
-    )
-    low = (q <= around.min(axis=0)).reshape(-1)
-    low &= (q - q.min(axis=(1, 2), keepdims=True)).reshape(-1) < 200.0
-    press, start = press[low], rough.nuisance[low]
-    sharp = many(sigmas, (len(press), len(sigmas)))
-    state = settle(problem, images, many(macro, (len(press), 5)), sharp, press, start, iterations=12)
-    return distinct(press, state, count, most, margin)
+    blunt[2] = max(sigmas[2], BLUNT * model.problem.observation.typical_counts)
+    rough = model.settle(macro, blunt, press, start, iterations=1, to_rest=False, brief=True)
+    q = rough.objective.reshape(count, len(axis), len(axis))
+    low = (minima(q) & (q - q.min(axis=(1, 2), keepdims=True) < _DEEP)).reshape(-1)
+    state = model.settle(macro, sigmas, press[low], rough.nuisance[low], iterations=12)
+    return _distinct(state, count, FIRST)
 
 
-def distinct(press: Ints, state: PressStates, count: int, most: int, margin: float) -> tuple[Ints, Floats]:
-    """Press (N,) and nuisance (N, 3) of settled places, each once, best first for each press.
-
-    Args:
-        press: (n,) number of the press of each place.
-        state: the places.
-        count: of the presses.
-        most: so many places a press at most.
-        margin: places whose objective is so much above the best are left out.
-    """
+def _distinct(state: PressStates, count: int, most: int) -> tuple[Ints, Floats]:
+    """Press (N,) and nuisance (N, 3) of places of ``count`` presses, each once, best first, ``most`` a press."""
     kept: list[int] = []
     for k in range(count):
         mine: list[int] = []
-        for i in sorted(np.flatnonzero(press == k), key=lambda i: state.objective[i]):
-            if state.objective[i] > state.objective[mine[0] if mine else i] + margin or len(mine) == most:
+        for i in sorted(np.flatnonzero(state.press == k), key=lambda i: state.objective[i]):
+            if state.objective[i] > state.objective[mine[0] if mine else i] + MARGIN or len(mine) == most:
                 break
-            if all(np.abs(state.uv_m[i] - state.uv_m[m]).max() > 0.05e-3 for m in mine):
+            if all(np.abs(state.uv_m[i] - state.uv_m[m]).max() > _APART_M for m in mine):
                 mine.append(int(i))
         kept += mine
-    return press[kept], state.nuisance[kept]
+    return state.press[kept], state.nuisance[kept]

@@ -17,23 +17,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from skincal.fitting.places import (
-    Places,
-    best_of_each,
-    find_places,
-    mirrored,
-    settled_twice,
-    starting_nuisance,
-)
-from skincal.fitting.presses import PressStates, half_inverse, settle
+from skincal.fitting.lattice import best_of_each
+from skincal.fitting.places import find_places, mirrored, settled_twice
+from skincal.fitting.presses import Places, PressModel, PressStates, half_inverse
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.seen import Images
-from skincal.fitting.shared import integral
+from skincal.fitting.shared_integral import log_integral
 from skincal.fitting.sigmas import SPREADS, estimated_sigmas, far_sigmas, log_centres, log_prior, trust_of
 from skincal.fitting.types import Floats, Ints
 from skincal.fitting.volume import fold_of, log_volume, untracked
 
 SETTLE = 12
+
+STEPS = 25
+"""Steps of a climb at most; places are searched anew a few times on the way."""
 
 _SEARCHES_FAR, _SEARCHES_NEAR = (3, 6, 10, 15), (2, 5)
 """Steps of a climb before which places are searched anew: from afar, and from a peak nearby."""
@@ -61,7 +57,6 @@ class Peak:
         theta: (T,) errors that all presses share.
         covariance: (5, 5) of the macro variables, Laplace.
         places: where each press could have been, seen from here.
-        best: (K,) index into ``places`` of each press's best place.
         states: the presses at their best places.
         log_density: unnormalised log posterior.
     """
@@ -71,7 +66,6 @@ class Peak:
     theta: Floats
     covariance: Floats
     places: Places
-    best: Ints
     states: PressStates
     log_density: float
 
@@ -83,38 +77,31 @@ class Peak:
         return self.log_density + 0.5 * float(np.linalg.slogdet(scaled)[1])
 
 
-def log_posterior(
-    problem: FitProblem, images: Images, places: Places, bounds: Bounds, points: Floats
-) -> Floats:
+_FARTHEST = 12.0
+"""Sigmas so many standard deviations of their prior from its middle are as good as impossible."""
+
+
+def log_posterior(model: PressModel, places: Places, bounds: Bounds, points: Floats) -> Floats:
     """Unnormalised log posterior (W,) of points (W, 11): five macro variables and the logarithms of six sigmas."""
+    problem = model.problem
     inside = ((points[:, :5] >= bounds.low) & (points[:, :5] <= bounds.high)).all(axis=1)
     inside &= points[:, 7] > np.log(problem.observation.floor_counts)
     inside &= (np.abs(points[:, 5:] - log_centres(problem)) < _FARTHEST * SPREADS).all(axis=1)
     out = np.full(len(points), -np.inf)
     if inside.any():
-        out[inside] = _log_density(problem, images, places, points[inside])
+        points = points[inside]
+        total, chance, state = press_evidence(model, places, points)
+        total = total - _log_scatter(problem, np.exp(points[:, 5:]))
+        total = total + log_integral(problem.shared, state, chance, problem.alive)
+        out[inside] = total + log_prior(problem, points[:, 5:])
     return out
 
 
-_FARTHEST = 12.0
-"""Sigmas so many standard deviations of their prior from its middle are as good as impossible."""
-
-
-def _log_density(problem: FitProblem, images: Images, places: Places, points: Floats) -> Floats:
-    total, chance, state = press_evidence(problem, images, places, points)
-    each = np.exp(points[:, 5:])
-    total = total - _log_scatter(problem, each) + _shared_integral(problem, state, places.press, chance, each)
-    return total + log_prior(problem, points[:, 5:])
-
-
-def press_evidence(
-    problem: FitProblem, images: Images, places: Places, points: Floats
-) -> tuple[Floats, Floats, PressStates]:
+def press_evidence(model: PressModel, places: Places, points: Floats) -> tuple[Floats, Floats, PressStates]:
     """Log evidence (W,) of all presses by Laplace's approximation at their places, up to a constant.
 
     Args:
-        problem: the presses.
-        images: simulated images.
+        model: the presses.
         places: where each press could have been.
         points: (W, 11) macro variables and logarithms of the sigmas.
 
@@ -122,15 +109,10 @@ def press_evidence(
         The evidence, the probability of each place of a press (W, N), and the presses settled there (W * N).
     """
     count, spots = len(points), len(places.press)
-    macro = np.repeat(points[:, :5], spots, axis=0)
-    sigmas = np.repeat(np.exp(points[:, 5:]), spots, axis=0)
-    press = np.tile(places.press, count)
-    start = starting_nuisance(problem, places, macro, press, count)
-    state = settle(problem, images, macro, sigmas, press, start, iterations=SETTLE)
-    fold = fold_of(problem, images, macro, sigmas, press, state)
+    state = model.settle_at(places, points[:, :5], np.exp(points[:, 5:]), iterations=SETTLE)
+    fold = fold_of(model, state)
     tracked = mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, count)
-    mirror = untracked(problem, images, macro, sigmas, press, state, fold, tracked)
-    evidence = -0.5 * state.objective + log_volume(fold, mirror)
+    evidence = -0.5 * state.objective + log_volume(fold, untracked(model, state, fold, tracked))
     twice = settled_twice(places.press, state.uv_m.reshape(count, spots, 2), fold)
     evidence = np.where(twice, -np.inf, evidence.reshape(count, spots))
     first = np.flatnonzero(np.diff(places.press, prepend=-1))
@@ -140,7 +122,7 @@ def press_evidence(
     mass = np.add.reduceat(chance, first, axis=1)
     chance /= np.repeat(mass, each, axis=1)
     total = (highest + np.log(mass)).sum(axis=1)
-    return total - len(problem) * (2 * points[:, 5] + points[:, 6]), chance, state
+    return total - len(model.problem) * (2 * points[:, 5] + points[:, 6]), chance, state
 
 
 def _log_scatter(problem: FitProblem, sigmas: Floats) -> Floats:
@@ -150,157 +132,101 @@ def _log_scatter(problem: FitProblem, sigmas: Floats) -> Floats:
     return 0.5 * np.log(variance).sum(axis=1)
 
 
-def _shared_integral(
-    problem: FitProblem, state: PressStates, press: Ints, chance: Floats, sigmas: Floats
-) -> Floats:
-    count, spots = chance.shape
-    shape = (count, spots)
-    root = half_inverse(state.hessian)[0]
-    off = state.nuisance.reshape(*shape, 3) - problem.centre[press]
-    stiff = sigmas[:, None, [0, 0, 1]] ** -2
-    return integral(
-        state.macro_slope[:, :, 4].reshape(*shape, -1),
-        state.level_slope.reshape(*shape, -1),
-        state.nuisance_slope.reshape(*shape, -1, 3),
-        state.residual.reshape(*shape, -1),
-        root.reshape(*shape, 3, 3),
-        off[..., :2],
-        off * stiff,
-        sigmas[:, 0] ** -2,
-        chance,
-        problem.shared,
-        press,
-        problem.shared.precision(sigmas[:, 4], sigmas[:, 5]),
-        problem.alive,
-    )
-
-
-def climb(
-    problem: FitProblem,
-    images: Images,
-    bounds: Bounds,
-    start: Floats,
-    *,
-    sigmas: Floats | None = None,
-    iterations: int = 25,
-) -> Peak:
+def climb(model: PressModel, bounds: Bounds, start: Floats, *, sigmas: Floats | None = None) -> Peak:
     """From a grid point to the most probable point: Gauss-Newton over all variables, sigmas by expectation.
 
     Args:
-        problem: the presses.
-        images: kernels that span the neighbourhood.
+        model: the presses, with tables that span the neighbourhood.
         bounds: box of the macro variables.
         start: (5,) macro variables to start from.
         sigmas: (6,) of a peak nearby, where there is one; else they start wide, without shared errors, which finds
             the way from afar.
-        iterations: at most so many steps; places are searched anew a few times on the way.
     """
     macro = np.clip(start, bounds.low, bounds.high)
     far = sigmas is None
     if sigmas is None:
-        sigmas = far_sigmas(problem)
+        sigmas = far_sigmas(model.problem)
     damping, places = 1e-3, None
     searches = _SEARCHES_FAR if far else _SEARCHES_NEAR
-    for step_number in range(iterations):
+    for step_number in range(STEPS):
+        problem = model.problem
         if places is None or step_number in searches:
-            places = find_places(problem, images, macro, sigmas)
-        states, best = _at(problem, images, places, macro, sigmas)
-        trust = trust_of(states, best)
-        value = _value(problem, states, best, sigmas, trust)
-        system = _reduced(problem, states, best, sigmas, trust, shared=not far)
-        damped = system.curvature + np.diag(damping * np.diag(system.curvature) + 1e-9)
-        step = -np.linalg.solve(damped, system.gradient)
+            places = find_places(model, macro, sigmas)
+        here, states = _at(model, places, macro, sigmas)
+        trust = trust_of(states)
+        value = _value(problem, states, trust)
+        gradient, curvature = _reduced(problem, states, trust, shared=not far)
+        damped = curvature + np.diag(damping * np.diag(curvature) + 1e-9)
+        step = -np.linalg.solve(damped, gradient)
         limit = np.array([0.5e-3, 0.5e-3, 0.1, 0.4, 0.2])
         step *= min(1.0, float((limit / np.maximum(np.abs(step[:5]), 1e-30)).min()))
         trial = np.clip(macro + step[:5], bounds.low, bounds.high)
-        changed = problem if far else problem.with_shared(problem.shared.theta + step[5:])
-        tried, tried_best = _at(changed, images, _moved(places, states), trial, sigmas)
-        trial_value = _value(changed, tried, tried_best, sigmas, trust)
-        if trial_value <= value + 1e-9:
+        changed = model if far else _with_theta(model, problem.shared.theta + step[5:])
+        there, tried = _at(changed, here, trial, sigmas)
+        if _value(changed.problem, tried, trust) <= value + 1e-9:
             converged = (np.abs(trial - macro) / limit).max() < 1e-4 and step_number > searches[-1]
-            macro, damping, states, best, problem = trial, damping * 0.2, tried, tried_best, changed
-            places = _moved(places, states)
+            macro, damping, model = trial, damping * 0.2, changed
+            places, states = there, tried
         else:
             converged, damping = False, max(damping, 1e-4) * 10
-        known = None if far else np.diag(_inverse(system.curvature))[5:]
-        told = estimated_sigmas(problem, states, best, sigmas, known)
+        known = None if far else np.diag(_inverse(curvature))[5:]
+        told = estimated_sigmas(model.problem, states, sigmas, known)
         step = np.log(told / sigmas)
         # Expectation-maximisation closes in on the sigmas by a quarter a step; beyond its point it goes faster.
         sigmas = sigmas * np.exp(step if far and step_number <= _WIDE else _BEYOND * step)
-        sigmas[2] = max(sigmas[2], problem.observation.floor_counts * 1.05)
+        sigmas[2] = max(sigmas[2], model.problem.observation.floor_counts * 1.05)
         if converged and np.abs(step).max() < _SIGMAS_REST:
             break
     assert places is not None
-    macro, problem = _scale_of_the_mean(problem, macro)
-    states, best = _at(problem, images, places, macro, sigmas)
-    curvature = _reduced(problem, states, best, sigmas, trust_of(states, best)).curvature
+    return _peak(model, bounds, macro, sigmas, places)
+
+
+def _peak(model: PressModel, bounds: Bounds, macro: Floats, sigmas: Floats, places: Places) -> Peak:
+    """The peak where a climb ended, told with gains whose mean over the taxels is one."""
+    theta, alive = model.problem.shared.theta.copy(), np.flatnonzero(model.problem.alive)
+    mean = float(theta[alive].mean()) if len(alive) else 0.0
+    theta[alive] -= mean
+    macro, model = macro + mean * np.array([0.0, 0.0, 0.0, 0.0, 1.0]), _with_theta(model, theta)
+    problem = model.problem
+    places, states = _at(model, places, macro, sigmas)
+    _, curvature = _reduced(problem, states, trust_of(states))
     # What the presses do not tell is still known to lie in the box: as well as an even spread over it.
     curvature[range(5), range(5)] += 12.0 / (bounds.high - bounds.low) ** 2
     way = block_diag(np.eye(5), problem.shared.directions(problem.alive))
     covariance = _inverse(way.T @ curvature @ way)
     point = np.concatenate([macro, np.log(sigmas)])[None]
-    places = _moved(places, states)
-    density = float(log_posterior(problem, images, places, bounds, point)[0])
-    chosen = PressStates(*(array[best] for array in vars(states).values()))
-    theta = problem.shared.theta
-    return Peak(macro, sigmas, theta, covariance[:5, :5], places, best, chosen, density)
+    density = float(log_posterior(model, places, bounds, point)[0])
+    return Peak(macro, sigmas, theta, covariance[:5, :5], places, states, density)
 
 
-def _scale_of_the_mean(problem: FitProblem, macro: Floats) -> tuple[Floats, FitProblem]:
-    """The same point told with gains whose mean over the taxels is one."""
-    theta, alive = problem.shared.theta.copy(), np.flatnonzero(problem.alive)
-    mean = float(theta[alive].mean()) if len(alive) else 0.0
-    theta[alive] -= mean
-    return macro + mean * np.array([0.0, 0.0, 0.0, 0.0, 1.0]), problem.with_shared(theta)
+def _with_theta(model: PressModel, theta: Floats) -> PressModel:
+    return PressModel(model.problem.with_shared(theta), model.tables)
 
 
-def _moved(places: Places, states: PressStates) -> Places:
-    return Places(places.press, states.uv_m.copy(), states.nuisance[:, 2].copy())
-
-
-def _at(
-    problem: FitProblem, images: Images, places: Places, macro: Floats, sigmas: Floats
-) -> tuple[PressStates, Ints]:
-    """Presses settled at one macro point, and the best place of each press."""
-    spots, count = len(places.press), len(problem)
-    many = np.broadcast_to(macro, (spots, 5)).copy()
-    start = starting_nuisance(problem, places, many, places.press, 1)
-    state = settle(
-        problem,
-        images,
-        many,
-        np.broadcast_to(sigmas, (spots, len(sigmas))).copy(),
-        places.press,
-        start,
-        iterations=6,
-    )
+def _at(model: PressModel, places: Places, macro: Floats, sigmas: Floats) -> tuple[Places, PressStates]:
+    """Where presses settle at one macro point, and each press at its best place."""
+    state = model.settle_at(places, macro[None], sigmas[None], iterations=6)
     score = state.objective - 2 * half_inverse(state.hessian)[1]
-    return state, best_of_each(places.press, score, count)
+    return state.places, state.some(best_of_each(places.press, score, len(model.problem)))
 
 
-def _value(problem: FitProblem, state: PressStates, rows: Ints, sigmas: Floats, trust: Floats) -> float:
+def _value(problem: FitProblem, state: PressStates, trust: Floats) -> float:
     """Q of all presses and of what they share, each press as it is trusted."""
-    precision = problem.shared.precision(sigmas[4:5], sigmas[5:6])[0]
-    return float(trust @ state.objective[rows] + (precision * problem.shared.theta**2).sum())
-
-
-@dataclass(frozen=True, eq=False)
-class _System:
-    """Gradient (5 + T,) and Hessian of Q/2 by macro variables and shared errors, each press's own eliminated."""
-
-    gradient: Floats
-    curvature: Floats
+    precision = problem.shared.precision(state.sigmas[:1, 4], state.sigmas[:1, 5])[0]
+    return float(trust @ state.objective + (precision * problem.shared.theta**2).sum())
 
 
 def _reduced(
-    problem: FitProblem, state: PressStates, rows: Ints, sigmas: Floats, trust: Floats, *, shared: bool = True
-) -> _System:
-    """Eliminates slack and force of every press (Schur complement).
+    problem: FitProblem, state: PressStates, trust: Floats, *, shared: bool = True
+) -> tuple[Floats, Floats]:
+    """Gradient (5 + T,) and Hessian of Q/2 by macro variables and shared errors.
+
+    Slack and force of every press are eliminated (Schur complement).
 
     The residuals of a press are those of its image, and its slack and force error over their sigmas.
     """
-    count, taxels = len(rows), int(state.residual.shape[1])
-    macro, own = state.macro_slope[rows], state.nuisance_slope[rows]
+    count, taxels = state.residual.shape
+    sigmas, macro, own = state.sigmas[0], state.macro_slope, state.nuisance_slope
     prior = 1.0 / sigmas[[0, 0, 1]]
     a = np.zeros((count, taxels + 3, 5 + (len(problem.shared.theta) if shared else 0)))
     a[:, :taxels, :5] = macro
@@ -309,16 +235,16 @@ def _reduced(
         basis = problem.shared.basis
         m = int(basis.shape[1])
         a[:, j, 5 + j] = macro[:, :, 4]
-        a[:, j, 5 + taxels + j] = state.level_slope[rows]
+        a[:, j, 5 + taxels + j] = state.level_slope
         for d in range(2):
             first = 5 + 2 * taxels + d * m
             a[:, taxels + d, first : first + m] = -prior[d] * basis
     b = np.concatenate([own, np.broadcast_to(np.diag(prior), (count, 3, 3))], axis=1)
-    off = (state.nuisance[rows] - problem.centre) * prior
-    r = np.concatenate([state.residual[rows], off], axis=1)
+    off = (state.nuisance - problem.shared.centre) * prior
+    r = np.concatenate([state.residual, off], axis=1)
     mixed = np.matmul(b.transpose(0, 2, 1), a)
     taken = np.linalg.solve(
-        state.hessian[rows], np.concatenate([mixed, np.matmul(b.transpose(0, 2, 1), r[..., None])], axis=2)
+        state.hessian, np.concatenate([mixed, np.matmul(b.transpose(0, 2, 1), r[..., None])], axis=2)
     )
     root = np.sqrt(trust)[:, None, None]
     left = root * (a - np.matmul(b, taken[:, :, :-1]))
@@ -329,7 +255,7 @@ def _reduced(
         precision = problem.shared.precision(sigmas[4:5], sigmas[5:6])[0]
         gradient[5:] += precision * problem.shared.theta
         curvature[range(5, len(curvature)), range(5, len(curvature))] += precision
-    return _System(gradient, (curvature + curvature.T) / 2)
+    return gradient, (curvature + curvature.T) / 2
 
 
 def _inverse(matrix: Floats) -> Floats:

@@ -207,11 +207,6 @@ class FitProblem:
         usual = self.observation.typical_counts / float(np.median(self.force_n))
         return 1e-4 * usual, 1e4 * usual
 
-    @property
-    def centre(self) -> Floats:
-        """(K, 3) slack [m] and force error about which the press's own are scattered."""
-        return np.column_stack([self.shared.shift_m, np.zeros(len(self))])
-
     def subset(self, keep: Bools, reason: str) -> FitProblem:
         """The problem without some of its presses; those get ``reason`` for their status."""
         status = list(self.status)

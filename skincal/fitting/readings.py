@@ -69,15 +69,14 @@ class Link:
         """Return whether it is other than the identity."""
         return len(self.values) > 0
 
-    def __call__(self, values: Floats) -> tuple[Floats, Floats]:
-        """Mean counts and slopes (…) of values above the bound (…)."""
-        step = self.values[1] - self.values[0]
-        at = np.clip((values - self.values[0]) / step, 0.0, len(self.values) - 1.001)
-        low = at.astype(np.intp)
-        part = at - low
-        lift = self.mean - self.values
-        mean = values + lift[low] + part * (lift[low + 1] - lift[low])
-        return mean, self.slope[low] + part * (self.slope[low + 1] - self.slope[low])
+    def mean_at(self, values: Floats) -> Floats:
+        """Mean counts (…) of values above the bound (…)."""
+        if not self.clips:
+            return values
+        at = (values - self.values[0]) / (self.values[1] - self.values[0])
+        at = np.clip(at, 0.0, len(self.values) - 1.001)
+        low, lift = at.astype(np.intp), self.mean - self.values
+        return values + lift[low] + (at - low) * (lift[low + 1] - lift[low])
 
     def scatter(self, values: Floats) -> Floats:
         """Part of the noise (…) that clipping leaves at values above the bound (…)."""
@@ -108,6 +107,7 @@ class Readings:
         noise_counts: noise of a hold mean where nothing clips, as untouched taxels tell it.
         floor_counts: no reading is better known than this: rounding, and the exactness of simulated images.
         typical_counts: usual largest signal of a press.
+        near: (J, J) which taxels lie next to each other.
     """
 
     target: Floats
@@ -139,7 +139,6 @@ class Readings:
         link = Link.of(readout, seen.frame_sigma_counts)
         offset = np.nan_to_num(seen.rest_counts)
         above = np.where(read, values, 0.0) + offset
-        target = link(above)[0] if link.clips else above
         positive = np.where(read, np.maximum(values, 0.0), 0.0)
         typical = float(np.median(positive.max(axis=1))) if len(rows) else 0.0
         whole = float(np.median(positive.sum(axis=1))) if len(rows) else 0.0
@@ -148,14 +147,15 @@ class Readings:
         )
         noise = _noise(seen, readout, typical)
         dark = np.where(values < _DARK * noise, offset, above)
-        near = _neighbours(layout)
+        apart = layout.apart_m
+        near = np.isfinite(apart) & (apart <= _NEAR * float(apart.min(initial=np.inf)))
         base = cls(
-            target,
+            link.mean_at(above),
             read,
             offset,
             link,
             link.scatter(dark),
-            np.zeros_like(target),
+            np.zeros_like(above),
             max(noise, floor),
             floor,
             typical,
@@ -200,12 +200,3 @@ def _noise(seen: Observed, readout: Readout, typical: float) -> float:
     if not np.isfinite(frame):
         return scatter
     return scatter / max(clipped_share(readout.value_min or 0.0, frame, readout), 0.2)
-
-
-def _neighbours(layout: TaxelLayout) -> Bools:
-    """(J, J) which taxels lie next to each other."""
-    apart = np.linalg.norm(layout.centres_m[:, None] - layout.centres_m, axis=-1)
-    np.fill_diagonal(apart, np.inf)
-    closest = float(apart.min(initial=np.inf))
-    near: Bools = np.asarray(apart <= _NEAR * closest, dtype=np.bool_) & np.isfinite(apart)
-    return near

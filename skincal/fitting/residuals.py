@@ -45,20 +45,6 @@ class Presses(NamedTuple):
         return Presses(at, self.which[press], readings, self.taxels, self.link)
 
 
-class Found(NamedTuple):
-    """Arrays to be filled for n pairs of a macro draw and a press: see :class:`skincal.fitting.presses.PressStates`."""
-
-    nuisance: Floats
-    objective: Floats
-    hessian: Floats
-    uv: Floats
-    residual: Floats
-    simulated: Floats
-    macro_slope: Floats
-    nuisance_slope: Floats
-    level_slope: Floats
-
-
 @inlined
 def expected(above: float, link: Any) -> Any:  # pragma: no cover - compiled
     """Mean count and slope for a value above the converter's bound: :class:`skincal.fitting.readings.Link`."""
@@ -142,7 +128,7 @@ def _evaluate(
     for a in range(3):
         found.nuisance[i, a] = x[a]
     if whole:
-        found.uv[i, 0], found.uv[i, 1] = u, v
+        found.uv_m[i, 0], found.uv_m[i, 1] = u, v
         for j in range(dark.shape[1]):
             found.simulated[i, j], found.residual[i, j], found.level_slope[i, j] = 0.0, dark[0, j], dark[1, j]
             for a in range(3):
@@ -232,8 +218,6 @@ def room_to_search(tables: Tables, taxels: int) -> tuple[Any, ...]:
 def search(
     tables: Any,
     presses: Any,
-    macro: Any,
-    sigmas: Any,
     press: Any,
     start: Any,
     bound: Any,
@@ -252,21 +236,19 @@ def search(
     Args:
         tables: :class:`skincal.fitting.lookup.Tables`.
         presses: :class:`Presses`.
-        macro: (n, 5) macro variables.
-        sigmas: (n, 6) in the order of ``HYPER``, not their logarithms.
         press: (n,) which press.
         start: (n, 3) nuisance to start from.
         bound: (3,) of the nuisance.
         most: (3,) longest step of each.
         iterations: full steps at most; 0: only what is at the start.
         to_rest: whether Levenberg's steps follow.
-        found: :class:`Found`, filled.
+        found: :class:`skincal.fitting.presses.PressStates`: macro variables and sigmas as given; the rest is filled.
         room: of :func:`room_to_search`.
     """
     dark, looked, near, seen, x, best, step, g, best_g, best_hessian = room
     whole = len(found.residual) > 0
     for i in range(len(press)):
-        k, own, spread = press[i], macro[i], sigmas[i]
+        k, own, spread = press[i], found.macro[i], found.sigmas[i]
         turn, total = (math.cos(own[2]), math.sin(own[2])), _in_the_dark(presses, spread, k, dark)
         now = turn, total, dark, looked, near, seen
         least, full, descents, damping, last, known = np.inf, 0, 0, 0.3, iterations == 0, -1

@@ -63,19 +63,6 @@ Density = Callable[[Floats], Floats]
 """Takes points (W, 11) to log densities (W,); may spread them over workers."""
 
 
-@dataclass(frozen=True, eq=False)
-class Lacking:
-    """A smooth term that a log density lacks, and that takes long to find.
-
-    Attributes:
-        term: its values at points (n, 11).
-        count: points at which it is found.
-    """
-
-    term: Density
-    count: int
-
-
 SOUND = 50
 """Draws that are worth so many independent ones say where a smooth term of the log density matters."""
 
@@ -89,7 +76,8 @@ def sample(
     size: int,
     rounds: tuple[int, int],
     worth: float,
-    lacking: Lacking | None = None,
+    lacking: Density | None = None,
+    checked: int = 0,
     on_round: Callable[[int], None] = lambda _done: None,
 ) -> tuple[Draws, Density]:
     """Adaptive importance sampling round a peak.
@@ -102,8 +90,9 @@ def sample(
         size: draws in each round; after each the proposal is fitted to all draws so far.
         rounds: fewest and most.
         worth: enough are draws that are worth so many independent ones.
-        lacking: a term that the density lacks; it is fitted and added before the last of the fewest rounds, and anew
-            where the draws then go elsewhere.
+        lacking: a smooth term that the density lacks, and that takes long to find; it is fitted and added before the
+            last of the fewest rounds, and anew where the draws then go elsewhere.
+        checked: points at which it is found.
         on_round: told the rounds done.
 
     Returns:
@@ -132,14 +121,17 @@ def sample(
         if not np.isfinite(plain).any():
             raise FitError(NOWHERE)
         draws, done = _weighted(points, plain, term, proposals), len(proposals)
-        stale = stale or (term is not None and left > 0 and _strayed(draws, about))
+        # Have the draws gone from where the term was fitted, about a mean, with a spread?
+        stale = stale or (
+            term is not None and left > 0 and bool((np.abs(draws.mean - about[0]) > STRAYED * about[1]).any())
+        )
         if (
             lacking is not None
             and stale
             and (done >= most or (done >= fewest - 1 and draws.effective >= SOUND))
         ):
             about, left, stale = np.stack([draws.mean, draws.spread]), left - 1, False
-            term = smooth_term(draws, lacking, rng)
+            term = smooth_term(draws, lacking, checked, rng)
             draws = _weighted(points, plain, term, proposals)
         on_round(done)
         if done >= most or (done >= fewest and draws.effective >= worth and not stale):
@@ -155,26 +147,21 @@ def _weighted(points: Floats, plain: Floats, term: Density | None, proposals: Se
     return Draws(points, _mixture_weights(points, plain if term is None else plain + term(points), proposals))
 
 
-def _strayed(draws: Draws, about: Floats) -> bool:
-    """Return whether draws have gone from where a term was fitted: about a mean, with a spread, (2, 11)."""
-    return bool((np.abs(draws.mean - about[0]) > STRAYED * about[1]).any())
-
-
-def smooth_term(draws: Draws, lacking: Lacking, rng: np.random.Generator) -> Density:
-    """A fit to a smooth term of a log density, where the draws are.
+def smooth_term(draws: Draws, lacking: Density, count: int, rng: np.random.Generator) -> Density:
+    """A fit to a smooth term of a log density, where the draws are, from its values at ``count`` points.
 
     It is linear in all variables and quadratic in log E and log S, by least squares with a prior of one unit for each
     coefficient in standard deviations of the draws; the term may be noisier than that.
     """
-    some = Draws(draws.points, _tempered(draws.weight, float(lacking.count)))
+    some = Draws(draws.points, _tempered(draws.weight, float(count)))
     middle, spread = some.mean, some.spread
 
     def parts(at: Floats) -> Floats:
         z = np.clip((at - middle) / spread, -4.0, 4.0)
         return np.column_stack([np.ones(len(z)), z, z[:, 3] ** 2, z[:, 4] ** 2, z[:, 3] * z[:, 4]])
 
-    points = some.resampled(rng, lacking.count)
-    rise = lacking.term(points)
+    points = some.resampled(rng, count)
+    rise = lacking(points)
     known = np.isfinite(rise)
     x, y = parts(points[known]), rise[known]
     keep, found = np.ones(len(y), dtype=bool), np.zeros(x.shape[1])

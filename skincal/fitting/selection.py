@@ -16,9 +16,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtr
 
-from skincal.fitting.presses import evaluate
-from skincal.fitting.problem import FitProblem
-from skincal.fitting.seen import Images
+from skincal.fitting.lattice import disc
+from skincal.fitting.presses import PressModel
 from skincal.fitting.types import Floats, Ints
 
 SPACING, REACH = 0.75, 2.7
@@ -28,37 +27,37 @@ CERTAIN = 1e-3
 """A press that is taken but for so small a chance is taken whatever the parameters are."""
 
 
-def log_chance(problem: FitProblem, images: Images, points: Floats) -> Floats:
+def log_chance(model: PressModel, points: Floats) -> Floats:
     """Log chance (W,) that all presses of a problem were taken.
 
     Args:
-        problem: the presses, with what each had to read to be taken.
-        images: simulated images.
+        model: the presses, with what each had to read to be taken.
         points: (W, 11) macro variables and logarithms of the sigmas.
     """
-    doubtful = np.flatnonzero(
-        _chances(problem, images, points.mean(axis=0), np.arange(len(problem))) < 1 - CERTAIN
-    )
-    return np.array([np.log(_chances(problem, images, p, doubtful)).sum() for p in points])
+    every = np.arange(len(model.problem))
+    doubtful = np.flatnonzero(_chances(model, points.mean(axis=0), every) < 1 - CERTAIN)
+    return np.array([np.log(_chances(model, p, doubtful)).sum() for p in points])
 
 
-def _chances(problem: FitProblem, images: Images, point: Floats, press: Ints) -> Floats:
+def _chances(model: PressModel, point: Floats, press: Ints) -> Floats:
     """Chance (n,) of each of some presses (n,) to be taken, at one point (11,)."""
-    lattice, weight = _lattice()
-    macro, sigmas = point[:5], np.exp(point[5:])
-    each, count = np.repeat(press, len(weight)), len(press) * len(weight)
-    nuisance = np.zeros((count, 3))
+    # Slacks in their standard deviation, and how much each stands for.
+    # In this order, as the chance of a press that is hardly ever taken is what rounding leaves of a sum.
+    problem, lattice = model.problem, disc(SPACING, REACH)[:, ::-1]
+    weight = np.exp(-0.5 * (lattice**2).sum(axis=1))
+    weight /= weight.sum()
+    sigmas, each = np.exp(point[5:]), np.repeat(press, len(weight))
+    nuisance = np.zeros((len(each), 3))
     # Tables of the general way go no further than the declared slack.
     nuisance[:, :2] = np.clip(
         problem.shared.shift_m[each] + sigmas[0] * np.tile(lattice, (len(press), 1)),
         -problem.rig.slack_m,
         problem.rig.slack_m,
     )
-    spreads = np.tile(sigmas, (count, 1))
-    state = evaluate(problem, images, np.tile(macro, (count, 1)), spreads, each, nuisance)
+    state = model.evaluate(point[:5], sigmas, each, nuisance)
     signal = state.simulated
     # What a reading may be off by, and how far the signal changes from one point of the lattice to the next.
-    own = np.sqrt(problem.observation.variance(spreads[:, 2], spreads[:, 3], each))
+    own = np.sqrt(problem.observation.variance(state.sigmas[:, 2], state.sigmas[:, 3], each))
     slope = state.nuisance_slope * own[..., None]
     cell = (SPACING * sigmas[0]) ** 2 / 12 * (slope[..., :2] ** 2).sum(axis=2)
     spread = np.sqrt(sigmas[2] ** 2 + (sigmas[3] ** 2 + sigmas[1] ** 2) * signal**2 + cell)
@@ -67,17 +66,6 @@ def _chances(problem: FitProblem, images: Images, point: Floats, press: Ints) ->
     short = _fewer(np.where(problem.used[each], active, 0.0), problem.min_active)
     taken = 1.0 - short.reshape(len(press), len(weight)) @ weight
     return np.maximum(taken, np.finfo(float).tiny)
-
-
-def _lattice() -> tuple[Floats, Floats]:
-    """Slacks (N, 2) in their standard deviation, and how much each stands for (N,)."""
-    half = int(REACH / SPACING)
-    axis: Floats = np.arange(-half, half + 1, dtype=np.float64) * SPACING
-    across, along = np.meshgrid(axis, axis)
-    lattice = np.column_stack([across.ravel(), along.ravel()])
-    lattice = lattice[np.hypot(lattice[:, 0], lattice[:, 1]) <= REACH]
-    weight = np.exp(-0.5 * (lattice**2).sum(axis=1))
-    return lattice, weight / weight.sum()
 
 
 def _fewer(active: Floats, least: int) -> Floats:

@@ -6,9 +6,7 @@ They are linear, or nearly so, and Gaussian: theta = (g, l, b) with
 
 where B holds the gradient and the curvature of a field over the patch and its change with force and posture, with no
 constant (which cannot be told from the pose), and b ~ N(0, sigma_b²). They are found along with the peak and integrated
-out of the posterior in closed form: with the slack and the force of every press eliminated (Schur complement),
-
-    log integral = -Q(theta_0)/2 + G' (H + P)^-1 G / 2 - log|H + P| / 2 + log|P| / 2.
+out of the posterior in closed form (:mod:`skincal.fitting.shared_integral`).
 """
 
 from __future__ import annotations
@@ -67,6 +65,11 @@ class Shared:
     def for_presses(self, keep: Bools) -> Shared:
         """For some of the presses (K,), with none of the field."""
         return replace(self, field=np.zeros_like(self.field), basis=self.basis[keep])
+
+    @property
+    def centre(self) -> Floats:
+        """(K, 3) slack [m] and force error about which the presses' own are scattered."""
+        return np.column_stack([self.shift_m, np.zeros(len(self.basis))])
 
     @property
     def half_force_m(self) -> Floats:
@@ -168,91 +171,3 @@ def _raw(at: Floats) -> list[Floats]:
     """The functions at points (N, 3 + Q): gradient and curvature in place, linear in force and in joint angles."""
     x, y, *others = at.T
     return [x, y, x * x, x * y, y * y, *others]
-
-
-def integral(
-    gain: Floats,
-    level: Floats,
-    nuisance_slope: Floats,
-    residual: Floats,
-    half_inverse: Floats,
-    slack: Floats,
-    prior_pull: Floats,
-    position_precision: Floats,
-    chance: Floats,
-    shared: Shared,
-    press: np.ndarray,
-    precision: Floats,
-    alive: Bools,
-) -> Floats:
-    """Logarithm (W,) of the integral over the shared errors, relative to the integrand at their present values.
-
-    The mean of the gains is held, as the scale is that of the taxels as they are (:meth:`Shared.directions`).
-
-    Args:
-        gain: (W, N, J) derivative of the whitened residuals by g.
-        level: (W, N, J) by l.
-        nuisance_slope: (W, N, J, 3) by slack and force.
-        residual: (W, N, J) whitened residuals.
-        half_inverse: (W, N, 3, 3) L with L L' the inverse Hessian of the nuisance.
-        slack: (W, N, 2) slack less the field's shift [m].
-        prior_pull: (W, N, 3) slack and force error over their variances.
-        position_precision: (W,) 1 / sigma_p² [1/m²].
-        chance: (W, N) probability of each place of a press.
-        shared: present values.
-        press: (N,) press of each place.
-        precision: (W, T) P.
-        alive: (J,) taxels that are read.
-    """
-    count, taxels = len(gain), int(gain.shape[2])
-    basis = shared.basis[press]
-    m = int(basis.shape[1])
-    p = chance[..., None]
-    gradient = [np.sum(p * gain * residual, axis=1), np.sum(p * level * residual, axis=1)]
-    stiff = position_precision[:, None]
-    gradient += [-stiff * np.einsum("wn,nm,wn->wm", chance, basis, slack[..., d]) for d in range(2)]
-    g = np.concatenate(gradient, axis=1) + precision * shared.theta
-    size = 2 * taxels + 2 * m
-    hessian = np.zeros((count, size, size))
-    rows = np.arange(taxels)
-    hessian[:, rows, rows] = np.sum(p * gain**2, axis=1)
-    hessian[:, taxels + rows, taxels + rows] = np.sum(p * level**2, axis=1)
-    cross = np.sum(p * gain * level, axis=1)
-    hessian[:, rows, taxels + rows] = cross
-    hessian[:, taxels + rows, rows] = cross
-    square = stiff[:, :, None] * np.einsum("wn,na,nb->wab", chance, basis, basis)
-    for d in range(2):
-        at = slice(2 * taxels + d * m, 2 * taxels + (d + 1) * m)
-        hessian[:, at, at] = square
-    root = np.sqrt(p)[..., None]  # (W, N, 1, 1)
-    weighted = root * half_inverse
-    by_own = np.matmul(nuisance_slope, weighted)
-    mixed = np.empty((count, size, len(press), 3))
-    mixed[:, :taxels] = (gain[..., None] * by_own).transpose(0, 2, 1, 3)
-    mixed[:, taxels : 2 * taxels] = (level[..., None] * by_own).transpose(0, 2, 1, 3)
-    for d in range(2):
-        mixed[:, 2 * taxels + d * m : 2 * taxels + (d + 1) * m] = (
-            -basis.T[None, :, :, None] * (stiff[..., None] * weighted[:, :, d])[:, None]
-        )
-    flat = mixed.reshape(count, size, -1)
-    # What a press's own place and force would still take up, where they are not quite at rest.
-    own = np.einsum("wnjd,wnj->wnd", nuisance_slope, residual) + prior_pull
-    taken = np.sqrt(p) * np.einsum("wnde,wnd->wne", half_inverse, own)
-    g = g - np.matmul(flat, taken.reshape(count, -1, 1))[..., 0]
-    hessian -= np.matmul(flat, flat.transpose(0, 2, 1))
-    hessian[:, range(size), range(size)] += precision
-    # With the mean gain held, by the bordered matrix: |V'HV| = |H| a'H⁻¹a for V orthogonal to the unit vector a. Gains
-    # that nothing reads have their own precision alone, and drop out.
-    g[:, :taxels][:, ~alive] = 0.0
-    mean = np.zeros(size)
-    mean[:taxels][alive] = 1.0 / np.sqrt(max(int(alive.sum()), 1))
-    sign, log_det = np.linalg.slogdet(hessian)
-    right = np.stack([g, np.broadcast_to(mean, g.shape)], axis=2)
-    steps: Floats = np.asarray(np.linalg.solve(hessian, right), dtype=np.float64)
-    own, cross, held = (g * steps[..., 0]).sum(axis=1), steps[..., 0] @ mean, steps[..., 1] @ mean
-    sound = (sign > 0) & (held > 0)
-    held = np.where(sound, held, 1.0)
-    value = 0.5 * (own - cross**2 / held - log_det - np.log(held))
-    value += 0.5 * (np.log(precision).sum(axis=1) - np.log(precision[:, 0]))
-    value -= 0.5 * (precision * shared.theta**2).sum(axis=1)
-    return np.where(sound, value, -np.inf)

@@ -10,7 +10,7 @@ import numpy as np
 
 from skincal.fitting.presses import PressStates, half_inverse
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.types import Floats, Ints
+from skincal.fitting.types import Floats
 
 FORCE_SIGMA, MISFIT, GAIN_SIGMA, FIELD_PART = 0.005, 0.01, 0.015, 0.03
 """Middles of the priors of sigma_f, tau and sigma_g, and that of sigma_b as a part of the position's sigma."""
@@ -37,19 +37,14 @@ _FAR_NOISE = 0.02
 
 def log_centres(problem: FitProblem) -> Floats:
     """(6,) middles of the priors of the sigmas, in their logarithm."""
-    position = _position_scale(problem)
-    noise = problem.noise_sigma_counts
+    sigma, noise = problem.rig.position_sigma_m, problem.noise_sigma_counts
+    position = sigma if np.isfinite(sigma) and sigma > 0 else problem.rig.slack_m
     return np.log([position, FORCE_SIGMA, noise, MISFIT, GAIN_SIGMA, FIELD_PART * position])
 
 
 def log_prior(problem: FitProblem, log_sigma: Floats) -> Floats:
     """Return the log prior (W,) of the sigmas; it is flat in the macro variables, E and S by their logarithm."""
     return -0.5 * (((log_sigma - log_centres(problem)) / SPREADS) ** 2).sum(axis=1)
-
-
-def _position_scale(problem: FitProblem) -> float:
-    sigma = problem.rig.position_sigma_m
-    return sigma if np.isfinite(sigma) and sigma > 0 else problem.rig.slack_m
 
 
 def far_sigmas(problem: FitProblem) -> Floats:
@@ -60,33 +55,30 @@ def far_sigmas(problem: FitProblem) -> Floats:
     return sigmas
 
 
-def trust_of(state: PressStates, rows: Ints) -> Floats:
+def trust_of(state: PressStates) -> Floats:
     """Weight of each press (K,): less than one where it is matched far worse than the others."""
-    squares = (state.residual[rows] ** 2).mean(axis=1)
+    squares = (state.residual**2).mean(axis=1)
     return np.minimum(1.0, _TRUSTED * max(float(np.median(squares)), 1.0) / np.maximum(squares, 1e-30))
 
 
-def estimated_sigmas(
-    problem: FitProblem, state: PressStates, rows: Ints, sigmas: Floats, known: Floats | None
-) -> Floats:
+def estimated_sigmas(problem: FitProblem, state: PressStates, sigmas: Floats, known: Floats | None) -> Floats:
     """One step of expectation-maximisation for the sigmas (6,), with the priors of :func:`log_prior`.
 
     A press that fits far worse than the others counts no more than the bound of :func:`trust_of`.
 
     Args:
         problem: the presses.
-        state: settled presses.
-        rows: (K,) the best place of each.
+        state: presses at their best places.
         sigmas: (6,) the present ones.
         known: (T,) variances of the errors that all presses share; None where there are none yet, from afar.
     """
     centres = np.exp(log_centres(problem))
-    root = half_inverse(state.hessian[rows])[0]
-    second = (state.nuisance[rows] - problem.centre) ** 2 + (root**2).sum(axis=2)
+    root = half_inverse(state.hessian)[0]
+    second = (state.nuisance - problem.shared.centre) ** 2 + (root**2).sum(axis=2)
     second = np.minimum(second, _TRUSTED * np.median(second, axis=0))
     position = _shrunk(second[:, :2].sum(), second[:, :2].size, centres[0], SPREADS[0])
     force = _shrunk(second[:, 2].sum(), len(second), centres[1], SPREADS[1])
-    noise, misfit = _estimated_noise(problem, state, rows, sigmas, root, trimmed=known is None)
+    noise, misfit = _estimated_noise(problem, state, sigmas, root, trimmed=known is None)
     told = np.array([position, force, noise, misfit, *sigmas[4:]])
     if known is not None:
         taxels = problem.rig.layout.taxels
@@ -99,20 +91,20 @@ def estimated_sigmas(
 
 
 def _estimated_noise(
-    problem: FitProblem, state: PressStates, rows: Ints, sigmas: Floats, root: Floats, *, trimmed: bool
+    problem: FitProblem, state: PressStates, sigmas: Floats, root: Floats, *, trimmed: bool
 ) -> tuple[float, float]:
     """The most probable sigma_n and tau for the squares of the residuals and of what places leave open."""
     used = problem.used
     if trimmed:
         # From afar presses that lie are still among the others, and a misfit that explains them hides them.
-        squares = (state.residual[rows] ** 2).mean(axis=1)
+        squares = (state.residual**2).mean(axis=1)
         used = used & (squares <= _TRIMMED * np.median(squares))[:, None]
     model = problem.observation
     own, grown = model.parts(used)
     variance = sigmas[2] ** 2 * own + sigmas[3] ** 2 * grown
-    spread = np.matmul(state.nuisance_slope[rows], root)
-    squares = state.residual[rows] ** 2 + np.einsum("njd,njd->nj", spread, spread)
-    squares = (trust_of(state, rows)[:, None] * squares)[used] * variance
+    spread = np.matmul(state.nuisance_slope, root)
+    squares = state.residual**2 + np.einsum("njd,njd->nj", spread, spread)
+    squares = (trust_of(state)[:, None] * squares)[used] * variance
     centres = log_centres(problem)[2:4]
     # Noise and misfit explain the same squares, each in a valley of its own: the better one is gone into.
     grown_only = 0.5 * float(np.log(squares.sum() / max(float(grown.sum()), 1e-300)))

@@ -2,47 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skincal.fitting.conclude import Evidence, conclude
+from skincal.fitting.conclude import conclude
 from skincal.fitting.errors import FitError
 from skincal.fitting.fit_options import STEPS, FitOptions, GridSteps, SearchBox
-from skincal.fitting.general_table import ROUGH, SkinTable, TableReach
-from skincal.fitting.general_tabling import (
-    NO_STORE,
-    TableStore,
+from skincal.fitting.general_local import LocalPlaces
+from skincal.fitting.general_table import (
+    ROUGH,
+    SkinTable,
+    TableReach,
     joined,
     name_of,
+    parts_of,
     reach_of,
     run_table,
-    table_tasks,
 )
 from skincal.fitting.grid import GridSlab, MacroGrid, span
 from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import COORDINATES, FEW_PRESSES, FitProblem
-from skincal.fitting.result import FitResult
+from skincal.fitting.result import FitResult, GridResult
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
-from skincal.fitting.sampling import Density, Draws, Lacking, sample, walk
+from skincal.fitting.sampling import Density, Draws, sample, walk
 from skincal.fitting.straight import BENDS, Bend, straightened, weigh_bends
 from skincal.fitting.tasks import (
-    ClimbTask,
-    DensityTask,
-    EvidenceTask,
     Mapper,
     Neighbourhood,
-    SlabTask,
-    run_climb,
-    run_density,
-    run_evidence,
-    run_slab,
+    climb_near,
+    density_at,
+    evaluate_slab,
+    lacking_at,
+    run,
 )
-from skincal.fitting.types import Floats
+from skincal.fitting.types import Bools, Floats
 
 LEAST_TO_FIT = 3
 """Fewer cannot tell five parameters, however many taxels they light."""
@@ -60,13 +59,16 @@ ROUGH_ROUNDS = 2
 """Times the fewest rounds after which draws that are worth too little tell that a density is rough."""
 
 CHECKED, SMOOTH = 120, 60
-"""Draws at which it is found what the log posterior misses, :func:`skincal.fitting.tasks.run_evidence`: with presses of
+"""Draws at which it is found what the log posterior misses, :func:`skincal.fitting.tasks.lacking_at`: with presses of
 one taxel, where it is rough, and without."""
 
 POLISH = 2
 """Times that a peak is climbed anew with the noise of readings as simulated images have it, and with shared errors."""
 RIVAL, RIVALS = 30.0, 2
 """Peaks of the local surface within so much log evidence of its best are looked at by the skin model, the best few."""
+
+STARTS = 4
+"""Grid points that the continuous part of a fit begins from, at most."""
 
 TABLES = 3
 """A peak of the general way that leaves the table it was climbed on is tabled anew so many times at most."""
@@ -75,39 +77,34 @@ Progress = Callable[[str, int, int], None]
 """Told the stage, how much of it is done, and of how much."""
 
 
-def _silent(_stage: str, _done: int, _total: int) -> None:
-    return
+class Store(Protocol):
+    """Keeps parts of a fit between its runs."""
 
+    def keep(self, turn: int, slab: GridSlab, /) -> None:
+        """Keep a turn of the grid."""
+        ...
 
-@dataclass(frozen=True, eq=False)
-class FitPlan:
-    """The evaluation of the grid; the same plan gives the same slabs.
+    def table(self, name: str, /) -> SkinTable | None:
+        """The table of images that was kept under a name; None where there is none."""
+        ...
 
-    Attributes:
-        problem: presses that are used.
-        on_grid: those of them that the grid places by their normalised images.
-        grid: macro variables.
-        settings: of the micro problems.
-    """
-
-    problem: FitProblem
-    on_grid: FitProblem
-    grid: MacroGrid
-    settings: MicroSettings
+    def keep_table(self, name: str, table: SkinTable, /) -> None:
+        """Keep a table of images, on which the general way spends its time."""
+        ...
 
 
 def default_steps(problem: FitProblem) -> GridSteps:
     """Steps of the macro grid that the way of the fit affords."""
     if problem.contacts is None:
         return STEPS["fast"]
-    return STEPS["nlopt" if problem.contacts.local is None else "general"]
+    return STEPS["nlopt" if problem.contacts.on_grid is None else "general"]
 
 
-def plan_fit(problem: FitProblem, box: SearchBox, options: FitOptions) -> FitPlan:
-    """Lays out the macro grid and the micro settings.
+def plan_grid(problem: FitProblem, box: SearchBox, options: FitOptions) -> MacroGrid:
+    """Lay out the macro grid.
 
     Raises:
-        FitError: no press can be used, or fewer than the parameters need.
+        FitError: no press can be used, or fewer than the parameters need; or there are too many combinations.
     """
     if len(problem) == 0:
         raise FitError("no press can be used")
@@ -126,94 +123,293 @@ def plan_fit(problem: FitProblem, box: SearchBox, options: FitOptions) -> FitPla
             f"a grid of {grid.combinations:.2g} combinations is asked for, and {MOST_COMBINATIONS:.0g} is the most: "
             "take coarser steps or narrower ranges; what follows the grid is continuous and needs no finer one"
         )
+    return grid
+
+
+def micro_settings(problem: FitProblem) -> MicroSettings:
+    """Return the settings of the micro problems on the grid."""
     sigma = max(GRID_NOISE * problem.observation.typical_counts, problem.noise_sigma_counts)
-    return FitPlan(
-        problem,
-        problem.on_grid,
-        grid,
-        MicroSettings(sigma, problem.rig.position_sigma_m, problem.rig.slack_m),
-    )
+    return MicroSettings(sigma, problem.rig.position_sigma_m, problem.rig.slack_m)
 
 
 def solve(
-    plan: FitPlan,
+    problem: FitProblem,
     box: SearchBox,
     options: FitOptions,
     rng: np.random.Generator,
     *,
     mapper: Mapper = map,
     slabs: Mapping[int, GridSlab] | None = None,
-    on_slab: Callable[[int, GridSlab], None] = lambda _turn, _slab: None,
-    tables: TableStore = NO_STORE,
-    progress: Progress = _silent,
+    store: Store | None = None,
+    progress: Progress = lambda _stage, _done, _total: None,
 ) -> FitResult:
     """Fits.
 
     Args:
-        plan: grid and presses, from :func:`plan_fit`.
+        problem: presses that are used.
         box: ranges to search.
         options: settings.
         rng: the only source of chance.
         mapper: spreads independent work; the result does not depend on it.
         slabs: turns of the grid that have been evaluated before.
-        on_slab: told of every turn as it is done, so that it can be kept.
-        tables: keeps tables of images, of which the general way spends its time.
+        store: keeps what is done, so that another run need not do it again.
         progress: told how far the work is.
 
     Returns:
         Best point, intervals, grid, draws, and what a person should know.
+
+    Raises:
+        FitError: the presses do not allow a fit.
     """
-    done = _run_grid(plan, mapper, dict(slabs or {}), on_slab, progress)
-    bounds = _bounds(box, plan.problem.scales)
-    problem, kept, dead, peak, around = _refine(
-        plan, done, bounds, _Tabler(mapper, tables, progress), progress
-    )
-    problem, peak, draws = _drawn(problem, peak, around, bounds, options, rng, mapper, progress)
-    images = around.images(problem)
-    law, bend = _weigh_laws_and_bends(problem, peak, around, bounds, options, mapper, progress)
-    at_best = _grid_loss(plan, draws.mean)
-    found = Evidence(problem, kept, dead, peak, images, draws, law, bend, at_best)
-    slabs_in_order = [done[t] for t in range(len(plan.grid.alpha_rad))]
-    return conclude(plan.grid, slabs_in_order, found, box, options, rng)
-
-
-def _bounds(box: SearchBox, scales: tuple[float, float]) -> Bounds:
+    grid = plan_grid(problem, box, options)
     low, high = np.array([box.across_m, box.y_m, box.alpha_rad]).T
-    log_e, log_s = np.log(box.elasticity_pa_per_m), np.log(scales)
-    return Bounds(np.array([*low, log_e[0], log_s[0]]), np.array([*high, log_e[1], log_s[1]]))
+    edges = np.log([box.elasticity_pa_per_m, problem.scales])
+    bounds = Bounds(np.array([*low, *edges[:, 0]]), np.array([*high, *edges[:, 1]]))
+    return _Fit(bounds, box, options, rng, mapper, store, progress).solve(problem, grid, dict(slabs or {}))
 
 
-def _run_grid(
-    plan: FitPlan,
-    mapper: Mapper,
-    done: dict[int, GridSlab],
-    on_slab: Callable[[int, GridSlab], None],
-    progress: Progress,
-) -> dict[int, GridSlab]:
-    turns = len(plan.grid.alpha_rad)
-    missing = [t for t in range(turns) if t not in done]
-    progress("grid", turns - len(missing), turns)
-    tasks = [SlabTask(plan.on_grid, plan.grid, t, plan.settings) for t in missing]
-    for turn, slab in zip(missing, mapper(run_slab, tasks), strict=True):
-        done[turn] = slab
-        on_slab(turn, slab)
-        progress("grid", len(done), turns)
-    return done
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """What all stages of a fit need: bounds of the macro variables, and the arguments of :func:`solve`."""
+
+    bounds: Bounds
+    box: SearchBox
+    options: FitOptions
+    rng: np.random.Generator
+    mapper: Mapper
+    store: Store | None
+    progress: Progress
+
+    def solve(self, problem: FitProblem, grid: MacroGrid, slabs: dict[int, GridSlab]) -> FitResult:
+        """See :func:`solve`."""
+        settings, on_grid = micro_settings(problem), problem.on_grid
+        in_order = self._on_grid(on_grid, grid, settings, slabs)
+        problem, kept, dead, peak, around = self._refine(problem, _starts(on_grid, grid, in_order))
+        problem, peak, draws = self._drawn(problem, peak, around)
+        law, bend = self._laws_and_bends(problem, peak, around)
+        at = MacroGrid(*draws.mean[:4, None])  # none of the grid's values
+        at_best = float(evaluate_slab(on_grid, at, 0, settings).mse_counts2[0, 0, 0])
+        mse, scale, slack = (np.stack(arrays) for arrays in zip(*in_order, strict=True))
+        fixed = self.options.bound_counts2
+        inside = np.zeros(mse.shape, dtype=bool) if fixed is None else mse <= fixed
+        evaluated = GridResult(grid, mse, scale, slack, inside, at_best)
+        return conclude(
+            around.model(problem), peak, draws, evaluated, kept=kept, dead=dead, law=law, bend=bend,
+            box=self.box, options=self.options, rng=self.rng,
+        )  # fmt: skip
+
+    def _spread(self, function: Callable[..., Any], arguments: Iterable[Sequence[Any]]) -> Iterable[Any]:
+        """Results of a function for some arguments, spread by the mapper."""
+        return self.mapper(run, [partial(function, *some) for some in arguments])
+
+    def _on_grid(
+        self, problem: FitProblem, grid: MacroGrid, settings: MicroSettings, done: dict[int, GridSlab]
+    ) -> list[GridSlab]:
+        """The turns of the grid, those that are not done evaluated and kept."""
+        turns = len(grid.alpha_rad)
+        missing = [t for t in range(turns) if t not in done]
+        self.progress("grid", turns - len(missing), turns)
+        found = self._spread(evaluate_slab, [(problem, grid, t, settings) for t in missing])
+        for turn, slab in zip(missing, found, strict=True):
+            done[turn] = slab
+            if self.store is not None:
+                self.store.keep(turn, slab)
+            self.progress("grid", len(done), turns)
+        return [done[t] for t in range(turns)]
+
+    def _climb(
+        self, problem: FitProblem, start: Floats, around: Neighbourhood, sigmas: Floats | None = None
+    ) -> Peak:
+        return climb_near(problem, self.bounds, start, around, sigmas)
+
+    def _climb_all(self, problem: FitProblem, bounds: Bounds, starts: Iterable[Floats]) -> list[Peak]:
+        """Peaks of climbs from afar on kernels, the one with most posterior mass under it first (Laplace)."""
+        peaks = self._spread(climb_near, [(problem, bounds, start) for start in starts])
+        return sorted(peaks, key=lambda peak: -peak.log_evidence)
+
+    def _refine(
+        self, problem: FitProblem, starts: list[Floats]
+    ) -> tuple[FitProblem, Bools, Bools, Peak, Neighbourhood]:
+        """The highest peak, after glitches and dead taxels have been left out.
+
+        Returns:
+            Problem, kept presses, dead taxels, peak, and where images are tabled round it.
+        """
+        self.progress("peak", 0, 2)
+        weak = weak_taxels(problem)
+        strong = problem.without_taxels(weak) if weak.any() else problem
+        general = problem.contacts is not None
+        if general:
+            starts = self._local_peaks(strong, starts)
+            rough = (
+                self._climb(strong, s, Neighbourhood.around(s, self._table(strong, s, ROUGH))) for s in starts
+            )
+            peak, around = self._tabled(strong, max(rough, key=lambda one: one.log_evidence))
+        else:
+            peak = self._climb_all(strong, self.bounds, starts)[0]
+            around = Neighbourhood.around(peak.macro)
+        # What follows goes not far from here.
+        dead = dead_taxels(problem, peak.states)
+        if dead.any():
+            problem = problem.without_taxels(dead)
+        if (dead ^ weak).any():
+            peak = self._climb(problem, peak.macro, around)
+        self.progress("peak", 1, 2)
+        lost = lost_readings(problem, peak.states, float(peak.sigmas[4]))
+        if lost.any():
+            # How much gains differ is told by a climb from near by only; a weak taxel has not dropped out.
+            without = self._climb(problem.without_readings(lost), peak.macro, around, peak.sigmas)
+            lost = lost_readings(problem, peak.states, float(without.sigmas[4]))
+            problem = problem.without_readings(lost)
+            peak = self._climb(problem, without.macro, around)
+        keep = ~glitches(problem, peak)
+        if not keep.all():
+            problem = problem.subset(keep, "glitch: its image or force does not fit with the other presses")
+            again: list[tuple[Any, ...]] = [(problem, self.bounds, peak.macro, around)]
+            if not general:  # a table goes no further than the peak that it was made for
+                again.append((problem, self.bounds, starts[0], None))
+            peak = max(self._spread(climb_near, again), key=lambda one: one.log_evidence)
+        for _ in range(POLISH):
+            problem = problem.with_signal(peak.states.simulated).with_shared(peak.theta)
+            peak = self._climb(problem, peak.macro, around, peak.sigmas)
+        if not around.holds(peak.macro):
+            peak, around = (
+                self._tabled(problem, peak) if general else (peak, Neighbourhood.around(peak.macro))
+            )
+        self.progress("peak", 2, 2)
+        return problem.with_shared(peak.theta), keep, dead, peak, around
+
+    def _local_peaks(self, problem: FitProblem, starts: list[Floats]) -> list[Floats]:
+        """Where climbs on the surface that looks the same everywhere end: the best, and one nearly as good."""
+        assert problem.contacts is not None
+        local = problem.contacts.on_grid
+        if local is None:
+            return starts
+        # The centre may leave the box a little; what follows keeps to it.
+        peaks = self._climb_all(local.problem(problem), self._arcs(local), map(local.arcs, starts))
+        reach = np.array([ROUGH.centre_m, ROUGH.centre_m, ROUGH.alpha_rad, ROUGH.log_ratio, np.inf])
+        found: list[Floats] = []
+        for peak in peaks:
+            macro = np.clip(local.labels(peak.macro), self.bounds.low, self.bounds.high)
+            near = peaks[0].log_evidence - peak.log_evidence < RIVAL
+            if near and all((np.abs(macro - other) > 0.5 * reach).any() for other in found):
+                found.append(macro)
+        return found[:RIVALS]
+
+    def _arcs(self, local: LocalPlaces) -> Bounds:
+        return Bounds(local.arcs(self.bounds.low), local.arcs(self.bounds.high))
+
+    def _table(self, problem: FitProblem, macro: Floats, reach: TableReach) -> SkinTable:
+        """A table of images, made part by part but for those that an earlier run has made."""
+        arguments = [(problem, presses, macro, reach) for presses in parts_of(problem)]
+        names = [name_of(*some) for some in arguments]
+        parts = [None if self.store is None else self.store.table(name) for name in names]
+        missing = [n for n, part in enumerate(parts) if part is None]
+        done = len(names) - len(missing)
+        self.progress("images", done, len(names))
+        made = self._spread(run_table, [arguments[n] for n in missing])
+        for n, part in zip(missing, made, strict=True):
+            parts[n], done = part, done + 1
+            if self.store is not None:
+                self.store.keep_table(names[n], part)
+            self.progress("images", done, len(names))
+        return joined([part for part in parts if part is not None])
+
+    def _tabled(self, problem: FitProblem, peak: Peak) -> tuple[Peak, Neighbourhood]:
+        """In the general way, the peak on a fine table of images round it, and that table."""
+        around, tries = None, 0
+        while around is None or (tries < TABLES and not around.holds(peak.macro)):
+            around = Neighbourhood.around(peak.macro, self._table(problem, peak.macro, reach_of(peak)))
+            peak, tries = self._climb(problem, peak.macro, around), tries + 1
+        return peak, around
+
+    def _drawn(
+        self, problem: FitProblem, peak: Peak, around: Neighbourhood
+    ) -> tuple[FitProblem, Peak, Draws]:
+        """Draws round the peak, and the problem and the peak that they are of.
+
+        Without noise the density of presses of one taxel is too rough to be drawn from; those presses are then left
+        out.
+        """
+        draws, density = self._sample(problem, peak, around)
+        worth, lone = min(WORTH, self.options.enough_draws), problem.lone
+        if draws.effective < worth and lone.any() and (~lone).sum() >= FEW_PRESSES:
+            problem = problem.subset(~lone, "1 active taxel, beside presses of more that tell far more")
+            problem = replace(problem, min_active=COORDINATES)
+            peak = self._climb(problem, peak.macro, around, peak.sigmas)
+            problem = problem.with_shared(peak.theta)
+            draws, density = self._sample(problem, peak, around)
+        if draws.effective < worth:
+            draws = max(draws, walk(density, draws, self.rng), key=lambda d: d.effective)
+        return problem, peak, draws
+
+    def _sample(self, problem: FitProblem, peak: Peak, around: Neighbourhood) -> tuple[Draws, Density]:
+        fewest, most = self.options.rounds
+        lone = bool(problem.lone.any())
+
+        def halved(function: Callable[..., Floats], about: object, points: Floats) -> Floats:
+            # A fixed division, so that results do not depend on the number of workers.
+            parts = [(problem, around, peak.places, about, part) for part in np.array_split(points, 2)]
+            return np.concatenate(list(self._spread(function, parts)))
+
+        self.progress("draws", 0, fewest)
+        return sample(
+            peak,
+            problem,
+            lambda points: halved(density_at, self.bounds, points),
+            self.rng,
+            size=self.options.round_size,
+            rounds=(fewest, min(most, ROUGH_ROUNDS * fewest) if lone else most),
+            worth=self.options.enough_draws,
+            lacking=lambda points: halved(lacking_at, points.mean(axis=0), points),
+            checked=CHECKED if lone else SMOOTH,
+            on_round=lambda done: self.progress("draws", min(done, fewest), fewest),
+        )
+
+    def _laws_and_bends(
+        self, problem: FitProblem, peak: Peak, around: Neighbourhood
+    ) -> tuple[LawSpread, Bend]:
+        """How likely other contact laws are, and responses that bend; every climb begins anew at the peak."""
+        spreads = self.options.law_spreads_m
+        self.progress("contact law", 0, 1)
+
+        wide = [
+            (problem, self.bounds, peak.macro, replace(around, spread_m=spread), peak.sigmas)
+            for spread in spreads[1:]
+        ]
+        bare: list[tuple[Any, ...]] = []
+        local = None if problem.contacts is None else problem.contacts.local
+        if wide and problem.contacts is None:
+            bare = [(problem, self.bounds, peak.macro, replace(around, projected=False), peak.sigmas)]
+        elif wide and local is not None:
+            # Tables of the skin model have the projections in them. There taxels that feel the pressure itself are
+            # compared by kernels, on the surface as it is round the sensor; without those they are not.
+            start = local.arcs(peak.macro)
+            plain = Neighbourhood.around(start)
+            bare = [
+                (local.problem(problem), self._arcs(local), start, law, peak.sigmas)
+                for law in (plain, replace(plain, projected=False))
+            ]
+        straight = [straightened(problem, *bend) for bend in BENDS]
+        lines = [(one, self.bounds, peak.macro, around, peak.sigmas) for one, _ in straight]
+        found: list[Peak] = list(self._spread(climb_near, [*wide, *bare, *lines]))
+        self.progress("contact law", 1, 1)
+        laws, bare_peaks = [peak, *found[: len(wide)]], found[len(wide) : len(wide) + len(bare)]
+        straight_peaks = found[len(wide) + len(bare) :]
+        # The first straightens nothing. All others begin anew at the peak, too; none may win by the places that this
+        # finds.
+        laws[0] = max(peak, straight_peaks[0], key=lambda one: one.log_evidence)
+        comparable = laws + (bare_peaks if len(bare) == 1 else [])
+        bend = weigh_bends(comparable, straight_peaks, [jacobian for _, jacobian in straight])
+        law = weigh_laws(np.array(spreads), laws)
+        if bare:
+            law = law.with_bare(laws[0] if len(bare) == 1 else bare_peaks[0], bare_peaks[-1])
+        return law, bend
 
 
-def _grid_loss(plan: FitPlan, macro: Floats) -> float:
-    """The grid's loss [counts²] at macro variables (5,) that are none of its values."""
-    across, along, alpha, log_e = macro[:4, None]
-    slab = run_slab(SlabTask(plan.on_grid, MacroGrid(across, along, alpha, log_e), 0, plan.settings))
-    return float(slab.mse_counts2[0, 0, 0])
-
-
-def _starts(plan: FitPlan, done: Mapping[int, GridSlab], most: int = 4) -> list[Floats]:
+def _starts(problem: FitProblem, grid: MacroGrid, slabs: Sequence[GridSlab]) -> list[Floats]:
     """The best grid points that are not neighbours of each other, as macro variables (5,)."""
-    grid, problem = plan.grid, plan.on_grid
-    mse = np.stack([done[t].mse_counts2 for t in range(len(grid.alpha_rad))])
-    scale = np.stack([done[t].scale_per_n for t in range(len(grid.alpha_rad))])
-    slack = np.stack([done[t].slack_rms_m for t in range(len(grid.alpha_rad))])
+    mse, scale, slack = (np.stack(arrays) for arrays in zip(*slabs, strict=True))
     # What is left at the best grid point is mostly what normalised images do not tell of the places of presses; it
     # serves as the noise here.
     noise = max(float(mse.min()), problem.noise_sigma_counts**2)
@@ -233,7 +429,7 @@ def _starts(plan: FitPlan, done: Mapping[int, GridSlab], most: int = 4) -> list[
         apart = np.array([1.2e-3, 1.2e-3, np.radians(7.0), 0.5, np.inf])
         if all((np.abs(point - s) > apart).any() for s in starts):
             starts.append(point)
-        if len(starts) == most:
+        if len(starts) == STARTS:
             break
     if not starts:
         raise FitError(
@@ -241,239 +437,3 @@ def _starts(plan: FitPlan, done: Mapping[int, GridSlab], most: int = 4) -> list[
             "ranges of [mount], or check that positions are in the fingertip frame"
         )
     return starts
-
-
-def _refine(
-    plan: FitPlan, done: Mapping[int, GridSlab], bounds: Bounds, tabler: _Tabler, progress: Progress
-) -> tuple[FitProblem, NDArray[np.bool_], NDArray[np.bool_], Peak, Neighbourhood]:
-    """The highest peak, after glitches and dead taxels have been left out.
-
-    Returns:
-        Problem, kept presses, dead taxels, peak, and where images are tabled round it.
-    """
-    problem, mapper = plan.problem, tabler.mapper
-    starts = _starts(plan, done)
-    progress("peak", 0, 2)
-    weak = weak_taxels(problem)
-    strong = problem.without_taxels(weak) if weak.any() else problem
-    table = None
-    if problem.contacts is None:
-        peak = _highest(mapper(run_climb, [ClimbTask(strong, bounds, s) for s in starts]))
-    else:
-        starts = _local_peaks(strong, bounds, starts, mapper)
-        peak = _highest(_climb_tabled(strong, bounds, s, tabler) for s in starts)
-        peak, table = _tabled(strong, bounds, peak, tabler)
-    # What follows goes not far from here.
-    around = Neighbourhood.around(peak.macro, table)
-    dead = dead_taxels(problem, peak.states)
-    if dead.any():
-        problem = problem.without_taxels(dead)
-    if (dead ^ weak).any():
-        peak = run_climb(ClimbTask(problem, bounds, peak.macro, around))
-    progress("peak", 1, 2)
-    lost = lost_readings(problem, peak.states, float(peak.sigmas[4]))
-    if lost.any():
-        # How much gains differ is told by a climb from near by only; a weak taxel has not dropped out.
-        without = run_climb(
-            ClimbTask(problem.without_readings(lost), bounds, peak.macro, around, peak.sigmas)
-        )
-        lost = lost_readings(problem, peak.states, float(without.sigmas[4]))
-        problem = problem.without_readings(lost)
-        peak = run_climb(ClimbTask(problem, bounds, without.macro, around))
-    keep = ~glitches(problem, peak)
-    if not keep.all():
-        problem = problem.subset(keep, "glitch: its image or force does not fit with the other presses")
-        again = [ClimbTask(problem, bounds, peak.macro, around)]
-        if table is None:  # a table goes no further than the peak that it was made for
-            again.append(ClimbTask(problem, bounds, starts[0]))
-        peak = _highest(mapper(run_climb, again))
-    for _ in range(POLISH):
-        problem = problem.with_signal(peak.states.simulated).with_shared(peak.theta)
-        peak = run_climb(ClimbTask(problem, bounds, peak.macro, around, peak.sigmas))
-    if not (around.holds(peak.macro) if table is None else table.holds(peak.macro)):
-        if table is not None:
-            peak, table = _tabled(problem, bounds, peak, tabler)
-        around = Neighbourhood.around(peak.macro, table)
-    progress("peak", 2, 2)
-    return problem.with_shared(peak.theta), keep, dead, peak, around
-
-
-@dataclass(frozen=True, eq=False)
-class _Tabler:
-    """Makes tables of images part by part, and takes those that an earlier run has made."""
-
-    mapper: Mapper
-    store: TableStore
-    progress: Progress
-
-    def __call__(self, problem: FitProblem, macro: Floats, reach: TableReach) -> SkinTable:
-        tasks = table_tasks(problem, macro, reach)
-        names = [name_of(task) for task in tasks]
-        parts = [self.store.table(name) for name in names]
-        missing = [n for n, part in enumerate(parts) if part is None]
-        done = len(tasks) - len(missing)
-        self.progress("images", done, len(tasks))
-        for n, part in zip(missing, self.mapper(run_table, [tasks[n] for n in missing]), strict=True):
-            parts[n] = part
-            self.store.keep_table(names[n], part)
-            done += 1
-            self.progress("images", done, len(tasks))
-        return joined([part for part in parts if part is not None])
-
-
-def _climb_tabled(problem: FitProblem, bounds: Bounds, start: Floats, tabler: _Tabler) -> Peak:
-    """A climb from a point of the grid, on a table as rough as the grid."""
-    around = Neighbourhood.around(start, tabler(problem, start, ROUGH))
-    return run_climb(ClimbTask(problem, bounds, start, around))
-
-
-def _local_peaks(problem: FitProblem, bounds: Bounds, starts: list[Floats], mapper: Mapper) -> list[Floats]:
-    """Return where climbs on the surface that looks the same everywhere end: the best, and one nearly as good."""
-    assert problem.contacts is not None
-    local = problem.contacts.local
-    if local is None:
-        return starts
-    # The centre may leave the box a little; what follows keeps to it.
-    box = Bounds(*(local.arcs(end) for end in (bounds.low, bounds.high)))
-    tasks = [ClimbTask(local.problem(problem), box, local.arcs(start)) for start in starts]
-    peaks: list[Peak] = sorted(mapper(run_climb, tasks), key=lambda p: -p.log_evidence)
-    found: list[Floats] = []
-    for peak in peaks:
-        macro = np.clip(local.labels(peak.macro), bounds.low, bounds.high)
-        near = peaks[0].log_evidence - peak.log_evidence < RIVAL
-        reach = np.array([ROUGH.centre_m, ROUGH.centre_m, ROUGH.alpha_rad, ROUGH.log_ratio, np.inf])
-        if near and all((np.abs(macro - other) > 0.5 * reach).any() for other in found):
-            found.append(macro)
-    return found[:RIVALS]
-
-
-def _tabled(problem: FitProblem, bounds: Bounds, peak: Peak, tabler: _Tabler) -> tuple[Peak, SkinTable]:
-    """In the general way, the peak on a fine table of images round it, and that table."""
-    table, tries = None, 0
-    while table is None or (tries < TABLES and not table.holds(peak.macro)):
-        table = tabler(problem, peak.macro, reach_of(peak))
-        around = Neighbourhood.around(peak.macro, table)
-        peak, tries = run_climb(ClimbTask(problem, bounds, peak.macro, around)), tries + 1
-    return peak, table
-
-
-def _highest(peaks: object) -> Peak:
-    """The peak with most posterior mass under it (Laplace)."""
-    found: list[Peak] = list(peaks)  # type: ignore[call-overload]
-    return max(found, key=lambda p: p.log_evidence)
-
-
-def _drawn(
-    problem: FitProblem,
-    peak: Peak,
-    around: Neighbourhood,
-    bounds: Bounds,
-    options: FitOptions,
-    rng: np.random.Generator,
-    mapper: Mapper,
-    progress: Progress,
-) -> tuple[FitProblem, Peak, Draws]:
-    """Draws round the peak, and the problem and the peak that they are of.
-
-    Without noise the density of presses of one taxel is too rough to be drawn from; those presses are then left out.
-    """
-    draws, density = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
-    worth = min(WORTH, options.enough_draws)
-    lone = problem.lone
-    if draws.effective < worth and lone.any() and (~lone).sum() >= FEW_PRESSES:
-        problem = problem.subset(~lone, "1 active taxel, beside presses of more that tell far more")
-        problem = replace(problem, min_active=COORDINATES)
-        peak = run_climb(ClimbTask(problem, bounds, peak.macro, around, peak.sigmas))
-        problem = problem.with_shared(peak.theta)
-        draws, density = _sample(problem, peak, around, bounds, options, rng, mapper, progress)
-    if draws.effective < worth:
-        draws = max(draws, walk(density, draws, rng), key=lambda d: d.effective)
-    return problem, peak, draws
-
-
-def _sample(
-    problem: FitProblem,
-    peak: Peak,
-    around: Neighbourhood,
-    bounds: Bounds,
-    options: FitOptions,
-    rng: np.random.Generator,
-    mapper: Mapper,
-    progress: Progress,
-) -> tuple[Draws, Density]:
-    fewest, most = options.rounds
-    lone = bool(problem.lone.any())
-
-    # A fixed division, so that results do not depend on the number of workers.
-    def density(points: Floats) -> Floats:
-        parts = [DensityTask(problem, around, peak.places, bounds, p) for p in np.array_split(points, 2)]
-        return np.concatenate(list(mapper(run_density, parts)))
-
-    def lacking(points: Floats) -> Floats:
-        middle = points.mean(axis=0)
-        parts = [EvidenceTask(problem, around, peak.places, middle, p) for p in np.array_split(points, 2)]
-        return np.concatenate(list(mapper(run_evidence, parts)))
-
-    progress("draws", 0, fewest)
-    return sample(
-        peak,
-        problem,
-        density,
-        rng,
-        size=options.round_size,
-        rounds=(fewest, min(most, ROUGH_ROUNDS * fewest) if lone else most),
-        worth=options.enough_draws,
-        lacking=Lacking(lacking, CHECKED if lone else SMOOTH),
-        on_round=lambda done: progress("draws", min(done, fewest), fewest),
-    )
-
-
-def _weigh_laws_and_bends(
-    problem: FitProblem,
-    peak: Peak,
-    around: Neighbourhood,
-    bounds: Bounds,
-    options: FitOptions,
-    mapper: Mapper,
-    progress: Progress,
-) -> tuple[LawSpread, Bend]:
-    spreads = options.law_spreads_m
-    progress("contact law", 0, 1)
-    wide = [
-        ClimbTask(problem, bounds, peak.macro, replace(around, spread_m=spread), peak.sigmas)
-        for spread in spreads[1:]
-    ]
-    bare = _bare_tasks(problem, peak, around, bounds) if wide else []
-    straight = [straightened(problem, *bend) for bend in BENDS]
-    lines = [ClimbTask(one, bounds, peak.macro, around, peak.sigmas) for one, _ in straight]
-    peaks = [peak, *mapper(run_climb, [*wide, *bare, *lines])]
-    progress("contact law", 1, 1)
-    peaks, straight_peaks = peaks[: -len(lines)], peaks[-len(lines) :]
-    # The first straightens nothing. All others begin anew at the peak, too; none may win by the places that this finds.
-    if straight_peaks[0].log_evidence > peak.log_evidence:
-        peak = peaks[0] = straight_peaks[0]
-    comparable = peaks if len(bare) == 1 else peaks[: len(spreads)]
-    bend = weigh_bends(comparable, straight_peaks, [jacobian for _, jacobian in straight])
-    law = weigh_laws(np.array(spreads), peaks[: len(spreads)])
-    if bare:
-        law = law.with_bare(peak if len(bare) == 1 else peaks[-2], peaks[-1])
-    return law, bend
-
-
-def _bare_tasks(problem: FitProblem, peak: Peak, around: Neighbourhood, bounds: Bounds) -> list[ClimbTask]:
-    """Climbs with taxels that feel the pressure itself, the last one, and with what it is compared with before it.
-
-    Tables of the skin model have the projections in them. There both climbs are by kernels, on the surface as it is
-    round the sensor; without those there is none.
-    """
-    laws = [replace(around, projected=False)]
-    macro = peak.macro
-    if problem.contacts is not None:
-        local = problem.contacts.local
-        if local is None:
-            return []
-        problem, macro = local.problem(problem), local.arcs(macro)
-        bounds = Bounds(*(local.arcs(end) for end in (bounds.low, bounds.high)))
-        plain = Neighbourhood.around(macro)
-        laws = [plain, replace(plain, projected=False)]
-    return [ClimbTask(problem, bounds, macro, law, peak.sigmas) for law in laws]

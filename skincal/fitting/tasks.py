@@ -1,4 +1,4 @@
-"""The pieces of a fit that can run side by side, each a plain function of one picklable argument.
+"""The pieces of a fit that can run side by side: plain functions of arguments that can be pickled.
 
 Who spreads them over processes is up to the caller: a mapper takes a function and a sequence of arguments to the
 results in the same order, as the built-in ``map`` does. Results do not depend on it.
@@ -10,23 +10,27 @@ import pickle
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from skincal.fitting import general, grid
-from skincal.fitting.general_table import ROUGH, SkinTable
-from skincal.fitting.general_tabling import joined, run_table, table_tasks
+from skincal.fitting.general_table import SkinTable
 from skincal.fitting.grid import GridSlab, MacroGrid
-from skincal.fitting.images import KernelImages
+from skincal.fitting.kernel import build_table
+from skincal.fitting.lookup import NO_IMAGES, Tables
 from skincal.fitting.micro import MicroSettings
-from skincal.fitting.places import Places
 from skincal.fitting.posterior import Bounds, Peak, climb, log_posterior, press_evidence
 from skincal.fitting.press_evidence import find_narrow_slacks, log_evidence
+from skincal.fitting.presses import Places, PressModel
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.seen import Images
 from skincal.fitting.selection import log_chance
 from skincal.fitting.types import Floats
+
+_Result = TypeVar("_Result")
+
+REACH = 0.9
+"""How far log E may stray from the middle of the kernels that are tabled for the continuous part of a fit."""
 
 
 class Mapper(Protocol):
@@ -37,25 +41,19 @@ class Mapper(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class SlabTask:
-    """One turn of the macro grid."""
-
-    problem: FitProblem
-    grid: MacroGrid
-    turn: int
-    settings: MicroSettings
+def run(task: Callable[[], _Result]) -> _Result:
+    """Return what a task gives, a function with its arguments (``functools.partial``)."""
+    return task()
 
 
-def run_slab(task: SlabTask) -> GridSlab:
-    """Evaluates one turn of the grid, by tables or by the skin model itself."""
-    contacts = task.problem.contacts
-    if contacts is None:
-        return grid.evaluate_slab(task.problem, task.grid, task.turn, task.settings)
-    if contacts.local is None:
-        return general.evaluate_slab(task.problem, task.grid, task.turn, task.settings)
-    local = contacts.local
-    return grid.evaluate_slab(local.problem(task.problem), local.grid(task.grid), task.turn, task.settings)
+def evaluate_slab(problem: FitProblem, macro_grid: MacroGrid, turn: int, settings: MicroSettings) -> GridSlab:
+    """Evaluate one turn of the grid, by tables or by the skin model itself."""
+    if problem.contacts is None:
+        return grid.evaluate_slab(problem, macro_grid, turn, settings)
+    local = problem.contacts.on_grid
+    if local is None:
+        return general.evaluate_slab(problem, macro_grid, turn, settings)
+    return grid.evaluate_slab(local.problem(problem), local.grid(macro_grid), turn, settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +63,6 @@ class Neighbourhood:
     Attributes:
         alphas_rad: three turns round the centre [rad].
         log_elasticity: logarithm of E at the centre.
-        reach: how far log E may stray from it.
         spread_m: sideways spread of the contact law [m].
         projected: whether taxels feel the projected pressure; otherwise by kernels only.
         table: images of the skin model there, for the general way, which has no kernels.
@@ -73,7 +70,6 @@ class Neighbourhood:
 
     alphas_rad: Floats
     log_elasticity: float
-    reach: float = 0.9
     spread_m: float = 0.0
     projected: bool = True
     table: SkinTable | None = None
@@ -85,107 +81,82 @@ class Neighbourhood:
         return cls(alphas, float(macro[3]), table=table)
 
     def holds(self, macro: Floats) -> bool:
-        """Return whether macro variables (5,) lie well inside of what the kernels span."""
+        """Return whether macro variables (5,) lie well inside of what is tabled."""
+        if self.table is not None:
+            return self.table.holds(macro)
         turn, stiffness = abs(macro[2] - self.alphas_rad[1]), abs(macro[3] - self.log_elasticity)
         return bool(turn <= np.radians(5.0) and stiffness <= 0.6)
 
-    def images(self, problem: FitProblem) -> Images:
-        """Builds the kernels, or spreads what is tabled."""
+    def model(self, problem: FitProblem) -> PressModel:
+        """Return presses with kernels, or with what is tabled, spread."""
         if self.table is not None:
-            return self.table.spread(self.spread_m)
+            return PressModel(problem, self.table.spread(self.spread_m).tables())
         log_force = np.log(problem.force_n)
         span = (
-            float(log_force.min()) - self.log_elasticity - self.reach,
-            float(log_force.max()) - self.log_elasticity + self.reach,
+            float(log_force.min()) - self.log_elasticity - REACH,
+            float(log_force.max()) - self.log_elasticity + REACH,
         )
         rig = problem.rig
         asked = (rig.surface, rig.indenters, rig.layout, self.alphas_rad, span)
-        return _kernels(pickle.dumps(asked), self.spread_m, self.projected)
+        return PressModel(problem, _kernels(pickle.dumps(asked), self.spread_m, self.projected))
 
 
 @lru_cache(maxsize=1)
-def _kernels(asked: bytes, spread_m: float, projected: bool) -> KernelImages:
+def _kernels(asked: bytes, spread_m: float, projected: bool) -> Tables:
     """The kernels that were asked for last: the draws of a fit come in many rounds, all from the same.
 
     They are known by what they are made of, as every task brings a copy of its own.
     """
-    return KernelImages(*pickle.loads(asked), spread_m=spread_m, projected=projected)
+    return Tables(build_table(*pickle.loads(asked), spread_m=spread_m, projected=projected), NO_IMAGES)
 
 
-@dataclass(frozen=True, eq=False)
-class ClimbTask:
-    """One climb to a peak of the posterior.
+def climb_near(
+    problem: FitProblem,
+    bounds: Bounds,
+    start: Floats,
+    around: Neighbourhood | None = None,
+    sigmas: Floats | None = None,
+) -> Peak:
+    """Climb to a peak of the posterior; where it lies far from where kernels were tabled, table them anew and go on.
 
-    Attributes:
+    Args:
         problem: the presses.
         bounds: box of the macro variables.
         start: (5,) macro variables.
-        around: where images are tabled; None for round the start.
+        around: where images are tabled; None for kernels round the start.
         sigmas: (6,) of a peak nearby, where there is one.
     """
-
-    problem: FitProblem
-    bounds: Bounds
-    start: Floats
-    around: Neighbourhood | None = None
-    sigmas: Floats | None = None
-
-
-def run_climb(task: ClimbTask) -> Peak:
-    """Climbs; when the peak lies far from where the kernels were tabled, tables them anew there and goes on."""
-    around = task.around
-    if around is None:
-        table = None
-        if task.problem.contacts is not None:
-            table = joined([run_table(part) for part in table_tasks(task.problem, task.start, ROUGH)])
-        around = Neighbourhood.around(task.start, table)
-    peak = climb(task.problem, around.images(task.problem), task.bounds, task.start, sigmas=task.sigmas)
+    around = around or Neighbourhood.around(start)
+    peak = climb(around.model(problem), bounds, start, sigmas=sigmas)
     if around.table is None and not around.holds(peak.macro):
         there = replace(
             Neighbourhood.around(peak.macro), spread_m=around.spread_m, projected=around.projected
         )
-        peak = climb(task.problem, there.images(task.problem), task.bounds, peak.macro, sigmas=peak.sigmas)
+        peak = climb(there.model(problem), bounds, peak.macro, sigmas=peak.sigmas)
     return peak
 
 
-@dataclass(frozen=True, eq=False)
-class DensityTask:
-    """Log posterior of some points."""
-
-    problem: FitProblem
-    around: Neighbourhood
-    places: Places
-    bounds: Bounds
-    points: Floats
+def density_at(
+    problem: FitProblem, around: Neighbourhood, places: Places, bounds: Bounds, points: Floats
+) -> Floats:
+    """Return the log posterior (W,) of points (W, 11); arguments as :func:`skincal.fitting.posterior.log_posterior`."""
+    model = around.model(problem)
+    blocks = np.array_split(points, max(1, len(points) // 50))
+    return np.concatenate([log_posterior(model, places, bounds, block) for block in blocks])
 
 
-def run_density(task: DensityTask) -> Floats:
-    """Evaluates the log posterior of the task's points."""
-    images = task.around.images(task.problem)
-    blocks = np.array_split(task.points, max(1, len(task.points) // 50))
-    return np.concatenate([log_posterior(task.problem, images, task.places, task.bounds, b) for b in blocks])
+def lacking_at(
+    problem: FitProblem, around: Neighbourhood, places: Places, centre: Floats, points: Floats
+) -> Floats:
+    """Return what is to be added to the log posterior (W,) at points (W, 11), up to a constant.
 
-
-@dataclass(frozen=True, eq=False)
-class EvidenceTask:
-    """Task: corrections of the log posterior at some points, for the choice of presses and for Laplace."""
-
-    problem: FitProblem
-    around: Neighbourhood
-    places: Places
-    centre: Floats
-    points: Floats
-
-
-def run_evidence(task: EvidenceTask) -> Floats:
-    """Return what is to be added to the log posterior (W,) at the task's points (W, 11), up to a constant.
-
-    Presses of one taxel need their evidence by narrow slacks; of the others Laplace's approximation is as good.
+    It is for the choice of presses and for Laplace's approximation: presses of one taxel need their evidence by narrow
+    slacks, seen from ``centre`` (11,); of the others the approximation is as good.
     """
-    images, problem, at = task.around.images(task.problem), task.problem, task.places
-    missing = -log_chance(problem, images, task.points)
+    model = around.model(problem)
+    missing = -log_chance(model, points)
     if problem.lone.any():
-        slacks = find_narrow_slacks(problem, images, at, task.centre[:5], np.exp(task.centre[5:]))
-        missing += log_evidence(problem, images, slacks, task.points)
-        missing -= press_evidence(problem, images, at, task.points)[0]
+        slacks = find_narrow_slacks(model, places, centre[:5], np.exp(centre[5:]))
+        missing += log_evidence(model, slacks, points)
+        missing -= press_evidence(model, places, points)[0]
     return missing

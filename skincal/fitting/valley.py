@@ -7,11 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from skincal.fitting.fit_options import SearchBox
-from skincal.fitting.places import Places, starting_nuisance
-from skincal.fitting.presses import settle
+from skincal.fitting.presses import Places, PressModel
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.result import GridResult
-from skincal.fitting.seen import Images
 from skincal.fitting.types import Floats
 
 UNBOUNDED_FROM = 0.9
@@ -69,27 +67,19 @@ def at_one_place(problem: FitProblem) -> bool:
     return extent_m(problem) < ONE_PLACE * size
 
 
-def valley_loss(
-    problem: FitProblem, images: Images, places: Places, points: Floats, rng: np.random.Generator
-) -> float:
+def valley_loss(model: PressModel, places: Places, points: Floats, rng: np.random.Generator) -> float:
     """The loss [counts²] that 98 % of the draws stay below: the bound that the noise of the data gives the valley.
 
     Args:
-        problem: the presses.
-        images: kernels round the peak.
+        model: the presses, with tables round the peak.
         places: where each press could have been.
         points: (N, 11) draws of macro variables and log sigmas.
         rng: picks the draws that are looked at.
     """
+    problem, spots = model.problem, len(places.press)
     some = points[rng.choice(len(points), min(60, len(points)), replace=False)]
-    spots = len(places.press)
-    macro, press = np.repeat(some[:, :5], spots, axis=0), np.tile(places.press, len(some))
-    sigmas = np.repeat(np.exp(some[:, 5:]), spots, axis=0)
-    sigmas[:, 1] = 1e-7
-    start = starting_nuisance(problem, places, macro, press, len(some))
-    start[:, 2] = 0.0
-    state = settle(problem, images, macro, sigmas, press, start, iterations=10)
-    variance = problem.observation.variance(sigmas[:, 2], sigmas[:, 3], press)
+    state = model.settle_at(places, some[:, :5], np.exp(some[:, 5:]), forces_known=True, iterations=10)
+    variance = problem.observation.variance(state.sigmas[:, 2], state.sigmas[:, 3], state.press)
     squares = (state.residual**2 * variance).sum(axis=1).reshape(len(some), spots)
     objective = state.objective.reshape(len(some), spots)
     total = np.zeros(len(some))

@@ -22,10 +22,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from skincal.fitting.presses import PressStates, evaluate, half_inverse, settle, solve_small
-from skincal.fitting.problem import FitProblem
-from skincal.fitting.seen import Images
-from skincal.fitting.types import Bools, Floats, Ints
+from skincal.fitting.presses import PressModel, PressStates, half_inverse, solve_small
+from skincal.fitting.types import Bools, Floats
 
 _STEP_M = 0.06e-3
 MERGED = 0.02
@@ -59,10 +57,8 @@ class Fold:
     mirror_m: Floats
 
 
-def fold_of(
-    problem: FitProblem, images: Images, macro: Floats, sigmas: Floats, press: Ints, state: PressStates
-) -> Fold:
-    """The fold of settled presses; arguments as :func:`skincal.fitting.presses.evaluate`."""
+def fold_of(model: PressModel, state: PressStates) -> Fold:
+    """The fold of settled presses."""
     root, log_laplace = half_inverse(state.hessian)
     a, d = (root[:, :2] ** 2).sum(axis=2).T
     b = (root[:, 0] * root[:, 1]).sum(axis=1)
@@ -70,8 +66,10 @@ def fold_of(
     cos, sin = np.cos(angle), np.sin(angle)
     weak = np.stack([cos, sin, np.zeros_like(angle)], axis=1)
     stiffness = 1.0 / (a * cos**2 + 2 * b * sin * cos + d * sin**2)
-    ahead = evaluate(problem, images, macro, sigmas, press, state.nuisance + _STEP_M * weak)
-    behind = evaluate(problem, images, macro, sigmas, press, state.nuisance - _STEP_M * weak)
+    ahead, behind = (
+        model.evaluate(state.macro, state.sigmas, state.press, state.nuisance + side * _STEP_M * weak)
+        for side in (1, -1)
+    )
     bend = np.einsum("njd,nd->nj", ahead.nuisance_slope - behind.nuisance_slope, weak) / (2 * _STEP_M)
     slope = np.einsum("njd,nd->nj", state.nuisance_slope, weak)
     residual = state.residual
@@ -79,7 +77,7 @@ def fold_of(
     across = np.einsum("njd,nd->nj", state.nuisance_slope[:, :, :2], strong)
     others = np.stack([across, state.nuisance_slope[:, :, 2]], axis=-1)
     normal = np.matmul(others.transpose(0, 2, 1), others)
-    normal[:, [0, 1], [0, 1]] += 1.0 / sigmas[:, :2] ** 2
+    normal[:, [0, 1], [0, 1]] += 1.0 / state.sigmas[:, :2] ** 2
     taken = solve_small(normal, np.einsum("njd,nj->nd", others, bend))
     # What of the bend neither the other direction nor the force can take up; its size, and the parts along it.
     left = bend - np.einsum("njd,nd->nj", others, taken)
@@ -97,24 +95,11 @@ def fold_of(
     )
 
 
-def untracked(
-    problem: FitProblem,
-    images: Images,
-    macro: Floats,
-    sigmas: Floats,
-    press: Ints,
-    state: PressStates,
-    fold: Fold,
-    tracked: Bools,
-) -> Floats:
+def untracked(model: PressModel, state: PressStates, fold: Fold, tracked: Bools) -> Floats:
     """Return what the mirror place of each settled press (n,) counts, 0 to 1, where it is not counted on its own.
 
     Args:
-        problem: as for :func:`skincal.fitting.presses.evaluate`.
-        images: the same.
-        macro: the same.
-        sigmas: the same.
-        press: the same.
+        model: the presses.
         state: settled presses.
         fold: how their residuals bend.
         tracked: (n,) whether the mirror place is among the places.
@@ -123,15 +108,14 @@ def untracked(
     rows = np.flatnonzero((fold.a > JOINED_BELOW) & (fold.a < ALONE_BELOW) & ~tracked)
     if not len(rows):
         return counts
-    start = state.nuisance[rows].copy()
+    here = state.some(rows)
+    start = here.nuisance.copy()
     start[:, :2] = fold.mirror_m[rows]
-    there = settle(
-        problem, images, macro[rows], sigmas[rows], press[rows], start, iterations=6, to_rest=False
-    )
+    there = model.settle(here.macro, here.sigmas, here.press, start, iterations=6, to_rest=False)
     # What comes back has no place of its own there: other taxels, or the rig's measurement, rule it out.
-    away = np.abs(there.nuisance[:, :2] - state.nuisance[rows, :2]).max(axis=1)
-    whole = np.abs(fold.mirror_m[rows] - state.nuisance[rows, :2]).max(axis=1)
-    less = np.maximum(there.objective - state.objective[rows], 0.0)
+    away = np.abs(there.nuisance[:, :2] - here.nuisance[:, :2]).max(axis=1)
+    whole = np.abs(fold.mirror_m[rows] - here.nuisance[:, :2]).max(axis=1)
+    less = np.maximum(there.objective - here.objective, 0.0)
     counts[rows] = np.where(away > 0.3 * whole, np.exp(-0.5 * less), 0.0)
     return counts
 

@@ -14,6 +14,7 @@ more than the number of permutations that were open to it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares, linear_sum_assignment
@@ -24,7 +25,6 @@ from skincal.fitting.presses import solve_small
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Floats, Ints
 from skincal.fitting.wiring_orders import Order, mapping_of, named_orders
-from skincal.model.layout import TaxelLayout
 
 MOST_PRESSES = 150
 """Of more presses so many are looked at, evenly spread."""
@@ -59,27 +59,6 @@ _FARTHEST = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Presses:
-    """Measurements of K presses.
-
-    Attributes:
-        place_m: (K, 2) contact positions across and along [m].
-        force_n: (K,) forces [N].
-        values: (K, J) values above the level at rest, in the order of the data.
-        weight: (K, J) their weights; 0 where a taxel was not read.
-        sigma_m: what a position is worth, one sigma [m].
-        slack_m: bound of its error [m].
-    """
-
-    place_m: Floats
-    force_n: Floats
-    values: Floats
-    weight: Floats
-    sigma_m: float
-    slack_m: float
-
-
-@dataclass(frozen=True, eq=False)
 class TaxelOrder:
     """An order of the taxels that explains the images where the order of the data does not.
 
@@ -104,27 +83,14 @@ class TaxelOrder:
 
 
 def order_of_problem(problem: FitProblem, box: SearchBox) -> TaxelOrder | None:
-    """The order that explains the images of a problem; None where the one of the data does."""
-    presses = Presses(
-        np.stack([problem.across_m, problem.along_m], axis=1),
-        problem.force_n,
-        problem.values,
-        problem.weight,
-        problem.rig.position_sigma_m,
-        problem.rig.slack_m,
-    )
-    return find_order(presses, problem.rig.layout, box, problem.noise_sigma_counts)
-
-
-def find_order(
-    presses: Presses, layout: TaxelLayout, box: SearchBox, noise: float = 0.0
-) -> TaxelOrder | None:
-    """The order of taxels that explains the images; None where the order of the data does as well."""
-    if layout.taxels < 2 or len(presses.force_n) < 3 or not np.isfinite(presses.sigma_m):
+    """The order of taxels that explains the images of a problem; None where the order of the data does as well."""
+    layout = problem.rig.layout
+    if layout.taxels < 2 or len(problem) < 3 or not np.isfinite(problem.rig.position_sigma_m):
         return None  # a place that is not known predicts no trace
-    if len(presses.force_n) > MOST_PRESSES:
-        presses = _thinned(presses)
-    whole = _Search(presses, layout, box, noise)
+    if len(problem) > MOST_PRESSES:
+        some = np.linspace(0, len(problem) - 1, MOST_PRESSES).astype(np.intp)
+        problem = problem.subset(np.isin(np.arange(len(problem)), some), "one of many")
+    whole = _Search(problem, box)
     if whole.lit < 2 * _POSE:
         return None  # they tell a pose at most
     names = named_orders(layout.rows, layout.cols)
@@ -135,8 +101,8 @@ def find_order(
         if near.squares > (1 - _EXPLAINED) * nominal.squares:
             break
         order = near.order
-        ordered = replace(presses, values=presses.values[:, order], weight=presses.weight[:, order])
-        found = _Search(ordered, layout, box, noise).candidates(names)
+        ordered = replace(problem, values=problem.values[:, order], weight=problem.weight[:, order])
+        found = _Search(ordered, box).candidates(names)
         further = [replace(one, order=order[one.order]) for one in found]
         tried += [replace(one, rivals=_rivals(one.order, names)) for one in further]
         if min(further, key=lambda one: one.squares).order.tolist() == order.tolist():
@@ -145,7 +111,7 @@ def find_order(
     odds = whole.score(one) - whole.score(nominal) - _NATS
     if odds <= 0 or (one.order == nominal.order).all() or not whole.explains(nominal, one):
         return None
-    lit = max(int((presses.values * (presses.weight > 0) > 0).sum()), 1)
+    lit = max(int((problem.values * (problem.weight > 0) > 0).sum()), 1)
     before, after = (float(np.sqrt(c.squares / lit)) for c in (nominal, one))
     return TaxelOrder(one.order, mapping_of(one.order, layout.rows, layout.cols), before, after, odds)
 
@@ -162,35 +128,44 @@ class _Candidate:
     moved: float  # squares of the errors of positions, smooth and of each press, in sigmas
 
 
+class _Bumps(NamedTuple):
+    """Nominal images, how far presses lie from taxels [m], and variances of what a taxel gets [m²]; all (K, J)."""
+
+    shares: Floats
+    across_m: Floats
+    along_m: Floats
+    wide_m2: Floats
+    long_m2: Floats
+
+
 class _Search:
     """Candidates for one session."""
 
-    def __init__(self, presses: Presses, layout: TaxelLayout, box: SearchBox, noise: float) -> None:
-        self.presses, self.layout, self.noise = presses, layout, noise
-        self.weight = np.clip(presses.weight, 0.0, 1.0) ** 2
-        self.observed = np.where(self.weight > 0, presses.values, 0.0)
+    def __init__(self, problem: FitProblem, box: SearchBox) -> None:
+        self.layout, self.rig = problem.rig.layout, problem.rig
+        self.place_m = np.stack([problem.across_m, problem.along_m], axis=1)
+        self.force_n, noise = problem.force_n, problem.noise_sigma_counts
+        self.weight = np.clip(problem.weight, 0.0, 1.0) ** 2
+        self.observed = np.where(self.weight > 0, problem.values, 0.0)
         lit = self.observed > max(4 * noise, 0.03 * float(self.observed.max(initial=0.0)))
         self.lit = int(lit.sum())
         self.least_variance = max(
             noise**2, _BUMP**2 * float((self.observed[lit] ** 2).mean()) if self.lit else 0.0
         )
-        self.pitch = _pitch(layout)
-        self.basis = _smooth_basis(presses.place_m)
-        self.field_sigma = self._field_sigma()
-        self.spread = np.sqrt(presses.force_n / np.median(presses.force_n))
-        low = np.array([box.across_m[0], box.y_m[0], box.alpha_rad[0]])
-        high = np.array([box.across_m[1], box.y_m[1], box.alpha_rad[1]])
-        wide = np.log([(0.1 * self.pitch) ** 2, (0.1 * self.pitch) ** 2])
+        # Median distance of a taxel from the nearest other [m].
+        self.pitch = float(np.median(self.layout.apart_m.min(axis=1)))
+        self.basis = _smooth_basis(self.place_m)
+        # What each function (2 M,) of a smooth error of positions is worth, one sigma [m].
+        stretched = _STRETCHED * np.repeat(self.place_m.std(axis=0).max(), self.basis.shape[1])
+        stretched[0] = max(_SHIFTED * self.pitch, self.rig.position_sigma_m)
+        self.field_sigma = np.tile(np.maximum(stretched, 1e-9), 2)
+        self.spread = np.sqrt(self.force_n / np.median(self.force_n))
+        low, high = np.array([box.across_m, box.y_m, box.alpha_rad]).T
+        wide = np.log([(0.1 * self.pitch) ** 2] * 2)
         widest = np.log([(30 * self.pitch) ** 2] * 2)
         field = _FARTHEST * self.field_sigma
         self.low = np.concatenate([low - 1e-6, wide, -field])
         self.high = np.concatenate([high + 1e-6, widest, field])
-
-    def _field_sigma(self) -> Floats:
-        """Return what each function (2 M,) of a smooth error of positions is worth, one sigma [m]."""
-        sigma = _STRETCHED * np.repeat(self.presses.place_m.std(axis=0).max(), self.basis.shape[1])
-        sigma[0] = max(_SHIFTED * self.pitch, self.presses.sigma_m)
-        return np.tile(np.maximum(sigma, 1e-9), 2)
 
     def candidates(self, names: list[Order]) -> list[_Candidate]:
         """The order of the data, the best named one, and the best of all."""
@@ -232,7 +207,7 @@ class _Search:
     def explains(self, nominal: _Candidate, one: _Candidate) -> bool:
         """Return whether an order accounts for the traces of the taxels that it moves."""
         moved = np.flatnonzero(one.order != nominal.order)
-        here, there = self._predicted(nominal.pose, nominal.slack_m), self._predicted(one.pose, one.slack_m)
+        here, there = (self._bumps(c.pose, c.slack_m).shares for c in (nominal, one))
         before = self._differences(here, nominal.order)[:, moved]
         after = self._differences(there, one.order)[:, moved]
         left = float((after**2).sum()) / max(float((before**2).sum()), 1e-300)
@@ -273,8 +248,8 @@ class _Search:
         for _ in range(_ROUNDS):
             pose = self._posed(order, pose, slack)
             slack = self._placed(order, pose, slack)
-        off = self._differences(self._predicted(pose, slack), order)
-        sigma = max(self.presses.sigma_m, 1e-9)
+        off = self._differences(self._bumps(pose, slack).shares, order)
+        sigma = max(self.rig.position_sigma_m, 1e-9)
         moved = float((slack**2).sum()) / sigma**2 + float(((pose[_POSE:] / self.field_sigma) ** 2).sum())
         return _Candidate(order, _rivals(order, names), pose, slack, float((off**2).sum()), moved)
 
@@ -290,41 +265,35 @@ class _Search:
         both: Floats = np.concatenate([poses, width, straight], axis=1)
         return list(both)
 
-    def _offsets(self, pose: Floats, slack_m: Floats | None) -> tuple[Floats, Floats]:
-        """Return how far presses lie from taxels across and along (K, J) [m]."""
+    def _bumps(self, pose: Floats, slack_m: Floats | None = None) -> _Bumps:
+        """Nominal images of any scale: a bump of the contact's width, of the force's volume."""
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
         u, v = self.layout.centres_m.T
-        place = self.presses.place_m + self.basis @ pose[_POSE:].reshape(2, -1).T
+        place = self.place_m + self.basis @ pose[_POSE:].reshape(2, -1).T
         if slack_m is not None:
             place = place + slack_m
         across = place[:, :1] - pose[0] - (u * cos - v * sin)
         along = place[:, 1:] - pose[1] - (u * sin + v * cos)
-        return across, along
-
-    def _variances(self, pose: Floats) -> tuple[Floats, Floats]:
-        """Variances (K, J) across and along of the part of a contact that a taxel gets [m²]."""
         size = self.layout.sizes_m**2 / 12
-        return tuple(np.exp(pose[3 + i]) * self.spread[:, None] + size[:, i] for i in (0, 1))  # type: ignore[return-value]
-
-    def _predicted(self, pose: Floats, slack_m: Floats | None = None) -> Floats:
-        """Nominal images (K, J) of any scale: a bump of the contact's width, of the force's volume."""
-        across, along = self._offsets(pose, slack_m)
-        wide, long = self._variances(pose)
+        wide, long = (np.exp(pose[3 + i]) * self.spread[:, None] + size[:, i] for i in (0, 1))
         area = np.prod(self.layout.sizes_m, axis=1)
         bump = np.exp(-0.5 * (across**2 / wide + along**2 / long)) / np.sqrt(wide * long)
-        return self.presses.force_n[:, None] * area * bump
+        return _Bumps(self.force_n[:, None] * area * bump, across, along, wide, long)
+
+    def _scaled(self, shares: Floats, order: Ints) -> tuple[Floats, Floats, float, float]:
+        """Observed values and weights (K, J) with places in our order, the best scale, and the power of the images."""
+        observed, weight = self.observed[:, order], self.weight[:, order]
+        power = max(float((weight * shares**2).sum()), 1e-300)
+        return observed, weight, max(float((weight * shares * observed).sum()), 0.0) / power, power
 
     def _differences(self, shares: Floats, order: Ints) -> Floats:
         """Weighted differences (K, J), places in our order, with the best scale."""
-        observed, weight = self.observed[:, order], self.weight[:, order]
-        power = float((weight * shares**2).sum())
-        scale = max(float((weight * shares * observed).sum()), 0.0) / max(power, 1e-300)
+        observed, weight, scale, _ = self._scaled(shares, order)
         return np.sqrt(weight) * (scale * shares - observed)
 
     def _slopes(self, pose: Floats, slack_m: Floats | None, order: Ints) -> Floats:
         """Slopes (K J, P) of the differences by the pose, the scale that suits it included."""
-        shares, (wide, long) = self._predicted(pose, slack_m), self._variances(pose)
-        across, along = self._offsets(pose, slack_m)
+        shares, across, along, wide, long = self._bumps(pose, slack_m)
         u, v = self.layout.centres_m.T
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
         to_across, to_along = across / wide, along / long
@@ -340,16 +309,14 @@ class _Search:
             ],
             axis=-1,
         )
-        observed, weight = self.observed[:, order], self.weight[:, order]
-        power = max(float((weight * shares**2).sum()), 1e-300)
-        scale = max(float((weight * shares * observed).sum()), 0.0) / power
+        observed, weight, scale, power = self._scaled(shares, order)
         rise = np.einsum("kj,kja->a", weight * (observed - 2 * scale * shares), by) / power * (scale > 0)
         slopes = np.sqrt(weight)[..., None] * (scale * by + shares[..., None] * rise)
         return slopes.reshape(-1, len(pose))
 
     def _matrices(self, pose: Floats, slack_m: Floats | None = None) -> tuple[Floats, Floats]:
         """Products (J, J) of measured with predicted traces, and squares of the predicted ones as measured."""
-        shares = self._predicted(pose, slack_m)
+        shares = self._bumps(pose, slack_m).shares
         shares = shares / max(float(np.sqrt((shares**2).mean())), 1e-300)
         return (self.weight * self.observed).T @ shares, self.weight.T @ shares**2
 
@@ -357,13 +324,16 @@ class _Search:
         """Return the pose, with the smooth error of positions, that suits an order and places best."""
         scale = np.concatenate([[1e-3, 1e-3, 0.1, 1.0, 1.0], self.field_sigma])
         inside = np.clip(pose, self.low + 1e-9, self.high - 1e-9)
-        off = self._differences(self._predicted(inside, slack_m), order)
-        one = np.sqrt(self._variance(off))  # what a reading differs by weighs against the prior of the field
+
+        def off(x: Floats) -> Floats:
+            return self._differences(self._bumps(x, slack_m).shares, order)
+
+        one = np.sqrt(
+            self._variance(off(inside))
+        )  # what a reading differs by weighs against the prior of the field
         prior = one * np.eye(len(pose))[_POSE:]
         got = least_squares(
-            lambda x: np.concatenate(
-                [self._differences(self._predicted(x * scale, slack_m), order).ravel(), one * x[_POSE:]]
-            ),
+            lambda x: np.concatenate([off(x * scale).ravel(), one * x[_POSE:]]),
             inside / scale,
             lambda x: np.concatenate([self._slopes(x * scale, slack_m, order) * scale, prior]),
             bounds=(self.low / scale, self.high / scale),
@@ -377,38 +347,19 @@ class _Search:
 
     def _placed(self, order: Ints, pose: Floats, slack_m: Floats) -> Floats:
         """Places of the presses within their slack, by Gauss-Newton."""
-        sigma, slack = self.presses.sigma_m, slack_m
-        observed, weight = self.observed[:, order], self.weight[:, order]
-        shares = self._predicted(pose, slack)
-        off = self._differences(shares, order)
-        noise = self._variance(off)
-        wide, long = self._variances(pose)
+        sigma, slack = self.rig.position_sigma_m, slack_m
+        bound, step = min(self.rig.slack_m, 3 * sigma), 0.5 * self.pitch
+        noise = self._variance(self._differences(self._bumps(pose, slack).shares, order))
         for _ in range(4):
-            power = float((weight * shares**2).sum())
-            scale = max(float((weight * shares * observed).sum()), 0.0) / max(power, 1e-300)
-            across, along = self._offsets(pose, slack)
+            shares, across, along, wide, long = self._bumps(pose, slack)
+            observed, weight, scale, _ = self._scaled(shares, order)
             image = scale * shares
             by = np.stack([-image * across / wide, -image * along / long], axis=-1)
             hessian = np.einsum("kj,kja,kjb->kab", weight, by, by) / noise
             slope = np.einsum("kj,kja->ka", weight * (image - observed), by) / noise + slack / sigma**2
             hessian += np.eye(2) * (1 / sigma**2 + 1e-12)
-            step = -solve_small(hessian, slope)
-            bound = min(self.presses.slack_m, 3 * sigma)
-            slack = np.clip(slack + np.clip(step, -0.5 * self.pitch, 0.5 * self.pitch), -bound, bound)
-            shares = self._predicted(pose, slack)
+            slack = np.clip(slack + np.clip(-solve_small(hessian, slope), -step, step), -bound, bound)
         return slack
-
-
-def _thinned(presses: Presses) -> Presses:
-    rows = np.linspace(0, len(presses.force_n) - 1, MOST_PRESSES).astype(np.intp)
-    return Presses(
-        presses.place_m[rows],
-        presses.force_n[rows],
-        presses.values[rows],
-        presses.weight[rows],
-        presses.sigma_m,
-        presses.slack_m,
-    )
 
 
 def _smooth_basis(place_m: Floats) -> Floats:
@@ -416,13 +367,6 @@ def _smooth_basis(place_m: Floats) -> Floats:
     off = place_m - place_m.mean(axis=0)
     x, y = (off / np.maximum(off.std(axis=0), 1e-9)).T
     return np.stack([np.ones_like(x), x, y, (x**2 - 1) / np.sqrt(2), x * y, (y**2 - 1) / np.sqrt(2)], axis=1)
-
-
-def _pitch(layout: TaxelLayout) -> float:
-    """Median distance of a taxel's centre from the nearest other [m]."""
-    apart = np.linalg.norm(layout.centres_m[:, None] - layout.centres_m, axis=-1)
-    np.fill_diagonal(apart, np.inf)
-    return float(np.median(apart.min(axis=1)))
 
 
 def _scale(matrices: tuple[Floats, Floats]) -> float:

@@ -67,6 +67,13 @@ class TaxelLayout:
         half = self.sizes_m / 2
         return np.stack([(self.centres_m - half).min(axis=0), (self.centres_m + half).max(axis=0)])
 
+    @property
+    def apart_m(self) -> FloatArray:
+        """(J, J): distances of the centres [m]; infinite from a taxel to itself."""
+        apart = np.linalg.norm(self.centres_m[:, None] - self.centres_m, axis=-1)
+        np.fill_diagonal(apart, np.inf)
+        return apart
+
     def taxel_at(self, uv_m: ArrayLike) -> IntArray:
         """Return the flat index (N,) of the taxel that each point lies in; -1 in the gaps and the margin."""
         uv = np.asarray(uv_m, dtype=np.float64)

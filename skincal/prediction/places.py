@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skincal.fitting.lattice import best_of_each, minima, square
 from skincal.fitting.types import Bools, Floats, Ints
 
 Simulate = Callable[[Floats, Ints], Floats]
@@ -108,17 +109,11 @@ def best_places(
         press, slack = problem.basins(max(seen.floor_counts, BLUNT_COUNTS))
     noise = max(seen.floor_counts, 1.0)
     slack, objective = problem.descend(slack if start is None else start.slack_m, press, noise)
-    best = _best_of(press, objective, count)
+    best = best_of_each(press, objective, count)
     noise = max(seen.floor_counts, problem.typical_residual(slack[best], press[best]))
     slack, objective = problem.descend(slack, press, noise)
-    best = _best_of(press, objective, count)
+    best = best_of_each(press, objective, count)
     return Places(slack[best], objective[best], noise)
-
-
-def _best_of(press: Ints, objective: Floats, count: int) -> Ints:
-    """Return the row (K,) with the smallest objective of each press."""
-    order = np.lexsort((objective, press))
-    return order[np.searchsorted(press[order], np.arange(count))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +156,7 @@ class _Problem:
         """Return presses (n,) and slacks (n, 2) of the local minima of a lattice over the slack's square."""
         half = min(int(np.ceil(self.slack_m / LATTICE_M)), MOST_NODES // 2)
         axis = np.linspace(-self.slack_m, self.slack_m, 2 * half + 1)
-        lattice = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+        lattice = square(axis)
         count, taxels = self.seen.values.shape
         each = max(1, ROOM // (len(lattice) * taxels))
         found: list[tuple[Ints, Floats]] = []
@@ -249,15 +244,7 @@ def _low_places(objective: Floats) -> tuple[Ints, Ints]:
     Args:
         objective: (K, A, A) objective on the lattices.
     """
-    side = objective.shape[1]
-    padded = np.pad(objective, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
-    around = [
-        padded[:, 1 + i : 1 + i + side, 1 + j : 1 + j + side]
-        for i in (-1, 0, 1)
-        for j in (-1, 0, 1)
-        if (i, j) != (0, 0)
-    ]
-    low = (objective <= np.min(around, axis=0)).reshape(len(objective), -1)
+    low = minima(objective).reshape(len(objective), -1)
     rated = np.where(low, objective.reshape(len(objective), -1), np.inf)
     nodes = np.argsort(rated, axis=1, kind="stable")[:, :BASINS]
     taken = np.isfinite(np.take_along_axis(rated, nodes, axis=1))

@@ -314,7 +314,7 @@ def test_advice_fits_what_is_known_of_the_places(
     def nowhere(*_: object, **__: object) -> None:
         raise FitError(NOWHERE)
 
-    monkeypatch.setattr(dataset_fit, "plan_fit", nowhere)
+    monkeypatch.setattr(dataset_fit, "solve", nowhere)
     placed = replace(session, meta=replace(session.meta, position=PositionSpec(sigma_m, 2e-3)))
     with pytest.raises(WorkError) as caught:
         calibrate(placed, options=QUICK, workers=1)

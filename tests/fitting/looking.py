@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from skincal.fitting import lookup
-from skincal.fitting.lookup import Tables, compiled, look_up, room_for
+from skincal.fitting.general_table import SkinTable
+from skincal.fitting.lookup import NO_IMAGES, KernelTable, Tables, compiled, look_up, room_for
+from skincal.fitting.presses import to_patch
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.seen import Images, to_patch
 
 
 @compiled
@@ -29,7 +30,7 @@ def looked_up(
     uv: np.ndarray,
     log_ratio: np.ndarray,
 ) -> np.ndarray:
-    out = np.zeros((len(uv), 7, tables.plane.shape[1] + len(tables.centres)))
+    out = np.zeros((len(uv), 7, tables.images.plane.shape[1] + len(tables.kernels.centres_m)))
     room, near = room_for(tables), np.empty(out.shape[2], dtype=np.int64)
     _look_up(tables, kind, row, macro, uv, log_ratio, room, near, out)
     return out
@@ -43,7 +44,7 @@ def at_level(
 
 
 def shares(
-    images: Images,
+    images: KernelTable,
     uv: np.ndarray,
     alpha: np.ndarray,
     log_ratio: np.ndarray,
@@ -54,14 +55,18 @@ def shares(
     macro = np.zeros((len(uv), 5))
     macro[:, 2] = alpha
     rows = np.zeros(len(uv), dtype=np.intp) if row is None else row
-    got = looked_up(images.tables(), kind, rows, macro, uv, np.array(log_ratio, dtype=np.float64))
+    got = looked_up(Tables(images, NO_IMAGES), kind, rows, macro, uv, np.array(log_ratio, dtype=np.float64))
     return SimpleNamespace(
         value=got[:, 0], by_u=got[:, 1], by_v=got[:, 2], by_alpha=got[:, 3], by_log_ratio=got[:, 4]
     )
 
 
 def see(
-    images: Images, problem: FitProblem, macro: np.ndarray, press: np.ndarray, nuisance: np.ndarray
+    images: Tables | SkinTable,
+    problem: FitProblem,
+    macro: np.ndarray,
+    press: np.ndarray,
+    nuisance: np.ndarray,
 ) -> SimpleNamespace:
     """Load shares (n, J) of presses; slopes by contact and centre (n, J, 2), turn and log(F/E)."""
     alpha = macro[:, 2]
@@ -69,7 +74,7 @@ def see(
     along = problem.along_m[press] + nuisance[:, 1] - macro[:, 1]
     log_ratio = np.log(problem.force_n[press]) + nuisance[:, 2] - macro[:, 3]
     uv = to_patch(across, along, alpha)
-    tables = images.tables()
+    tables = images if isinstance(images, Tables) else images.tables()
     got = looked_up(tables, problem.indenter[press], problem.rows[press], np.array(macro), uv, log_ratio)
     value, by_u, by_v, by_alpha, by_ratio, east, north = got.transpose(1, 0, 2)
     cos, sin = np.cos(alpha)[:, None], np.sin(alpha)[:, None]

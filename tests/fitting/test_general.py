@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from skincal.fitting.fit_options import FitOptions, GridSteps, SearchBox
-from skincal.fitting.general import evaluate_combination, evaluate_slab
+from skincal.fitting.general import evaluate_pose, evaluate_slab
 from skincal.fitting.general_contacts import MARGIN_M, ContactMap
+from skincal.fitting.general_local import LocalPlaces
 from skincal.fitting.general_skin import SkinShares
-from skincal.fitting.general_table import ROUGH, SkinTable, TableReach
-from skincal.fitting.general_tabling import joined, reach_of, run_table, table_tasks
+from skincal.fitting.general_table import ROUGH, SkinTable, TableReach, joined, parts_of, reach_of, run_table
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds
 from skincal.fitting.problem import FitProblem, PressTable, pose_problem
 from skincal.fitting.result import FitResult
-from skincal.fitting.solve import default_steps, plan_fit, solve
-from skincal.fitting.tasks import ClimbTask, Neighbourhood, run_climb
+from skincal.fitting.solve import default_steps, plan_grid, solve
+from skincal.fitting.tasks import Neighbourhood, climb_near
 from skincal.model import Contacts, Cylinder, Plane
 from tests.fitting.conftest import BOX, QUICK, RADIUS, Truth, make_session, rig, skin
 from tests.fitting.geometry import general_problem, on_cylinder, shell
@@ -62,7 +62,7 @@ def tabled(problem: FitProblem, truth: Truth) -> SkinTable:
 
 
 def _tabled(problem: FitProblem, macro: np.ndarray, reach: TableReach) -> SkinTable:
-    return joined([run_table(task) for task in table_tasks(problem, macro, reach)])
+    return joined([run_table(problem, part, macro, reach) for part in parts_of(problem)])
 
 
 def _pairs(
@@ -154,16 +154,16 @@ class TestGrid:
         )
         slab = evaluate_slab(few, grid, 0, SETTINGS)
         assert slab.mse_counts2.shape == (2, 1, 2)
-        one = evaluate_combination(
-            few, macro[0], grid.y_m[1], macro[2], float(grid.log_elasticity[1]), SETTINGS
-        )
+        skin = SkinShares(few, macro[0], grid.y_m[1], macro[2])
+        one = evaluate_pose(few, skin, grid.log_elasticity[1:], SETTINGS)[0]
         assert slab.mse_counts2[1, 0, 1] == pytest.approx(one.mse_counts2)
         assert slab.scale_per_n[1, 0, 1] == pytest.approx(one.scale_per_n)
         assert slab.slack_rms_m[1, 0, 1] == pytest.approx(one.slack_rms_m)
         assert slab.mse_counts2[0, 0, 0] < slab.mse_counts2[1, 0, 1]
 
     def test_a_pose_without_a_place_explains_nothing(self, on_mesh: FitProblem) -> None:
-        got = evaluate_combination(on_mesh, 0.0, 0.2, 0.0, math.log(4e8), SETTINGS)
+        nowhere = SkinShares(on_mesh, 0.0, 0.2, 0.0)
+        got = evaluate_pose(on_mesh, nowhere, np.log([4e8]), SETTINGS)[0]
         assert got.scale_per_n == 0.0
         seen = (on_mesh.values * on_mesh.weight)[on_mesh.weight > 0]
         assert got.mse_counts2 == pytest.approx((seen**2).mean())
@@ -171,7 +171,7 @@ class TestGrid:
     def test_the_default_is_coarse(self, problem: FitProblem, table: PressTable) -> None:
         assert default_steps(pose_problem(rig(), table)) == GridSteps()
         paper = SearchBox((-2.4e-3, 2.4e-3), (0.0195, 0.0275), (math.radians(-20), math.radians(20)))
-        assert 100 < plan_fit(problem, paper, FitOptions()).grid.combinations < 1000
+        assert 100 < plan_grid(problem, paper, FitOptions()).combinations < 1000
 
 
 class TestTable:
@@ -189,7 +189,9 @@ class TestTable:
         self, problem: FitProblem, tabled: SkinTable, truth: Truth
     ) -> None:
         macro, press, nuisance = _pairs(problem, _macro(truth), 400)
-        expected = see(Neighbourhood.around(macro[0]).images(problem), problem, macro, press, nuisance).value
+        expected = see(
+            Neighbourhood.around(macro[0]).model(problem).tables, problem, macro, press, nuisance
+        ).value
         raw = _direct(problem, macro[0], press, nuisance)
         got = see(tabled, problem, macro, press, nuisance).value
         # Of images of one total, the sharper has the larger sum of squares.
@@ -218,7 +220,7 @@ class TestTable:
         spread = 0.3e-3
         reach = TableReach(0.2e-3, 0.02, 0.2, levels=3, step_m=0.3e-3)
         tabled = _tabled(few, macro[0], reach)
-        kernels = replace(Neighbourhood.around(macro[0]), spread_m=spread).images(few)
+        kernels = replace(Neighbourhood.around(macro[0]), spread_m=spread).model(few).tables
         expected = see(kernels, few, macro, press, nuisance).value
         got = see(tabled.spread(spread), few, macro, press, nuisance).value
         plain = see(tabled, few, macro, press, nuisance).value
@@ -245,8 +247,7 @@ class TestTable:
     def test_does_not_depend_on_how_it_was_divided(self, problem: FitProblem, truth: Truth) -> None:
         macro = _macro(truth)
         reach = replace(REACH, levels=3, step_m=0.8e-3)
-        task = table_tasks(problem, macro, reach)[0]
-        whole = run_table(replace(task, presses=np.arange(len(problem))))
+        whole = run_table(problem, np.arange(len(problem)), macro, reach)
         parts = _tabled(problem, macro, reach)
         many, press, nuisance = _pairs(problem, macro)
         assert (
@@ -283,10 +284,8 @@ def test_a_climb_ends_where_that_of_the_fast_way_does(
     start = _macro(truth) + np.array([0.2e-3, -0.2e-3, 0.03, 0.1, 0.0])
     # On cells of 0.5 mm tabled every 0.3 mm the centre is 0.6 sigma off, and E and S 0.5.
     tabled = _tabled(problem, _macro(truth), replace(REACH, step_m=0.2e-3, resolution_m=0.25e-3))
-    general = run_climb(
-        ClimbTask(problem, _bounds(BOX, problem.scales), start, Neighbourhood.around(start, tabled))
-    )
-    fast = run_climb(ClimbTask(pose_problem(rig(), table, min_active=2), _bounds(BOX, problem.scales), start))
+    general = climb_near(problem, _bounds(BOX, problem.scales), start, Neighbourhood.around(start, tabled))
+    fast = climb_near(pose_problem(rig(), table, min_active=2), _bounds(BOX, problem.scales), start)
     sigma = np.sqrt(np.diag(fast.covariance))
     assert abs(general.log_density - fast.log_density) < 2.0
     off, width = np.abs(general.macro - fast.macro) / sigma, np.sqrt(np.diag(general.covariance)) / sigma
@@ -315,7 +314,11 @@ def test_on_a_plane_the_centre_is_x(truth: Truth) -> None:
 def test_the_whole_general_fit_agrees_with_the_fast_one(truth: Truth) -> None:
     table, _ = make_session(truth, presses=30, seed=3)
     options = replace(QUICK, steps=GridSteps(2.4e-3, 2.0e-3, math.radians(20), 4))
-    general = _solved(general_problem(table), options)
+    problem = general_problem(table)
+    assert problem.contacts is not None
+    local = LocalPlaces.of(problem, on_cylinder(table), np.array([0.0, truth.y_m]))
+    contacts = replace(problem.contacts, local=local, skin_on_grid=True)
+    general = _solved(replace(problem, contacts=contacts), options)
     fast = _solved(pose_problem(rig(), table, min_active=2), QUICK)
     for name, (low, high) in fast.intervals.items():
         assert low <= general.best[name] <= high, name
@@ -327,4 +330,4 @@ def test_the_whole_general_fit_agrees_with_the_fast_one(truth: Truth) -> None:
 
 
 def _solved(problem: FitProblem, options: FitOptions) -> FitResult:
-    return solve(plan_fit(problem, BOX, options), BOX, options, np.random.default_rng(0))
+    return solve(problem, BOX, options, np.random.default_rng(0))

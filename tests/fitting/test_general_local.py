@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from skincal.fitting.general_local import LocalPlaces, LocalSurface
-from skincal.fitting.general_table import SkinTable, TableReach
-from skincal.fitting.general_tabling import name_of, run_table, table_tasks
+from skincal.fitting.general_table import SkinTable, TableReach, name_of, parts_of, run_table
 from skincal.fitting.problem import FitProblem
 from skincal.model import Cylinder, SensorPose
 from tests.fitting.conftest import RADIUS, make_session
@@ -61,10 +60,11 @@ def test_the_local_surface_ends_with_the_skin():
 def test_tables_are_named_by_what_they_depend_on(problem: FitProblem):
     macro = np.array([0.0, Y, 0.0, 20.0, 4.0])
     reach = TableReach(0.2e-3, 0.02, 0.2, levels=2, step_m=1e-3, resolution_m=1e-3)
-    names = [name_of(task) for task in table_tasks(problem, macro, reach)]
-    again = [name_of(task) for task in table_tasks(problem, macro, reach)]
-    moved = [name_of(task) for task in table_tasks(problem, macro + 1e-5, reach)]
+    parts = parts_of(problem)
+    names, again, moved = (
+        [name_of(problem, part, at, reach) for part in parts] for at in (macro, macro.copy(), macro + 1e-5)
+    )
     assert names == again
     assert len(set(names)) == len(names)
     assert not set(names) & set(moved)
-    assert isinstance(run_table(table_tasks(problem, macro, reach)[0]), SkinTable)
+    assert isinstance(run_table(problem, parts[0], macro, reach), SkinTable)

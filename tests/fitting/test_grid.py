@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from skincal.fitting.grid import MacroGrid, evaluate_slab, span
-from skincal.fitting.images import KernelImages
+from skincal.fitting.kernel import build_table
 from skincal.fitting.lookup import compiled
 from skincal.fitting.micro import MicroSettings, image_mismatch
 from skincal.fitting.problem import pose_problem
 from skincal.fitting.slab import descend, mismatches, place
-from skincal.fitting.tasks import SlabTask, run_slab
 from skincal.fitting.types import Floats
 from tests.fitting.conftest import Truth, make_session, rig
 
@@ -44,12 +43,12 @@ def test_gauss_newton_stays_in_the_slack_and_descends(truth: Truth) -> None:
     problem = pose_problem(rig(), presses)
     log_ratio = np.log(problem.force_n) - np.log(truth.elasticity_pa_per_m)
     parts = problem.rig.surface, problem.rig.indenters, problem.rig.layout
-    images = KernelImages(*parts, np.array([truth.alpha_rad]), (log_ratio.min(), log_ratio.max()))
-    level, layout = images.level(0, log_ratio, problem.indenter), problem.rig.layout
+    table = build_table(*parts, np.array([truth.alpha_rad]), (log_ratio.min(), log_ratio.max()))
+    planes, layout = table.level(0, log_ratio, problem.indenter), problem.rig.layout
     turn, settings = (np.cos(truth.alpha_rad), np.sin(truth.alpha_rad)), (4.0, 0.0, 0.5e-3)
     left = []
     for k in range(len(problem)):
-        tables = level.planes, images.size_of, layout.centres_m, images.lattice, k
+        tables = planes, table.size_of, layout.centres_m, (table.step_m, table.half_m), k
         at = problem.across_m[k] - truth.across_m, problem.along_m[k] - truth.y_m
         given, before, slack = (
             (tables, problem.weight[k], problem.values[k], at, turn),
@@ -89,11 +88,11 @@ def test_another_process_needs_no_other_compilation(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=6, noise=0.0, position_sigma_m=0.4e-3)
     one: Floats = np.zeros(1)
     macro = MacroGrid(one, one, one, np.log([truth.elasticity_pa_per_m]))
-    task = SlabTask(pose_problem(rig(), presses), macro, 0, SETTINGS)
+    task = pose_problem(rig(), presses), macro, 0, SETTINGS
     compiled: Any = place
-    run_slab(task)
+    evaluate_slab(*task)
     before = list(compiled.signatures)
-    run_slab(pickle.loads(pickle.dumps(task)))
+    evaluate_slab(*pickle.loads(pickle.dumps(task)))
     assert compiled.signatures == before
 
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from skincal.fitting.images import KernelImages
-from skincal.fitting.kernel import gaussian_blur
+from skincal.fitting.kernel import build_table, gaussian_blur
 from skincal.fitting.lookup import cubic
 from skincal.model import (
     Contacts,
@@ -63,7 +62,7 @@ def test_images_agree_with_the_skin_model(surface: Surface, indenter: Indenter, 
     model = Skin(patch, SkinParameters(elasticity, 1.0), Converter.none())
     expected = model.values(indenter, Contacts(points, normals, force))
     ratios = np.log(force / elasticity)
-    images = KernelImages(
+    images = build_table(
         surface, (indenter,), layout, np.radians([5.0, 10.0]), (ratios.min() - 0.1, ratios.max() + 0.1)
     )
     got = shares(images, uv, np.full(12, alpha), ratios, np.zeros(12, dtype=np.intp))
@@ -74,9 +73,7 @@ def test_images_agree_with_the_skin_model(surface: Surface, indenter: Indenter, 
 
 
 def test_derivatives_agree_with_finite_differences() -> None:
-    images = KernelImages(
-        Cylinder(0.0115), (Sphere(0.006),), LAYOUT, np.radians([-5, 0, 5.0]), (-21.0, -18.5)
-    )
+    images = build_table(Cylinder(0.0115), (Sphere(0.006),), LAYOUT, np.radians([-5, 0, 5.0]), (-21.0, -18.5))
     rng = np.random.default_rng(1)
     n = 40
     uv, alpha = rng.uniform(-6e-3, 6e-3, (n, 2)), rng.uniform(-0.08, 0.08, n)
@@ -96,16 +93,16 @@ def test_derivatives_agree_with_finite_differences() -> None:
 
 
 def test_one_level_gives_the_same_images_as_the_whole_table() -> None:
-    images = KernelImages(
+    images = build_table(
         Cylinder(0.0115), (Sphere(0.006), Sphere(0.004)), LAYOUT, np.zeros(1), (-21.0, -18.5)
     )
     rng = np.random.default_rng(2)
     uv, ratio = rng.uniform(-6e-3, 6e-3, (30, 2)), rng.uniform(-20.5, -19.0, 30)
     kind = rng.integers(0, 2, 30)
-    level = images.level(0, ratio, kind)
+    planes = images.level(0, ratio, kind)
     out = np.empty((30, 3, LAYOUT.taxels))
     for k, (u, v) in enumerate(uv):
-        at_level(level.planes, images.size_of, LAYOUT.centres_m, images.lattice, u, v, k, out[k])
+        at_level(planes, images.size_of, LAYOUT.centres_m, (images.step_m, images.half_m), u, v, k, out[k])
     value, by_u, by_v = out.transpose(1, 0, 2)
     whole = shares(images, uv, np.zeros(30), ratio, kind)
     assert value == pytest.approx(whole.value, abs=1e-5)
@@ -118,7 +115,7 @@ def test_the_pressure_itself_carries_the_whole_force_on_a_plane() -> None:
     where = (np.zeros((1, 2)), np.zeros(1), np.array([-19.5]), np.zeros(1, dtype=np.intp))
     projected, bare = (
         shares(
-            KernelImages(Plane(), (Sphere(0.006),), whole, np.zeros(1), (-20.0, -19.0), projected=p), *where
+            build_table(Plane(), (Sphere(0.006),), whole, np.zeros(1), (-20.0, -19.0), projected=p), *where
         ).value[0, 0]
         for p in (True, False)
     )
@@ -132,7 +129,7 @@ def test_spread_keeps_the_force_and_widens_the_contact() -> None:
     where = (np.zeros((1, 2)), np.zeros(1), np.array([-19.5]), np.zeros(1, dtype=np.intp))
     plain, spread = (
         shares(
-            KernelImages(Plane(), (Sphere(0.006),), tight, np.zeros(1), (-20.0, -19.0), spread_m=s), *where
+            build_table(Plane(), (Sphere(0.006),), tight, np.zeros(1), (-20.0, -19.0), spread_m=s), *where
         ).value[0]
         for s in (0.0, 0.5e-3)
     )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from skincal.fitting import grid
-from skincal.fitting.general import Combination, evaluate_combination
+from skincal.fitting.general import Combination, evaluate_pose
 from skincal.fitting.general_skin import SkinShares
 from skincal.fitting.grid import MacroGrid, place_presses
 from skincal.fitting.micro import MicroSettings, micro_objective, nlopt_micro, slack_lattice
@@ -66,7 +66,7 @@ def _evaluate(general: FitProblem, fast: FitProblem, macro: np.ndarray) -> _Both
     skin, weight = SkinShares(general, *macro[:3]), fast.weight
     shares = skin.shares(np.arange(len(fast)), slack, np.log(fast.force_n) - macro[3]) * weight
     objective = micro_objective(fast.values * weight, shares, slack, SETTINGS)
-    return _Both(evaluate_combination(general, *macro, SETTINGS), slack, objective, mse, scale)
+    return _Both(evaluate_pose(general, skin, macro[3:], SETTINGS)[0], slack, objective, mse, scale)
 
 
 def _fast(problem: FitProblem, macro: np.ndarray) -> tuple[np.ndarray, float, float]:
@@ -116,14 +116,14 @@ def _blobs(slack: np.ndarray, centres: np.ndarray) -> np.ndarray:
     return np.exp(-(away**2).sum(axis=2) / 3e-6)
 
 
-@pytest.mark.parametrize("starts", [None, np.array([[0.5e-3, 0.5e-3]])])
-def test_nlopt_finds_a_place_it_cannot_miss(starts: np.ndarray | None) -> None:
+@pytest.mark.parametrize("start", [[1e-3, 0.0], [0.5e-3, 0.5e-3]])
+def test_nlopt_finds_a_place_it_cannot_miss(start: list[float]) -> None:
     rng = np.random.default_rng(3)
     centres = rng.uniform(-3e-3, 3e-3, (16, 2))
     truth = np.array([[0.8e-3, 0.2e-3]])
     observed = 70 * _blobs(truth, centres)[0]
     settings = MicroSettings(0.5, math.inf, 2e-3)
-    slack, q = nlopt_micro(observed, lambda s: _blobs(s, centres), settings, starts_m=starts)
+    slack, q = nlopt_micro(observed, lambda s: _blobs(s, centres), settings, np.array(start))
     assert slack == pytest.approx(truth[0], abs=1e-6)
     assert q == pytest.approx(0.0, abs=1e-3)
 
@@ -132,14 +132,16 @@ def test_nlopt_stays_within_the_slack() -> None:
     rng = np.random.default_rng(3)
     centres = rng.uniform(-3e-3, 3e-3, (16, 2))
     observed = 70 * _blobs(np.array([[2.6e-3, 0.0]]), centres)[0]
-    slack, _ = nlopt_micro(observed, lambda s: _blobs(s, centres), MicroSettings(0.5, 1e-3, 2e-3))
+    settings, start = MicroSettings(0.5, 1e-3, 2e-3), np.array([2e-3, 0.0])
+    slack, _ = nlopt_micro(observed, lambda s: _blobs(s, centres), settings, start)
     assert slack[0] == pytest.approx(2e-3, abs=1e-5)
     assert np.abs(slack).max() <= 2e-3
 
 
 def test_without_slack_the_measured_place_is_taken() -> None:
     observed = np.array([1.0, 2.0])
-    slack, q = nlopt_micro(observed, lambda s: np.ones((len(s), 2)), MicroSettings(0.5, 1e-3, 0.0))
+    settings = MicroSettings(0.5, 1e-3, 0.0)
+    slack, q = nlopt_micro(observed, lambda s: np.ones((len(s), 2)), settings, np.zeros(2))
     assert (slack == 0).all()
     assert q == pytest.approx(2.0)
 
@@ -163,4 +165,4 @@ def test_where_nlopt_gives_up_the_best_place_seen_stands(
             raise error("no further")
 
     monkeypatch.setattr(nlopt, "opt", Stubborn)
-    test_nlopt_finds_a_place_it_cannot_miss(None)
+    test_nlopt_finds_a_place_it_cannot_miss([1e-3, 0.0])

@@ -11,11 +11,10 @@ from skincal.fitting.errors import FitError
 from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.observe import Readout
 from skincal.fitting.posterior import Bounds, Peak, climb
-from skincal.fitting.presses import evaluate, settle
+from skincal.fitting.presses import from_patch, to_patch
 from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
-from skincal.fitting.sampling import Draws, Lacking, sample
-from skincal.fitting.seen import from_patch, to_patch
+from skincal.fitting.sampling import Draws, sample
 from skincal.fitting.tasks import Neighbourhood
 from skincal.model import Plane, Sphere, TaxelLayout
 from tests.fitting.conftest import Truth, make_session, rig
@@ -50,7 +49,7 @@ def problem(truth: Truth) -> FitProblem:
 def peak(problem: FitProblem, truth: Truth) -> Peak:
     """The peak of the posterior, from the truth."""
     start = _macro(truth)
-    return climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start)
+    return climb(Neighbourhood.around(start).model(problem), BOUNDS, start)
 
 
 def test_patch_coordinates_and_back() -> None:
@@ -66,38 +65,38 @@ def test_patch_coordinates_and_back() -> None:
 
 def test_slopes_of_a_press_agree_with_finite_differences(problem: FitProblem, truth: Truth) -> None:
     macro, n = _macro(truth), len(problem)
-    images = Neighbourhood.around(macro).images(problem)
+    model = Neighbourhood.around(macro).model(problem)
     press, sigmas = np.arange(n), np.broadcast_to([1e-3, 0.01, 1.0, *REST], (n, 6))
     many, nuisance = np.broadcast_to(macro, (n, 5)), np.full((n, 3), [1e-4, -2e-4, 0.01])
-    at = evaluate(problem, images, many, sigmas, press, nuisance)
+    at = model.evaluate(many, sigmas, press, nuisance)
     for d, h in enumerate((2e-6, 2e-6, 5e-4, 1e-3, 1e-4)):
         step = np.eye(5)[d] * h
-        ahead = evaluate(problem, images, many + step, sigmas, press, nuisance).residual
-        behind = evaluate(problem, images, many - step, sigmas, press, nuisance).residual
+        ahead = model.evaluate(many + step, sigmas, press, nuisance).residual
+        behind = model.evaluate(many - step, sigmas, press, nuisance).residual
         slope = (ahead - behind) / (2 * h)
         assert np.abs(slope - at.macro_slope[:, :, d]).max() < 0.03 * np.abs(slope).max(), d
     for d, h in enumerate((2e-6, 2e-6, 1e-3)):
         step = np.eye(3)[d] * h
-        ahead = evaluate(problem, images, many, sigmas, press, nuisance + step).residual
-        behind = evaluate(problem, images, many, sigmas, press, nuisance - step).residual
+        ahead = model.evaluate(many, sigmas, press, nuisance + step).residual
+        behind = model.evaluate(many, sigmas, press, nuisance - step).residual
         slope = (ahead - behind) / (2 * h)
         assert np.abs(slope - at.nuisance_slope[:, :, d]).max() < 0.03 * np.abs(slope).max(), d
 
 
 def test_settling_never_makes_the_objective_worse(problem: FitProblem, truth: Truth) -> None:
     macro, n = _macro(truth), len(problem)
-    images = Neighbourhood.around(macro).images(problem)
+    model = Neighbourhood.around(macro).model(problem)
     press, sigmas = np.arange(n), np.broadcast_to([1e-3, 0.01, 0.3, *REST], (n, 6)).copy()
     start, many = np.zeros((n, 3)), np.broadcast_to(macro, (n, 5)).copy()
-    before = evaluate(problem, images, many, sigmas, press, start).objective
-    after = settle(problem, images, many, sigmas, press, start, iterations=10)
+    before = model.evaluate(many, sigmas, press, start).objective
+    after = model.settle(many, sigmas, press, start, iterations=10)
     assert (after.objective <= before + 1e-9).all()
     assert np.abs(after.nuisance[:, :2]).max() <= 2e-3
 
 
 def test_a_climb_from_afar_comes_back_to_the_truth(problem: FitProblem, truth: Truth) -> None:
     start = _macro(truth) + np.array([0.4e-3, -0.4e-3, 0.06, 0.3, 0.05])
-    peak = climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start)
+    peak = climb(Neighbourhood.around(start).model(problem), BOUNDS, start)
     error = np.abs(peak.macro - _macro(truth)) / np.sqrt(np.diag(peak.covariance))
     assert (error < 4.0).all()
     assert peak.sigmas[0] == pytest.approx(0.5e-3, rel=0.35)
@@ -161,7 +160,7 @@ def test_presses_at_one_place_unlike_the_model_have_a_density() -> None:
     bounds = Bounds(np.array([-5e-3, -5e-3, -1.5, 18.4, 0.0]), np.array([5e-3, 5e-3, 1.5, 21.4, 11.0]))
     problem = pose_problem(flat, table)
     start = np.array([2.5e-3, -2.5e-3, -0.15, 19.0, 7.0])
-    peak = climb(problem, Neighbourhood.around(start).images(problem), bounds, start)
+    peak = climb(Neighbourhood.around(start).model(problem), bounds, start)
     assert np.isfinite(peak.log_density)
     assert (np.sqrt(np.diag(peak.covariance)) < bounds.high - bounds.low).all()
 
@@ -179,9 +178,9 @@ def test_a_press_that_lies_is_called_a_glitch_and_no_other(truth: Truth) -> None
         ),
     )
     start = _macro(truth)
-    peak = climb(spoilt, Neighbourhood.around(start).images(spoilt), BOUNDS, start)
+    peak = climb(Neighbourhood.around(start).model(spoilt), BOUNDS, start)
     assert list(spoilt.rows[glitches(spoilt, peak)]) == [row]
-    clean = climb(honest, Neighbourhood.around(start).images(honest), BOUNDS, start)
+    clean = climb(Neighbourhood.around(start).model(honest), BOUNDS, start)
     assert not glitches(honest, clean).any()
 
 
@@ -194,12 +193,12 @@ def test_dropped_reading_is_left_out_without_its_press(truth: Truth) -> None:
     counts[dark] = 0.0
     spoilt = pose_problem(unclipped, replace(presses, counts=counts))
     start = _macro(truth)
-    peak = climb(spoilt, Neighbourhood.around(start).images(spoilt), BOUNDS, start)
+    peak = climb(Neighbourhood.around(start).model(spoilt), BOUNDS, start)
     lost = lost_readings(spoilt, peak.states, 0.05)
     assert [tuple(at) for at in np.argwhere(lost)] == [(0, dark[1])]
     left = spoilt.without_readings(lost)
     assert left.used.sum() == spoilt.used.sum() - 1 and left.alive.all()
-    clean = climb(honest, Neighbourhood.around(start).images(honest), BOUNDS, start)
+    clean = climb(Neighbourhood.around(start).model(honest), BOUNDS, start)
     assert not lost_readings(honest, clean.states, 0.0).any()
 
 
@@ -207,13 +206,13 @@ def test_a_reading_of_a_weak_taxel_is_not_lost(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=45, seed=4)
     problem = pose_problem(rig(), presses)
     start = _macro(truth)
-    states = climb(problem, Neighbourhood.around(start).images(problem), BOUNDS, start).states
+    states = climb(Neighbourhood.around(start).model(problem), BOUNDS, start).states
     # A tenth less than the model says, where the noise is a hundredth.
     loud = np.unravel_index(np.argmax(states.macro_slope[..., 4]), problem.values.shape)
     residual, slope = 0.1 * states.residual, 100 * states.macro_slope
     residual[loud] = 10.0
     slope[loud][4] = 100.0
-    weak = replace(states, residual=residual, macro_slope=slope)
+    weak = states._replace(residual=residual, macro_slope=slope)
     assert [tuple(at) for at in np.argwhere(lost_readings(problem, weak, 0.0))] == [loud]
     assert not lost_readings(problem, weak, 0.05).any()
 
@@ -232,7 +231,7 @@ def test_a_taxel_that_stays_silent_is_found(truth: Truth) -> None:
     weak = weak_taxels(spoilt)
     assert list(np.flatnonzero(weak)) == [5]
     others = spoilt.without_taxels(weak)
-    peak = climb(others, Neighbourhood.around(start).images(others), BOUNDS, start)
+    peak = climb(Neighbourhood.around(start).model(others), BOUNDS, start)
     assert list(np.flatnonzero(dead_taxels(spoilt, peak.states))) == [5]
     assert (spoilt.without_taxels(np.arange(16) == 5).weight[:, 5] == 0).all()
 
@@ -263,7 +262,7 @@ def test_importance_sampling_finds_a_known_density(problem: FitProblem, peak: Pe
         return 0.5 * (at[:, 3] - mean[3]) / np.linalg.norm(root[3])
 
     moved, _ = sample(
-        peak, problem, density, rng, size=400, rounds=(8, 8), worth=400, lacking=Lacking(rising, 60)
+        peak, problem, density, rng, size=400, rounds=(8, 8), worth=400, lacking=rising, checked=60
     )
     assert moved.effective > 500
     assert (moved.mean - mean)[3] / np.linalg.norm(root[3]) == pytest.approx(0.5, abs=0.12)
@@ -275,8 +274,8 @@ def test_equal_weights_are_worth_their_number() -> None:
 
 def test_contact_law_widens_elasticity_and_scale_only(problem: FitProblem, truth: Truth, peak: Peak) -> None:
     start, wider = _macro(truth), (0.2e-3, 0.4e-3)
-    tabled = [replace(Neighbourhood.around(start), spread_m=s).images(problem) for s in wider]
-    peaks = [peak, *(climb(problem, images, BOUNDS, start) for images in tabled)]
+    tabled = [replace(Neighbourhood.around(start), spread_m=s).model(problem) for s in wider]
+    peaks = [peak, *(climb(model, BOUNDS, start) for model in tabled)]
     law = weigh_laws(np.array([0.0, 0.2e-3, 0.4e-3]), peaks)
     assert law.density.sum() == pytest.approx(1.0)
     assert (law.shift[:, :3] == 0).all()

@@ -12,10 +12,9 @@ from scipy.special import logsumexp
 from skincal.fitting.places import find_places
 from skincal.fitting.posterior import press_evidence
 from skincal.fitting.press_evidence import find_narrow_slacks, log_evidence
-from skincal.fitting.presses import evaluate
-from skincal.fitting.problem import FitProblem, pose_problem
-from skincal.fitting.sampling import Draws, Lacking, smooth_term
-from skincal.fitting.seen import Images
+from skincal.fitting.presses import PressModel
+from skincal.fitting.problem import pose_problem
+from skincal.fitting.sampling import Draws, smooth_term
 from skincal.fitting.tasks import Neighbourhood
 from skincal.model import Contacts, Cylinder, Sphere
 from tests.fitting.conftest import LAYOUT, RADIUS, Truth, make_session, rig, skin
@@ -35,25 +34,23 @@ def test_presses_of_one_taxel_have_the_mass_of_the_integral() -> None:
     macro = np.array([
         truth.across_m, truth.y_m, truth.alpha_rad, math.log(truth.elasticity_pa_per_m), math.log(truth.scale_per_n)
     ])  # fmt: skip
-    images = Neighbourhood.around(macro).images(problem)
-    places = find_places(problem, images, macro, SIGMAS)
-    slacks = find_narrow_slacks(problem, images, places, macro, SIGMAS)
+    model = Neighbourhood.around(macro).model(problem)
+    places = find_places(model, macro, SIGMAS)
+    slacks = find_narrow_slacks(model, places, macro, SIGMAS)
     point, offset = np.concatenate([macro, np.log(SIGMAS)]), 2 * math.log(SIGMAS[0]) + math.log(SIGMAS[1])
     off, roughly = list[float](), list[float]()
     for k in range(8):
-        one = problem.subset(np.arange(len(problem)) == k, "another press")
-        exact = by_brute_force(one, images, macro, 0) - offset
-        mine = slacks.press == k
+        one = PressModel(problem.subset(np.arange(len(problem)) == k, "another press"), model.tables)
+        exact = by_brute_force(one, macro, 0) - offset
+        mine = slacks.at.press == k
         at = replace(
             slacks.at,
             **{n: v[mine] for n, v in vars(slacks.at).items()} | {"press": np.zeros(mine.sum(), int)},
         )
-        own = replace(
-            slacks, press=at.press, centre_m=slacks.centre_m[mine], omega_m=slacks.omega_m[mine], at=at
-        )
-        off.append(float(log_evidence(one, images, own, point[None])[0]) - exact)
-        there = find_places(one, images, macro, SIGMAS)
-        roughly.append(float(press_evidence(one, images, there, point[None])[0][0]) - exact)
+        own = replace(slacks, at=at, centre_m=slacks.centre_m[mine], omega_m=slacks.omega_m[mine])
+        off.append(float(log_evidence(one, own, point[None])[0]) - exact)
+        there = find_places(one, macro, SIGMAS)
+        roughly.append(float(press_evidence(one, there, point[None])[0][0]) - exact)
     # A constant factor is no matter; what differs from press to press is.
     assert np.std(off) < 0.08
     assert np.std(roughly) > 2 * np.std(off)
@@ -73,23 +70,21 @@ def test_a_press_at_the_middle_of_a_taxel_tells_e() -> None:
     macro = np.array([
         truth.across_m, truth.y_m, truth.alpha_rad, math.log(truth.elasticity_pa_per_m), math.log(truth.scale_per_n)
     ])  # fmt: skip
-    images = Neighbourhood.around(macro).images(problem)
+    model = Neighbourhood.around(macro).model(problem)
     at = macro + step * np.outer([1.0, -1.0], np.eye(5)[3])
-    slacks = find_narrow_slacks(problem, images, find_places(problem, images, macro, COARSE), macro, COARSE)
-    told = log_evidence(problem, images, slacks, np.column_stack([at, np.tile(np.log(COARSE), (2, 1))]))
-    exact = [sum(_integral(problem, images, point, k) for k in range(3)) for point in at]
+    slacks = find_narrow_slacks(model, find_places(model, macro, COARSE), macro, COARSE)
+    told = log_evidence(model, slacks, np.column_stack([at, np.tile(np.log(COARSE), (2, 1))]))
+    exact = [sum(_integral(model, point, k) for k in range(3)) for point in at]
     assert told[0] - told[1] == pytest.approx(exact[0] - exact[1], rel=0.02)
 
 
-def _integral(problem: FitProblem, images: Images, macro: np.ndarray, press: int) -> float:
+def _integral(model: PressModel, macro: np.ndarray, press: int) -> float:
     """Log of the integral over slack and force by a lattice of 10 um about the measured place."""
     axis = np.arange(-0.6e-3, 0.6e-3, 1e-5)
     slack = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     n = len(slack)
     nuisance = np.column_stack([slack, np.zeros(n)])
-    state = evaluate(
-        problem, images, np.tile(macro, (n, 1)), np.tile(COARSE, (n, 1)), np.full(n, press), nuisance
-    )
+    state = model.evaluate(macro, COARSE, np.full(n, press), nuisance)
     slope = state.nuisance_slope[:, :, 2]
     stiffness = (slope**2).sum(axis=1) + 1 / COARSE[1] ** 2
     objective = state.objective - (slope * state.residual).sum(axis=1) ** 2 / stiffness
@@ -106,7 +101,7 @@ def test_a_term_that_is_known_at_some_draws_moves_all() -> None:
         rise[:3] = [-60.0, np.inf, 40.0]
         return rise
 
-    weight = np.exp(smooth_term(draws, Lacking(rising, 200), rng)(points))
+    weight = np.exp(smooth_term(draws, rising, 200, rng)(points))
     moved = Draws(points, weight / weight.sum())
     assert abs(moved.mean[3] / 0.05 - 0.5) < 0.15
     assert abs(moved.mean[4] / 0.01) < 0.15

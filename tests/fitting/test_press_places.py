@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from skincal.fitting.places import Places, find_places, mirrored, settled_twice, starting_nuisance
-from skincal.fitting.presses import evaluate, settle
-from skincal.fitting.problem import FitProblem, pose_problem
-from skincal.fitting.seen import Images
+from skincal.fitting.places import find_places, mirrored, settled_twice
+from skincal.fitting.presses import Places, PressModel
+from skincal.fitting.problem import pose_problem
 from skincal.fitting.tasks import Neighbourhood
 from skincal.fitting.volume import Fold, fold_of, log_volume, untracked
 from tests.fitting.conftest import Truth, make_session, rig
@@ -19,14 +18,13 @@ from tests.fitting.conftest import Truth, make_session, rig
 SIGMAS = np.array([0.7e-3, 0.005, 0.22, 0.002, 0.01, 2e-5])
 
 
-def by_brute_force(problem: FitProblem, images: Images, macro: np.ndarray, press: int) -> float:
+def by_brute_force(model: PressModel, macro: np.ndarray, press: int) -> float:
     """Log of the integral over slack and force, on a lattice refined to 2.5 um where it matters."""
 
     def told(slack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         n = len(slack)
         nuisance = np.column_stack([slack, np.zeros(n)])
-        many, sigmas = np.tile(macro, (n, 1)), np.tile(SIGMAS, (n, 1))
-        state = evaluate(problem, images, many, sigmas, np.full(n, press), nuisance)
+        state = model.evaluate(macro, SIGMAS, np.full(n, press), nuisance)
         # The force acts almost linearly: its integral is a Gaussian's.
         slope = state.nuisance_slope[:, :, 2]
         stiffness = (slope**2).sum(axis=1) + 1 / SIGMAS[1] ** 2
@@ -39,7 +37,7 @@ def by_brute_force(problem: FitProblem, images: Images, macro: np.ndarray, press
             -1, 2
         )
 
-    step = problem.rig.slack_m * 2
+    step = model.problem.rig.slack_m * 2
     slack = np.zeros((1, 2))
     for parts, margin in ((80, 2500.0), (4, 300.0), (5, np.inf)):
         slack, step = lattice(slack, step, parts), step / parts
@@ -49,17 +47,14 @@ def by_brute_force(problem: FitProblem, images: Images, macro: np.ndarray, press
     return float(integral - math.log(2 * math.pi))
 
 
-def by_places(problem: FitProblem, images: Images, macro: np.ndarray, places: Places) -> np.ndarray:
-    count = len(places.press)
-    many, sigmas = np.tile(macro, (count, 1)), np.tile(SIGMAS, (count, 1))
-    start = starting_nuisance(problem, places, many, places.press, 1)
-    state = settle(problem, images, many, sigmas, places.press, start, iterations=12)
-    fold = fold_of(problem, images, many, sigmas, places.press, state)
+def by_places(model: PressModel, macro: np.ndarray, places: Places) -> np.ndarray:
+    state = model.settle_at(places, macro[None], SIGMAS[None], iterations=12)
+    fold = fold_of(model, state)
     tracked = mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, 1)
-    mirror = untracked(problem, images, many, sigmas, places.press, state, fold, tracked)
+    mirror = untracked(model, state, fold, tracked)
     evidence = -0.5 * state.objective + log_volume(fold, mirror)
     evidence[settled_twice(places.press, state.uv_m[None], fold)[0]] = -np.inf
-    return np.array([logsumexp(evidence[places.press == k]) for k in range(len(problem))])
+    return np.array([logsumexp(evidence[places.press == k]) for k in range(len(model.problem))])
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.98])
@@ -69,11 +64,11 @@ def test_places_have_the_mass_of_the_integral(scale: float) -> None:
     macro = np.array([
         truth.across_m, truth.y_m, truth.alpha_rad, math.log(truth.elasticity_pa_per_m), math.log(truth.scale_per_n)
     ])  # fmt: skip
-    images = Neighbourhood.around(macro).images(problem)
-    places = find_places(problem, images, macro, SIGMAS)
+    model = Neighbourhood.around(macro).model(problem)
+    places = find_places(model, macro, SIGMAS)
     assert len(places.press) > len(problem)
-    exact = np.array([by_brute_force(problem, images, macro, k) for k in range(len(problem))])
-    off = by_places(problem, images, macro, places) - exact
+    exact = np.array([by_brute_force(model, macro, k) for k in range(len(problem))])
+    off = by_places(model, macro, places) - exact
     assert np.median(np.abs(off)) < 0.05
     assert np.abs(off).max() < 0.75
     assert abs(off.sum()) < 1.5
@@ -89,10 +84,10 @@ def test_a_low_scale_gains_no_places_that_are_not_there() -> None:
             truth.across_m, truth.y_m, truth.alpha_rad,
             math.log(truth.elasticity_pa_per_m) + log_e, math.log(truth.scale_per_n) + log_s,
         ])  # fmt: skip
-        images = Neighbourhood.around(macro).images(problem)
-        places = find_places(problem, images, macro, SIGMAS)
-        exact = np.array([by_brute_force(problem, images, macro, k) for k in range(len(problem))])
-        off.append(float((by_places(problem, images, macro, places) - exact).sum()))
+        model = Neighbourhood.around(macro).model(problem)
+        places = find_places(model, macro, SIGMAS)
+        exact = np.array([by_brute_force(model, macro, k) for k in range(len(problem))])
+        off.append(float((by_places(model, macro, places) - exact).sum()))
     assert off[1] - off[0] < 1.0
 
 
@@ -117,18 +112,15 @@ def test_objective_is_the_sum_over_all_taxels_and_a_brief_search_finds_the_same(
     problem = pose_problem(rig(), make_session(truth, presses=12)[0])
     logs = np.log([truth.elasticity_pa_per_m, truth.scale_per_n])
     macro = np.tile([truth.across_m, truth.y_m, truth.alpha_rad, *logs], (len(problem), 1))
-    images, sigmas, press = (
-        Neighbourhood.around(macro[0]).images(problem),
-        np.tile(SIGMAS, (len(problem), 1)),
-        np.arange(len(problem)),
-    )
+    model, press = Neighbourhood.around(macro[0]).model(problem), np.arange(len(problem))
+    sigmas = np.tile(SIGMAS, (len(problem), 1))
     start = np.full((len(problem), 3), 1e-4)
-    state = settle(problem, images, macro, sigmas, press, start, iterations=3)
-    own = ((state.nuisance - problem.centre) / SIGMAS[[0, 0, 1]]) ** 2
+    state = model.settle(macro, sigmas, press, start, iterations=3)
+    own = ((state.nuisance - problem.shared.centre) / SIGMAS[[0, 0, 1]]) ** 2
     assert state.objective == pytest.approx((state.residual**2).sum(axis=1) + own.sum(axis=1), rel=1e-9)
-    again = evaluate(problem, images, macro, sigmas, press, state.nuisance)
+    again = model.evaluate(macro, sigmas, press, state.nuisance)
     assert again.residual == pytest.approx(state.residual, rel=1e-12, abs=1e-12)
-    brief = settle(problem, images, macro, sigmas, press, start, iterations=3, brief=True)
+    brief = model.settle(macro, sigmas, press, start, iterations=3, brief=True)
     assert np.array_equal(brief.nuisance, state.nuisance) and np.array_equal(brief.hessian, state.hessian)
     assert brief.objective == pytest.approx(state.objective, rel=1e-12)
     assert len(brief.residual) == 0

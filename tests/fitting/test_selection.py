@@ -12,10 +12,10 @@ from benchmarks.sensors import KINDS, make
 from skincal.calibrate import fit_problem
 from skincal.fitting import tasks
 from skincal.fitting.fit_options import FitOptions, GridSteps, SearchBox
-from skincal.fitting.presses import evaluate
+from skincal.fitting.presses import PressModel
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.selection import log_chance
-from skincal.fitting.solve import plan_fit, solve
+from skincal.fitting.solve import solve
 from skincal.fitting.tasks import Neighbourhood
 from tests.fitting.conftest import QUICK
 
@@ -33,15 +33,14 @@ def _session(presses: int, seed: int) -> tuple[FitProblem, np.ndarray]:
 
 def test_chance_is_what_counting_gives() -> None:
     problem, point = _session(80, 3)
-    images, rng = Neighbourhood.around(point[:5]).images(problem), np.random.default_rng(0)
+    tables, rng = Neighbourhood.around(point[:5]).model(problem).tables, np.random.default_rng(0)
     for k in range(0, len(problem), 10):
-        one = problem.subset(np.arange(len(problem)) == k, "another press")
+        one = PressModel(problem.subset(np.arange(len(problem)) == k, "another press"), tables)
         slack = rng.standard_normal((2000, 3)) * SIGMAS[[0, 0, 1]]
-        many, sigmas = np.tile(point[:5], (2000, 1)), np.tile(SIGMAS, (2000, 1))
-        state = evaluate(one, images, many, sigmas, np.zeros(2000, dtype=np.intp), slack)
+        state = one.evaluate(point[:5], SIGMAS, np.zeros(2000, dtype=np.intp), slack)
         read = state.simulated + SIGMAS[2] * rng.standard_normal(state.simulated.shape)
         counted = ((read >= problem.active_above).sum(axis=1) >= problem.min_active).mean()
-        assert abs(math.exp(log_chance(one, images, point[None])[0]) - counted) < 0.04
+        assert abs(math.exp(log_chance(one, point[None])[0]) - counted) < 0.04
 
 
 def test_a_fit_knows_how_its_presses_were_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -49,10 +48,9 @@ def test_a_fit_knows_how_its_presses_were_chosen(monkeypatch: pytest.MonkeyPatch
     problem, _ = _session(60, 8)
     box = SearchBox((-2.5e-3, 2.5e-3), (0.0275, 0.0325), (-0.35, 0.35))
     quick = replace(QUICK, steps=GridSteps(2.5e-3, 2.5e-3, 0.35, 3), law_spreads_m=(0.0,), rounds=(4, 8))
-    plan = plan_fit(problem, box, quick)
-    chosen = solve(plan, box, quick, np.random.default_rng(0))
-    monkeypatch.setattr(tasks, "log_chance", lambda _problem, _images, points: np.zeros(len(points)))
-    taken = solve(plan, box, quick, np.random.default_rng(0))
+    chosen = solve(problem, box, quick, np.random.default_rng(0))
+    monkeypatch.setattr(tasks, "log_chance", lambda _model, points: np.zeros(len(points)))
+    taken = solve(problem, box, quick, np.random.default_rng(0))
     spread = np.log(taken.draws[:, 3]).std()
     off = math.log(chosen.best["elasticity_pa_per_m"] / taken.best["elasticity_pa_per_m"]) / spread
     assert 0.15 < off < 0.8

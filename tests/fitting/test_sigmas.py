@@ -5,8 +5,9 @@ import pytest
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
-from skincal.fitting.presses import half_inverse
-from skincal.fitting.shared import Shared, integral
+from skincal.fitting.presses import PressStates, half_inverse
+from skincal.fitting.shared import Shared
+from skincal.fitting.shared_integral import log_integral
 from skincal.fitting.sigmas import _scatter_loss, _scored
 from skincal.fitting.types import Floats
 
@@ -48,13 +49,19 @@ def test_shared_errors_are_integrated_with_the_mean_gain_held() -> None:
     shared = shared.with_theta(0.01 * rng.normal(size=len(shared.theta)))
     gain, level = rng.normal(size=(2, 1, presses, taxels)) * alive
     slope = rng.normal(size=(1, presses, taxels, 3)) * alive[:, None]
-    residual, slack = rng.normal(size=(1, presses, taxels)) * alive, rng.normal(size=(1, presses, 2))
-    pull = rng.normal(size=(1, presses, 3))
+    residual, nuisance = rng.normal(size=(1, presses, taxels)) * alive, rng.normal(size=(presses, 3))
+    sigmas = np.tile([3.0**-0.5, 0.7, 1.0, 0.01, 0.1, 0.2], (presses, 1))
     stiff, precision = np.array([3.0]), shared.precision(np.array([0.1]), np.array([0.2]))
     own = np.matmul(slope.transpose(0, 1, 3, 2), slope)[0] + 4.0 * np.eye(3)
-    root = half_inverse(own)[0][None]
-    arguments = gain, level, slope, residual, root, slack, pull, stiff, np.ones((1, presses)), shared
-    got = integral(*arguments, np.arange(presses), precision, alive)[0]
+    none, macro_slope = np.zeros(presses), np.zeros((presses, taxels, 5))
+    macro_slope[..., 4] = gain[0]
+    state = PressStates(
+        np.arange(presses), np.zeros((presses, 5)), sigmas, nuisance, none, own, np.zeros((presses, 2)), residual[0],
+        residual[0], macro_slope, slope[0], level[0],
+    )  # fmt: skip
+    got = log_integral(shared, state, np.ones((1, presses)), alive)[0]
+    slack = (nuisance - shared.centre)[None, :, :2]
+    pull = ((nuisance - shared.centre) * [3.0, 3.0, 0.7**-2])[None]
 
     size = len(shared.theta)
     hessian, slopes = np.diag(precision[0]), precision[0] * shared.theta

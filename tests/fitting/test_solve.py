@@ -14,7 +14,7 @@ from skincal.fitting.fit_options import GridSteps, SearchBox
 from skincal.fitting.law import LawSpread
 from skincal.fitting.problem import FitProblem, PressTable, pose_problem
 from skincal.fitting.result import PARAMETERS, FitResult
-from skincal.fitting.solve import plan_fit, solve
+from skincal.fitting.solve import plan_grid, solve
 from skincal.fitting.straight import Bend
 from skincal.fitting.valley import OPEN, POSE, at_one_place
 from tests.fitting.conftest import BOX, LAYOUT, ONE_LAW, QUICK, ROUGH, Truth, make_session, rig
@@ -23,7 +23,7 @@ from tests.fitting.conftest import BOX, LAYOUT, ONE_LAW, QUICK, ROUGH, Truth, ma
 def _fit(
     problem: FitProblem, box: SearchBox = BOX, options: Any = QUICK, seed: int = 0, **more: Any
 ) -> FitResult:
-    return solve(plan_fit(problem, box, options), box, options, np.random.default_rng(seed), **more)
+    return solve(problem, box, options, np.random.default_rng(seed), **more)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_the_grid_and_the_draws_are_kept(fitted: FitResult) -> None:
 def test_a_seed_gives_one_result_for_any_workers_and_turns_kept(truth: Truth) -> None:
     """Interrupted after two turns of the grid and taken up again, with workers that end in another order."""
     options = replace(ROUGH, law_spreads_m=(0.0, 0.2e-3))
-    plan = plan_fit(pose_problem(rig(), make_session(truth, presses=25, seed=11)[0]), BOX, options)
+    problem = pose_problem(rig(), make_session(truth, presses=25, seed=11)[0])
     kept: dict[int, Any] = {}
     order: list[int] = []
     evaluated: list[int] = []
@@ -79,10 +79,15 @@ def test_a_seed_gives_one_result_for_any_workers_and_turns_kept(truth: Truth) ->
     class InterruptError(Exception):
         pass
 
-    def stop(turn: int, slab: Any) -> None:
-        kept[turn] = slab
-        if len(kept) == 2:
-            raise InterruptError
+    class Interrupted:
+        def keep(self, turn: int, slab: Any) -> None:
+            kept[turn] = slab
+            if len(kept) == 2:
+                raise InterruptError
+
+    class Watched:
+        def keep(self, turn: int, _slab: Any) -> None:
+            evaluated.append(turn)
 
     def backwards(function: Callable[[Any], Any], arguments: Sequence[Any]) -> list[Any]:
         results = [function(argument) for argument in reversed(arguments)]
@@ -90,12 +95,12 @@ def test_a_seed_gives_one_result_for_any_workers_and_turns_kept(truth: Truth) ->
         return results[::-1]
 
     def run(**more: Any) -> FitResult:
-        return solve(plan, BOX, options, np.random.default_rng(0), **more)
+        return solve(problem, BOX, options, np.random.default_rng(0), **more)
 
     straight = run()
     with pytest.raises(InterruptError):
-        run(on_slab=stop)
-    again = run(slabs=kept, on_slab=lambda turn, _slab: evaluated.append(turn), mapper=backwards)
+        run(store=Interrupted())
+    again = run(slabs=kept, store=Watched(), mapper=backwards)
     assert order
     assert evaluated and not set(evaluated) & set(kept)
     assert again.best == straight.best
@@ -269,7 +274,7 @@ def test_no_press_at_all_is_an_error(truth: Truth) -> None:
         presses.indenter,
     )
     with pytest.raises(FitError, match="no press"):
-        plan_fit(pose_problem(rig(), silent), BOX, QUICK)
+        plan_grid(pose_problem(rig(), silent), BOX, QUICK)
 
 
 def test_a_copy_of_a_press_is_not_used(truth: Truth) -> None:
@@ -322,4 +327,4 @@ def test_a_grid_without_end_is_refused(truth: Truth) -> None:
     problem = pose_problem(rig(), make_session(truth, presses=30)[0])
     fine = replace(QUICK, steps=GridSteps(1e-5, 1e-5, math.radians(0.05), 24))
     with pytest.raises(FitError, match="coarser steps"):
-        plan_fit(problem, BOX, fine)
+        plan_grid(problem, BOX, fine)

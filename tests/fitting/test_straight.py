@@ -12,7 +12,7 @@ from skincal.fitting.observe import Readout
 from skincal.fitting.posterior import Bounds
 from skincal.fitting.problem import FitProblem, pose_problem
 from skincal.fitting.straight import BENDS, Bend, straightened, weigh_bends
-from skincal.fitting.tasks import ClimbTask, Neighbourhood, run_climb
+from skincal.fitting.tasks import Neighbourhood, climb_near
 from tests.fitting.conftest import BOX, Truth, make_session, rig
 
 UNCLIPPED = Readout(None, None, False)
@@ -35,10 +35,10 @@ def bend_of(problem: FitProblem, truth: Truth) -> Bend:
     low = np.array([BOX.across_m[0], BOX.y_m[0], BOX.alpha_rad[0], *(start[3:] - 3)])
     high = np.array([BOX.across_m[1], BOX.y_m[1], BOX.alpha_rad[1], *(start[3:] + 3)])
     bounds, around = Bounds(low, high), Neighbourhood.around(start)
-    peak = run_climb(ClimbTask(problem, bounds, start, around))
-    peak = run_climb(ClimbTask(problem, bounds, peak.macro, around, peak.sigmas))
+    peak = climb_near(problem, bounds, start, around)
+    peak = climb_near(problem, bounds, peak.macro, around, peak.sigmas)
     straight = [straightened(problem, *bend) for bend in BENDS]
-    peaks = [run_climb(ClimbTask(one, bounds, peak.macro, around, peak.sigmas)) for one, _ in straight]
+    peaks = [climb_near(one, bounds, peak.macro, around, peak.sigmas) for one, _ in straight]
     return weigh_bends([peak], peaks, [jacobian for _, jacobian in straight])
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skincal.fitting.problem import PressTable, pose_problem
-from skincal.fitting.wiring import Presses, TaxelOrder, _Search, order_of_problem
+from skincal.fitting.wiring import TaxelOrder, _Search, order_of_problem
 from skincal.fitting.wiring_orders import mapping_of, named_orders
 from tests.fitting.conftest import BOX, Truth, make_session, rig
 
@@ -116,15 +116,13 @@ def test_named_orders_are_different_permutations():
 
 def test_slopes_of_a_pose(truth: Truth) -> None:
     problem = pose_problem(rig(), make_session(truth, presses=12, noise=0.2)[0])
-    place = np.stack([problem.across_m, problem.along_m], axis=1)
-    presses = Presses(place, problem.force_n, problem.values, problem.weight, 1e-3, 2e-3)
-    search = _Search(presses, problem.rig.layout, BOX, 0.2)
+    search = _Search(problem, BOX)
     bent = 1e-4 * np.random.default_rng(0).standard_normal(12)
     pose = np.array([1e-4, truth.y_m + 3e-4, -0.1, np.log(2e-6), np.log(3e-6), *bent])
     slack, order = np.full((len(problem), 2), 1e-4), np.arange(16)[::-1]
 
     def differences(at: np.ndarray) -> np.ndarray:
-        return search._differences(search._predicted(at, slack), order).ravel()
+        return search._differences(search._bumps(at, slack).shares, order).ravel()
 
     found = search._slopes(pose, slack, order)
     for column, step in zip(found.T, np.diag([1e-7, 1e-7, 1e-5, 1e-5, 1e-5, *[1e-7] * 12]), strict=True):
