@@ -412,7 +412,8 @@ class Search:
         back = self.fitter.forward.shifted(fit.state) - self.fitter.forward.shifted(at[0])
         if back.any():
             at.append(replace(at[0], move=fit.state.move + np.pad(back, ((0, 0), (0, 1)))))
-        return self.fitter.solve(min(at, key=self.fitter.loss_at), free, steps=C.joint_steps)
+        first = min((self.fitter.settled(x) for x in at), key=lambda x: x.loss.sum())
+        return self.fitter.solve(first.state, free, steps=C.joint_steps)
 
     def _settled(self, state: State, free: tuple[Free, ...]) -> Fitted:
         """A fit gone on to its end, and again from better places of presses that it has left behind."""
