@@ -129,7 +129,13 @@ def with_image_error(fitter: Fitter, state: State) -> Fitter:
         Fitter(fitter.forward, fitter.counts, replace(fitter.before, image=x))
         for x in C.image * np.array(C.images)
     ]
-    return min(others, key=lambda one: one.blocks(w, state.move).loss.sum())
+
+    def left(one: Fitter) -> float:
+        # Where presses would be best by the error that is tried: by another one they are at other places.
+        b = one.blocks(w, state.move)
+        return float((b.loss - b.ahead).sum())
+
+    return min(others, key=left)
 
 
 def placed(fitter: Fitter, state: State) -> State:
