@@ -249,8 +249,8 @@ def blocks(
         of_columns,
     )
     return Blocks(
-        by_residual[..., 0] - gone[..., 0], loss + chi + ahead, ahead, chi, count, owner, (constant, by), (g, right[..., n]),
-        drawn - gone[..., 1:], squares[:, 1:], products,
+        by_residual[..., 0] - gone[..., 0], loss + chi + ahead, ahead, chi, count, owner, (constant, by),
+        (g, right[..., n]), drawn - gone[..., 1:], squares[:, 1:], products,
     )  # fmt: skip
 
 
