@@ -400,7 +400,8 @@ class Fitter:
 
         Levenberg's, each press with its own damping: a place is sharply told in one direction, and hardly in another.
         """
-        some = np.ones(len(state.move), dtype=bool) if rows is None else np.isin(np.arange(len(state.move)), rows)
+        every = np.arange(len(state.move))
+        some = np.isin(every, every if rows is None else rows)
         seen, found = self._left(state)
         best = _of_presses(found, found.loss, len(state.move))
         owner, damping, ways = found.press, np.full(len(state.move), _DAMPING), [x.copy() for x in found.own]
@@ -422,7 +423,12 @@ class Fitter:
         return Settled(seen.state, seen, best)
 
     def _own_move(
-        self, move: FloatArray, ways: Sequence[FloatArray], owner: IntArray, damping: FloatArray, going: BoolArray
+        self,
+        move: FloatArray,
+        ways: Sequence[FloatArray],
+        owner: IntArray,
+        damping: FloatArray,
+        going: BoolArray,
     ) -> FloatArray:
         """Own numbers (P, 3) after a step of those presses that go, by curvature and slope, no farther than one may."""
         own, (h, g) = (owner >= 0) & going[np.maximum(owner, 0)], ways
