@@ -54,7 +54,14 @@ def base_fit(fitter: Fitter, *, known: bool) -> Fitted:
     found = fitter.solve(state, steps=C.last_steps)
     # A layer of some millimetres is far from a foundation, and what is missing may hold the fit on the way.
     layer = fitter.solve(replace(state, law=state.law - _LAYER), steps=C.last_steps)
-    return min(found, layer, key=Fitted.loss)
+    return replaced(fitter, min(found, layer, key=Fitted.loss))
+
+
+def replaced(fitter: Fitter, fit: Fitted) -> Fitted:
+    """A fit, or one that goes on from better places of presses that it has left behind, if that leaves less."""
+    if (better := placed(fitter, fit.state)) is fit.state:
+        return fit
+    return min(fit, fitter.solve(better, fit.free, steps=C.joint_steps), key=Fitted.loss)
 
 
 def _gone_on(fitter: Fitter, state: State, rounds: int) -> Fitted:
@@ -151,12 +158,12 @@ def placed(fitter: Fitter, state: State) -> State:
         other = (np.abs(there.move - here.state.move)[:, :2] > step).any(axis=1)[:, None]
         if other.any():
             there = replace(state, move=np.where(other, there.move, here.state.move))
-            best = better(best, fitter.settled(there))
+            best = nearer(best, fitter.settled(there))
     gained = (best.loss < here.loss - C.loose)[:-1, None]
     return replace(state, move=np.where(gained, best.state.move, here.state.move)) if gained.any() else state
 
 
-def better(one: Settled, other: Settled) -> Settled:
+def nearer(one: Settled, other: Settled) -> Settled:
     """Each press where it leaves less."""
     less = other.loss < one.loss
     move = np.where(less[:-1, None], other.state.move, one.state.move)
