@@ -15,6 +15,7 @@ from functools import reduce
 import numpy as np
 
 from skincal.diagnosis.observed import Observed, full_rate
+from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitter
 from skincal.inference.forward import Forward, State
 from skincal.inference.start import nearer, placed_at, wild_presses
@@ -57,6 +58,11 @@ class Gap:
     def refutes(self) -> bool:
         """Whether presses are surely further off after than before, or what was missing has more than doubled."""
         return self.added[0] > 0 or self.closed < -1
+
+    @property
+    def stays(self) -> bool:
+        """Whether most of it surely stays: what is named does not explain what is missing."""
+        return self.interval[1] < C.closes
 
 
 def placed_presses(fitter: Fitter, state: State, rows: IntArray, others: Sequence[State] = ()) -> State:
