@@ -10,18 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 
 from skincal.diagnosis.observed import Observed, full_rate
+from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitter
 from skincal.inference.forward import Forward, State
-from skincal.inference.start import placed_at, wild_presses
+from skincal.inference.start import nearer, placed_at, wild_presses
 from skincal.model.arrays import FloatArray, IntArray
 
-_DRAWS, _STEPS, _DAMPING = 400, 8, 0.01
-_REACH = np.array([4e-4, 4e-4, 0.03])
-"""A step of a press's place is no longer than this: metres, and the logarithm of its force."""
+_DRAWS, _STEPS = 400, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +59,11 @@ class Gap:
         """Whether presses are surely further off after than before, or what was missing has more than doubled."""
         return self.added[0] > 0 or self.closed < -1
 
+    @property
+    def stays(self) -> bool:
+        """Whether most of it surely stays: what is named does not explain what is missing."""
+        return self.interval[1] < C.closes
+
 
 def placed_presses(fitter: Fitter, state: State, rows: IntArray, others: Sequence[State] = ()) -> State:
     """A state whose named presses stand where they fit best, within the slack and what is known of it; all else held.
@@ -69,44 +74,13 @@ def placed_presses(fitter: Fitter, state: State, rows: IntArray, others: Sequenc
         rows: of the presses.
         others: states whose places are tried, too.
     """
-    if not len(rows):
-        return state
-    tried = [_settled(fitter, placed_at(fitter, state, rows), rows)]
-    tried += [_settled(fitter, replace(state, move=one.move), rows) for one in others]
-    best = np.argmin(np.stack([loss for _, loss in tried]), axis=0)
-    return replace(state, move=np.stack([move for move, _ in tried])[best, np.arange(len(best))])
-
-
-def _settled(fitter: Fitter, at: State, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """(P, 3) where presses come to from where they are, and (P,) what they then leave, prior in.
-
-    Levenberg's steps, each press with its own damping: a place is sharply told in one direction, and hardly in another.
-    """
-    count, owned = fitter.forward.presses, fitter.press >= 0
-    owner, known = fitter.press[owned], fitter.before.move
-    best, move = np.full(count, np.inf), at.move.copy()
-    damping, ways = np.full(count, _DAMPING), dict[int, tuple[FloatArray, FloatArray]]()
-    for _ in range(_STEPS):
-        seen = fitter.forward.see(at)
-        none = np.zeros((*seen.values.shape, 0))
-        w = fitter.whitened(seen, none, none)
-        each = (w.residual**2 + np.where(w.seen, 2 * w.log_sd, 0.0)).sum(axis=1)
-        loss = np.bincount(owner, each[owned], count) + at.move**2 @ known
-        better = loss < best
-        damping *= np.where(better, 0.2, 6.0)
-        best, move[better] = np.minimum(best, loss), at.move[better]
-        new = move.copy()
-        for p in rows.tolist():
-            if better[p]:
-                own = fitter.press == p
-                n, r = w.press[own].reshape(-1, 3), w.residual[own].ravel()
-                ways[p] = n.T @ n + np.diag(known), n.T @ r - known * move[p]
-            h, g = ways[p]
-            step = np.linalg.solve(h + damping[p] * np.diag(np.diag(h)), g)
-            new[p] += step / max(1.0, np.abs(step / _REACH).max())
-        new[:, :2] = np.clip(new[:, :2], -fitter.before.slack_m, fitter.before.slack_m)
-        at = replace(at, move=new)
-    return move, best
+    plain = Fitter(fitter.forward, fitter.counts, replace(fitter.before, image=0.0, errs=False))
+    begin = placed_at(fitter, state, rows)
+    tried = [*(begin or [state]), *(replace(state, move=one.move) for one in others)]
+    best = reduce(nearer, (plain.settled(x, _STEPS, rows) for x in tried)).state.move
+    move = state.move.copy()
+    move[rows] = best[rows]
+    return replace(state, move=move)
 
 
 def gap_of(observed: Observed, before: State, after: State, rng: np.random.Generator) -> Gap:

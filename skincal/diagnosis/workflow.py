@@ -99,8 +99,9 @@ def diagnose(
     heard("gap on presses nobody has fitted")
     gap = gap_of(observed, found.base.state, found.fitted.state, again)
     named = bool(found.named)
-    # What is left is more than chance, or presses that nobody has fitted are further off: no name is sure.
-    doubt = gap.refutes or found.doubtful
+    # What is left is more than chance, or presses that nobody has fitted are as far off or further: no name is sure.
+    stays = gap.stays and not all(EFFECTS[n.name].in_places for n in found.named)
+    doubt = gap.refutes or stays or found.doubtful
     taken_back = tuple(n.name for n in found.named) if named and doubt else ()
     unexplained = (not named and found.open) or wrong
     verdict = "unknown" if taken_back or unexplained else "effects" if named else "none"

@@ -30,12 +30,13 @@ class Blocks:
 
     Attributes:
         b: (B, n).
-        loss: (B,) minus twice the logarithm of the likelihood at the present state, but for a constant.
+        loss: (B,) minus twice the logarithm of the likelihood with presses where they are, but for a constant.
+        ahead: (B,) by how much less that is where a press's own numbers would be best, by its slopes.
         chi: (B,) squares that are left, over the noise.
         count: (B,) values.
         press: (B,) row of the press, -1 for rest.
         moves: for each press the steps of its three own numbers: constant (3,) and by the columns (3, n).
-        own: curvature (B, k, k) and slope (B, k) by a press's own numbers, these three first.
+        own: curvature (B, k, k) and slope (B, k) by what a press has for itself, its three numbers last.
         drawn: (B, n, S) what ``b`` is in simulated sessions.
         drawn_chi: (B, S) and their squares.
         products: of columns, before the own numbers of presses are taken out.
@@ -43,6 +44,7 @@ class Blocks:
 
     b: FloatArray
     loss: FloatArray
+    ahead: FloatArray
     chi: FloatArray
     count: IntArray
     press: IntArray
@@ -159,9 +161,10 @@ def blocks(
     pressed = np.repeat(owner >= 0, size)[:, None, None]
     phases = [phase == f for f in np.unique(phase[press >= 0])]
     errs = [w.own * f[:, None, None] for f in phases] if w.own.shape[2] else []
-    nuisance = np.concatenate([w.press, *errs], axis=2)[order] * pressed
+    # A press's own numbers come last: what they take beyond errors of equations is then known by itself.
+    nuisance = np.concatenate([*errs, w.press], axis=2)[order] * pressed
     lam = np.ones(nuisance.shape[2])
-    lam[:3] = precision
+    lam[-3:] = precision
     k = len(lam)
     # Nuisances, columns, residual side by side: all that is needed are their products, block by block.
     side = np.concatenate([nuisance, w.columns.dense[order], w.residual[order][..., None]], axis=2)
@@ -185,7 +188,7 @@ def blocks(
     mixed -= by_image[..., None] * (freed[..., None] * own_image)[:, :, None]
     single -= own_image[..., None] * (freed[..., None] * own_image)[:, :, None]
     m = np.zeros((len(lists), k))
-    m[owner >= 0, :3] = at[owner[owner >= 0]]
+    m[owner >= 0, -3:] = at[owner[owner >= 0]]
 
     def arranged(dense: FloatArray, single: FloatArray) -> FloatArray:
         """(B, n, q) in the order of columns, of (B, d, q) and (B, J, m, q)."""
@@ -229,12 +232,13 @@ def blocks(
     squares[:, 0] += (m**2) @ lam
     step = np.linalg.solve(np.swapaxes(chol, 1, 2), z[..., : n + 1]) * unit[..., None]
     constant, by = np.zeros((len(at), 3)), np.zeros((len(at), 3, n))
-    constant[owner[owner >= 0]], by[owner[owner >= 0]] = step[owner >= 0, :3, n], step[owner >= 0, :3, :n]
+    constant[owner[owner >= 0]], by[owner[owner >= 0]] = step[owner >= 0, -3:, n], step[owner >= 0, -3:, :n]
     seen, log_sd = w.seen[order], np.where(w.seen, w.log_sd, 0.0)[order]
     count = np.add.reduceat(seen.sum(axis=1), begin[:-1])
     loss = 2 * np.add.reduceat(log_sd.sum(axis=1), begin[:-1]) + np.log1p(square * image**2).sum(axis=1)
     loss += 2 * (np.log(np.diagonal(chol, axis1=1, axis2=2)) - np.log(unit)).sum(axis=1) - np.log(lam).sum()
-    chi, place = squares[:, 0], np.empty(n, dtype=np.int64)
+    chi, ahead = squares[:, 0], (z[:, -3:, n] ** 2).sum(axis=1)
+    place = np.empty(n, dtype=np.int64)
     place[~of_one], place[of_one] = np.arange(dense), slot
     products = Products(
         w.columns.taxel,
@@ -245,8 +249,8 @@ def blocks(
         of_columns,
     )
     return Blocks(
-        by_residual[..., 0] - gone[..., 0], loss + chi, chi, count, owner, (constant, by), (g, right[..., n]),
-        drawn - gone[..., 1:], squares[:, 1:], products,
+        by_residual[..., 0] - gone[..., 0], loss + chi + ahead, ahead, chi, count, owner, (constant, by),
+        (g, right[..., n]), drawn - gone[..., 1:], squares[:, 1:], products,
     )  # fmt: skip
 
 

@@ -38,6 +38,7 @@ class Constants:
     contend: float = 0.5  # T  of the best gain, whole or shared: what has less is not fitted in full
     contenders: int = 4  # T  that are fitted in full in a round
     paths: int = 2  # T  that are followed where effects are not told apart
+    closes: float = 0.5  # T  part of the gap that what is named must be able to close
     least_gain: float = 8.0  # T  nats; less is never named, whatever the null
     alike: float = 2.0  # T  standard errors within which two effects are not told apart
     most: int = 4  # T  effects that are named at most

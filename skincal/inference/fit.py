@@ -20,7 +20,7 @@ from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.forward import BASE, LAW, Forward, Seen, State, moved_pose
 from skincal.inference.score import held_out
 from skincal.inference.slopes import Slopes
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 NB = len(BASE) + len(LAW)
 _DAMPING, _REACH = 0.01, np.array([4e-4, 4e-4, 0.03])
@@ -45,6 +45,7 @@ class Beforehand:
         slack_m: most that a contact may be off.
         weights: (N, J) roots of robust weights, found once with the base model; 1 where nothing is wild.
         image: relative error of a press's image, taxel by taxel.
+        errs: whether equations of effects may err.
     """
 
     base: FloatArray
@@ -53,6 +54,7 @@ class Beforehand:
     slack_m: float
     weights: FloatArray
     image: float = C.image
+    errs: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +229,7 @@ class Fitter:
             none.
         """
         sized = [(effect(n).equation_error, n) for n in seen.state.effects]
-        parts = [error * self.done_by(seen, n) for error, n in sized if error]
+        parts = [error * self.done_by(seen, n) for error, n in sized if error and self.before.errs]
         if not parts:
             none = np.zeros((*seen.values.shape, 0))
             return none, none
@@ -393,35 +395,47 @@ class Fitter:
         prior, pull = self.prior(state, at.free)
         return state, seen, float(loss.sum() + (pull**2 / np.maximum(prior, 1e-300)).sum())
 
-    def settled(self, state: State) -> Settled:
-        """A state with each press gone on by steps of its own.
+    def settled(self, state: State, steps: int = C.own_steps, rows: IntArray | None = None) -> Settled:
+        """A state with each press, or those of some rows, gone on by steps of its own.
 
         Levenberg's, each press with its own damping: a place is sharply told in one direction, and hardly in another.
         """
-        tried, found = self._left(state)
-        best, new = _of_presses(found, found.loss, len(state.move)), state
+        every = np.arange(len(state.move))
+        some = np.isin(every, every if rows is None else rows)
+        seen, found = self._left(state)
+        best = _of_presses(found, found.loss, len(state.move))
         owner, damping, ways = found.press, np.full(len(state.move), _DAMPING), [x.copy() for x in found.own]
-        for _ in range(C.own_steps):
-            new = replace(state, move=self._own_move(state.move, ways, owner, damping))
-            tried, found = self._left(new)
-            loss = _of_presses(found, found.loss, len(state.move))
+        ahead = _of_presses(found, found.ahead, len(state.move))
+        for _ in range(steps):
+            # Where a press has nothing to gain it stays, and its table with it.
+            if not (going := some & (ahead[:-1] > C.loose)).any():
+                break
+            new = replace(state, move=self._own_move(state.move, ways, owner, damping, going))
+            seen, found = self._left(new)
+            loss, ahead_now = (_of_presses(found, x, len(state.move)) for x in (found.loss, found.ahead))
             better = loss < best
             damping *= np.where(better[:-1], 0.2, 6.0)
             ways[0][better[owner]], ways[1][better[owner]] = (x[better[owner]] for x in found.own)
             state = replace(state, move=np.where(better[:-1, None], new.move, state.move))
-            best = np.minimum(best, loss)
-        seen = tried if (state.move == new.move).all() else self.forward.see(state)
-        return Settled(state, seen, best)
+            best, ahead = np.minimum(best, loss), np.where(better, ahead_now, ahead)
+        if not (state.move == seen.state.move).all():
+            seen = self.forward.see(state)
+        return Settled(seen.state, seen, best)
 
     def _own_move(
-        self, move: FloatArray, ways: Sequence[FloatArray], owner: IntArray, damping: FloatArray
+        self,
+        move: FloatArray,
+        ways: Sequence[FloatArray],
+        owner: IntArray,
+        damping: FloatArray,
+        going: BoolArray,
     ) -> FloatArray:
-        """Own numbers of presses (P, 3) after a step by curvature and slope of each, no farther than one may lead."""
-        own, (h, g) = owner >= 0, ways
-        p, three = owner[own], np.arange(3)
+        """Own numbers (P, 3) after a step of those presses that go, by curvature and slope, no farther than one may."""
+        own, (h, g) = (owner >= 0) & going[np.maximum(owner, 0)], ways
+        p, three = owner[own], np.arange(-3, 0)
         h = h[own]
         h[:, three, three] *= 1 + damping[p, None]
-        step = np.linalg.solve(h, g[own][..., None])[:, :3, 0]
+        step = np.linalg.solve(h, g[own][..., None])[:, -3:, 0]
         move = move.copy()
         move[p] += step / np.maximum(1.0, np.abs(step / _REACH).max(axis=1))[:, None]
         move[:, :2] = np.clip(move[:, :2], -self.before.slack_m, self.before.slack_m)

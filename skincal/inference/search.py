@@ -39,7 +39,7 @@ from skincal.inference.gains import full_step, gains, whole
 from skincal.inference.null import Null, drawn_residuals, law_residuals
 from skincal.inference.score import Score, folds_of
 from skincal.inference.slopes import Slopes
-from skincal.inference.start import placed
+from skincal.inference.start import replaced
 from skincal.model.arrays import FloatArray, IntArray
 
 
@@ -412,15 +412,12 @@ class Search:
         back = self.fitter.forward.shifted(fit.state) - self.fitter.forward.shifted(at[0])
         if back.any():
             at.append(replace(at[0], move=fit.state.move + np.pad(back, ((0, 0), (0, 1)))))
-        return self.fitter.solve(min(at, key=self.fitter.loss_at), free, steps=C.joint_steps)
+        first = min((self.fitter.settled(x) for x in at), key=lambda x: x.loss.sum())
+        return self.fitter.solve(first.state, free, steps=C.joint_steps)
 
     def _settled(self, state: State, free: tuple[Free, ...]) -> Fitted:
         """A fit gone on to its end, and again from better places of presses that it has left behind."""
-        fit = self.fitter.solve(state, free, steps=C.last_steps)
-        if (better := placed(self.fitter, fit.state)) is fit.state:
-            return fit
-        again = self.fitter.solve(better, fit.free, steps=C.joint_steps)
-        return again if again.loss() < fit.loss() else fit
+        return replaced(self.fitter, self.fitter.solve(state, free, steps=C.last_steps))
 
     def _from_start(self, fit: Fitted) -> Fitted:
         """The fit, or one from where the sensor was thought to be, if it has gone far from there and that is better.

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import minimum_filter
 
 from skincal.effects.samples import HOLD
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.fit import Fitted, Fitter
+from skincal.inference.fit import Fitted, Fitter, Settled
 from skincal.inference.forward import State
 from skincal.model.arrays import FloatArray, IntArray
 
@@ -17,8 +18,8 @@ _TURNS = (-0.2, 0.0, 0.2)
 _LAYER = np.array([C.law_power, 0.0, 0.0, 0.0])
 """From a foundation half of the way to a half-space."""
 _LATTICE = np.linspace(-0.8, 0.8, 9)
-_NEAR, _FEW = np.linspace(-0.5, 0.5, 3), 4
-"""Places about one of the best few of a lattice, in its steps."""
+_NEAR, _PLACES = np.linspace(-0.5, 0.5, 3), 2
+"""Places about one of the best few of a lattice, in its steps; and how many of these are tried."""
 
 
 def base_fit(fitter: Fitter, *, known: bool) -> Fitted:
@@ -53,7 +54,14 @@ def base_fit(fitter: Fitter, *, known: bool) -> Fitted:
     found = fitter.solve(state, steps=C.last_steps)
     # A layer of some millimetres is far from a foundation, and what is missing may hold the fit on the way.
     layer = fitter.solve(replace(state, law=state.law - _LAYER), steps=C.last_steps)
-    return min(found, layer, key=Fitted.loss)
+    return replaced(fitter, min(found, layer, key=Fitted.loss))
+
+
+def replaced(fitter: Fitter, fit: Fitted) -> Fitted:
+    """A fit, or one that goes on from better places of presses that it has left behind, if that leaves less."""
+    if (better := placed(fitter, fit.state)) is fit.state:
+        return fit
+    return min(fit, fitter.solve(better, fit.free, steps=C.joint_steps), key=Fitted.loss)
 
 
 def _gone_on(fitter: Fitter, state: State, rounds: int) -> Fitted:
@@ -128,48 +136,78 @@ def with_image_error(fitter: Fitter, state: State) -> Fitter:
         Fitter(fitter.forward, fitter.counts, replace(fitter.before, image=x))
         for x in C.image * np.array(C.images)
     ]
-    return min(others, key=lambda one: one.blocks(w, state.move).loss.sum())
+
+    def left(one: Fitter) -> float:
+        # Where presses would be best by the error that is tried: by another one they are at other places.
+        b = one.blocks(w, state.move)
+        return float((b.loss - b.ahead).sum())
+
+    return min(others, key=left)
 
 
 def placed(fitter: Fitter, state: State) -> State:
-    """A state whose presses stand where they leave least: where they are, or where the best place of a lattice leads.
+    """A state whose presses stand where they leave least: where they are, or where a place of a lattice leads.
 
     An image may have two places about which a step of any kind leaves more, and a fit bends by what is at the wrong
     one.
     """
-    here = fitter.settled(state)
-    there = fitter.settled(placed_at(fitter, state, np.arange(fitter.forward.presses)))
-    better = (there.loss < here.loss - C.loose)[:-1, None]
-    return replace(state, move=np.where(better, there.state.move, here.state.move)) if better.any() else state
+    best = here = fitter.settled(state)
+    step = fitter.before.slack_m * (_LATTICE[1] - _LATTICE[0])
+    for there in placed_at(fitter, state, np.arange(fitter.forward.presses)):
+        # Within a step of the lattice it is the place where the press is.
+        other = (np.abs(there.move - here.state.move)[:, :2] > step).any(axis=1)[:, None]
+        if other.any():
+            there = replace(state, move=np.where(other, there.move, here.state.move))
+            best = nearer(best, fitter.settled(there))
+    gained = (best.loss < here.loss - C.loose)[:-1, None]
+    return replace(state, move=np.where(gained, best.state.move, here.state.move)) if gained.any() else state
 
 
-def placed_at(fitter: Fitter, state: State, rows: IntArray) -> State:
-    """A state whose named presses stand at the best place of a lattice within the slack.
+def nearer(one: Settled, other: Settled) -> Settled:
+    """Each press where it leaves less."""
+    less = other.loss < one.loss
+    move = np.where(less[:-1, None], other.state.move, one.state.move)
+    return Settled(replace(one.state, move=move), one.seen, np.minimum(one.loss, other.loss))
 
-    Few presses are read at a time, as their tables are large; the best few places are looked about more finely.
+
+def placed_at(fitter: Fitter, state: State, rows: IntArray) -> list[State]:
+    """States whose named presses stand at the best places of a lattice within the slack, the next best, and so on.
+
+    A place is one about which all others of the lattice leave more; where there are too few, the best stands for them.
+    Few presses are read at a time, as their tables are large; about each place it is looked more finely.
     """
-    f, move = fitter.forward, state.move.copy()
+    f = fitter.forward
     images, at = _images(fitter, state, rows)
     own = np.flatnonzero(at >= 0)
     rows, images, at = rows[own], images[own], at[own]
     if not len(rows):
-        return state
-    read = f.reader(state, at)
-    grid = np.array([(a, b) for a in _LATTICE for b in _LATTICE])[None] * fitter.before.slack_m
-    grid = np.repeat(grid, len(rows), axis=0)
-    near = np.array([(a, b) for a in _NEAR for b in _NEAR]) * (_LATTICE[1] - _LATTICE[0])
+        return []
+    read, slack = f.reader(state, at), fitter.before.slack_m
     top = np.maximum(np.nanmax(images, axis=1) - state.rest, 0.0)
     sd = np.hypot(f.noise.frame, 0.05 * top)[:, None, None]
     parts = np.array_split(np.arange(len(rows)), len(rows) // 16 + 1)
-    for finer in (True, False):
+
+    def left(grid: FloatArray) -> FloatArray:
+        """(B, m) what presses leave at places (B, m, 2)."""
         levels = np.concatenate([read(grid[k], k) for k in parts])
         off = np.nansum(((f.noise.written(levels)[0] - images[:, None]) / sd) ** 2, axis=2)
-        off += (grid**2).sum(axis=2) * fitter.before.move[0]
-        order = np.argsort(off, axis=1)[:, : _FEW if finer else 1]
-        best = np.take_along_axis(grid, order[..., None], axis=1)
-        grid = (best[:, :, None] + near * fitter.before.slack_m).reshape(len(rows), -1, 2)
-    move[rows] = np.append(best[:, 0], np.zeros((len(rows), 1)), axis=1)
-    return replace(state, move=move)
+        return off + (grid**2).sum(axis=2) * fitter.before.move[0]
+
+    grid = slack * np.stack(np.meshgrid(_LATTICE, _LATTICE, indexing="ij"), axis=-1).reshape(-1, 2)
+    off = left(np.tile(grid, (len(rows), 1, 1))).reshape(-1, len(_LATTICE), len(_LATTICE))
+    lowest = off <= minimum_filter(off, size=(1, 3, 3), mode="nearest")
+    off = np.where(lowest, off, np.inf).reshape(len(rows), -1)
+    order = np.argsort(off, axis=1)[:, :_PLACES]
+    order = np.where(np.isfinite(np.take_along_axis(off, order, axis=1)), order, order[:, :1])
+    near = np.stack(np.meshgrid(_NEAR, _NEAR, indexing="ij"), axis=-1).reshape(-1, 2) * slack
+    finer = grid[order][:, :, None] + near * (_LATTICE[1] - _LATTICE[0])
+    best = np.argmin(left(finer.reshape(len(rows), -1, 2)).reshape(*order.shape, -1), axis=2)
+    out = []
+    for k in range(_PLACES):
+        move = state.move.copy()
+        move[rows] = np.append(finer[np.arange(len(rows)), k, best[:, k]], np.zeros((len(rows), 1)), axis=1)
+        out.append(replace(state, move=move))
+    return out
 
 
 def _images(fitter: Fitter, state: State, presses: IntArray) -> tuple[FloatArray, IntArray]:

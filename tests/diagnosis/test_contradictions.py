@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+from inference.made import found
 from report.diagnosis_cases import calibration, session, without_frames
 
 from skincal.calibration import Finding
@@ -11,8 +13,8 @@ from skincal.diagnosis import workflow
 
 
 def test_something_is_missing_where_the_fit_says_so() -> None:
-    found = Finding("misfit", "warning", "images differ by twenty times the noise", "")
-    fitted = replace(calibration(), findings=(found,))
+    misfit = Finding("misfit", "warning", "images differ by twenty times the noise", "")
+    fitted = replace(calibration(), findings=(misfit,))
     fitted = replace(fitted, provenance=replace(fitted.provenance, dataset_sha256=""))
     diagnosis = workflow.diagnose(without_frames(session(presses=16)), fitted, seed=1, null_sessions=2)
     assert diagnosis.verdict == "unknown"
@@ -21,3 +23,19 @@ def test_something_is_missing_where_the_fit_says_so() -> None:
     assert not workflow._misfits(
         replace(fitted, provenance=replace(fitted.provenance, dataset_sha256="a")), session()
     )
+
+
+def test_a_name_that_leaves_most_of_the_gap_is_taken_back() -> None:
+    plain = found("hysteresis")
+    assert not plain.gap.stays
+    data = plain.observed.dataset
+    frames, rng = data.frames, np.random.default_rng(0)
+    assert frames is not None
+    counts = frames.counts.copy()
+    for row in plain.gap.presses:
+        own = frames.press == data.presses.press[row]
+        counts[own] += 3 * rng.integers(0, 2, counts.shape[1])
+    other = replace(data, frames=replace(frames, counts=counts))
+    diagnosis = workflow.diagnose(other, calibration(), seed=1)
+    assert (diagnosis.verdict, diagnosis.taken_back) == ("unknown", ("hysteresis",))
+    assert diagnosis.gap.stays and not diagnosis.gap.refutes

@@ -35,10 +35,10 @@ def case() -> tuple[Whitened, np.ndarray, np.ndarray, np.ndarray]:
     return w, press, phase, 1e-4 * rng.standard_normal((PRESSES, 3))
 
 
-def whole_covariance(w: Whitened, rows: np.ndarray, phase: np.ndarray) -> np.ndarray:
+def whole_covariance(w: Whitened, rows: np.ndarray, phase: np.ndarray, moved: float = 1.0) -> np.ndarray:
     """Of the values of a press: noise, its own numbers, an error of the image, one of the equation in each phase."""
     n = w.press[rows].reshape(-1, 3)
-    found = np.eye(len(n)) + n @ np.diag(1 / PRECISION) @ n.T
+    found = np.eye(len(n)) + moved * n @ np.diag(1 / PRECISION) @ n.T
     for j in range(TAXELS):
         image = np.zeros((len(rows), TAXELS))
         image[:, j] = w.signal[rows, j]
@@ -64,7 +64,11 @@ def test_they_are_what_the_whole_covariance_says():
         assert found.b[k] == pytest.approx(c.T @ inverse @ e, rel=1e-8)
         assert found.chi[k] == pytest.approx(e @ inverse @ e, rel=1e-8)
         _, log_det = np.linalg.slogdet(whole_covariance(w, rows, phase))
-        assert found.loss[k] - found.chi[k] == pytest.approx(log_det + 2 * w.log_sd[rows].sum(), rel=1e-8)
+        beside = log_det + 2 * w.log_sd[rows].sum()
+        assert (found.loss - found.ahead - found.chi)[k] == pytest.approx(beside, rel=1e-8)
+        # With its own numbers where they are.
+        here, r = np.linalg.inv(whole_covariance(w, rows, phase, moved=0.0)), w.residual[rows].ravel()
+        assert found.loss[k] == pytest.approx(r @ here @ r + at[p] ** 2 @ PRECISION + beside, rel=1e-8)
 
 
 def test_drawn_sessions_leave_one_square_a_value():
@@ -107,7 +111,7 @@ def test_columns_of_one_taxel_are_columns_like_others():
     (compact, full), (_, press, phase, at) = some_single(), case()
     draws = np.random.default_rng(1).standard_normal((*full.residual.shape, 6))
     a, b = (blocks(w, press, phase, at, PRECISION, draws, np.random.default_rng(2)) for w in (compact, full))
-    for name in ("h", "b", "loss", "chi", "drawn", "drawn_chi"):
+    for name in ("h", "b", "loss", "ahead", "chi", "drawn", "drawn_chi"):
         assert getattr(a, name) == pytest.approx(getattr(b, name), rel=1e-9, abs=1e-9), name
     assert a.moves[1] == pytest.approx(b.moves[1], rel=1e-9, abs=1e-12)
     some, others = np.array([4, 1, 3]), np.array([0, 3, 1, 6])

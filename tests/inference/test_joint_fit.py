@@ -159,7 +159,7 @@ def test_a_press_is_found_by_the_chain_as_it_is(kind: str):
     rows = np.unique(fitter.press[fitter.press >= 0])
     lost = state.move.copy()
     lost[rows, :2] = fitter.before.slack_m * 0.6
-    found = placed_at(told, replace(state, move=lost), rows).move[rows, :2]
+    found = placed_at(told, replace(state, move=lost), rows)[0].move[rows, :2]
     assert (np.linalg.norm(found, axis=1) < 0.3 * fitter.before.slack_m).mean() > 0.9
 
 
