@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.deploy.handover import PinchForces, let_go, take
+from skincal.deploy.handover import Handover, PinchForces
 from skincal.deploy.motion import DeployOptions, Motion, Watch
 from skincal.deploy.observation import PolicyObservation
 from skincal.deploy.record import Record
@@ -111,11 +111,12 @@ def deploy(
             state = motion.look()
             if seen.sees_image and not np.isfinite(state.taxels).any():
                 raise input_error(f"driver {hand.name}", f"{taxels} taxels, for a tactile policy", "none")
-            command = take(motion, pinch, postures, forces, object_width_m, options)
+            handover = Handover(motion, pinch, postures, forces, object_width_m, options)
+            command = handover.take()
             loop = _PolicyLoop(policy, seen, motion, pinch, forces, targets, speed_rad_per_s, options)
             loop.run(command)
             if loop.lost_s is None:
-                let_go(motion, postures, object_width_m, options)
+                handover.let_go()
     except BaseException:
         if loop is not None and loop.acting and cut_short is not None:
             cut_short(loop.found)
@@ -157,7 +158,7 @@ class _PolicyLoop:
         motion = self._motion
         motion.doing = "acting"
         desired, sent = command_rad.copy(), command_rad.copy()
-        start_s, self._first = motion.now.time_s, len(motion.states) - 1
+        start_s, self._first = motion.now.time_s, len(motion.samples) - 1
         empty_s, sent_s, k = 0.0, start_s - motion.period_s, 0
         while k < len(self._targets) - 1:
             desired = self._clipped(desired + self._step_rad * self._action(k, desired))

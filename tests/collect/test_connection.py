@@ -128,13 +128,11 @@ def test_the_hand_never_drags_over_the_skin(whole: Rig):
     assert forces.max() < 5.5
 
 
-def test_torque_offsets_are_taken_off(tmp_path: Path):
-    rig = Rig(tmp_path)
-
+def test_torque_offsets_are_taken_off(rig: Rig):
     def offset(number: int, state: HandState) -> HandState:
         return replace(state, tau_nm=state.tau_nm + 0.01)
 
-    rig.run(Plan("one", PLAN.presses[:1], {"A": PLAN.poses["A"]}), spoil=offset)
+    rig.run(ONE, spoil=offset)
     assert abs(rig.hands[0].forces and max(rig.hands[0].forces) - 2.0) < 0.15
     np.testing.assert_allclose(column(rig, "tau_rest_0"), 0.01, atol=2e-3)
 
@@ -144,8 +142,7 @@ def test_an_unreached_force_is_marked(rig: Rig):
     def weak(number: int, state: HandState) -> HandState:
         return replace(state, tau_nm=0.15 * state.tau_nm)
 
-    plan = Plan("weak", (PlannedPress(0.0, 0.0, 2.0, **FAST),), {"A": PLAN.poses["A"]})
-    found = rig.run(plan, spoil=weak)
+    found = rig.run(ONE, spoil=weak)
     assert found.missed_target == 1 and found.statuses == {"missed_target": 1}
     assert len(found.dataset.presses) == 1
 
@@ -170,8 +167,7 @@ def test_contact_that_is_lost_in_the_hold_is_marked(rig: Rig):
             self.held += pressed
             return replace(state, tau_nm=np.zeros(6)) if self.held > 15 else state
 
-    plan = Plan("lost", PLAN.presses[:1], {"A": PLAN.poses["A"]})
-    assert rig.run(plan, spoil=Losing()).statuses == {"lost_contact": 1}
+    assert rig.run(ONE, spoil=Losing()).statuses == {"lost_contact": 1}
 
 
 def failing(at: int, how: Callable[[HandState], HandState]) -> Callable[[int, HandState], HandState]:
