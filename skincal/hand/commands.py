@@ -10,7 +10,7 @@ import numpy as np
 
 from skincal.errors import shown
 from skincal.hand.driver import HandCommand, HandDriver, HandState
-from skincal.hand.errors import HandError, Violation
+from skincal.hand.errors import HandError
 from skincal.hand.stage import StageDriver, StageState
 from skincal.model.arrays import FloatArray
 
@@ -53,19 +53,23 @@ class FrozenCheck:
         if not self._base.size:
             self._base = self._command
 
-    def __call__(self) -> Violation | None:
-        """Return the violation of a command that is to be sent now; None if the rig has answered to those before."""
+    def __call__(self) -> None:
+        """Check that the rig has answered to the commands before one that is to be sent now.
+
+        Raises:
+            HandError: it has not.
+        """
         for_s = self._now_s - self._since_s
         if not for_s > FROZEN_S or not self._base.size:
-            return None
+            return
         moved = float(np.abs(self._command - self._base).max())
         if moved <= self._moved:
-            return None
+            return
         text = (
             f"no measured value has changed for {for_s:.3g} s, while commands moved by {moved:.3g} {self._unit}: the "
             "states are frozen"
         )
-        return Violation("state", text, value=for_s, limit=FROZEN_S)
+        raise HandError(text, "state", value=for_s, limit=FROZEN_S)
 
 
 State = TypeVar("State", HandState, StageState)
@@ -101,8 +105,12 @@ class StepCheck(ABC, Generic[State, Command]):
         """Return where a command leads, as a copy: the caller may reuse its array."""
 
     @abstractmethod
-    def __call__(self, command: Command, now_s: float) -> Violation | None:
-        """Return the violation of a command that is to be sent now; None if it is allowed."""
+    def __call__(self, command: Command, now_s: float) -> None:
+        """Check a command that is to be sent now.
+
+        Raises:
+            HandError: it is not allowed.
+        """
 
     def observed(self, state: State, now_s: float) -> None:
         """Record a sound state that arrived at ``now_s`` on our clock [s]."""
@@ -150,22 +158,20 @@ class CommandCheck(StepCheck[HandState, HandCommand]):
     def _target(self, command: HandCommand) -> FloatArray:
         return command.q_desired_rad.copy()
 
-    def __call__(self, command: HandCommand, now_s: float) -> Violation | None:
+    def __call__(self, command: HandCommand, now_s: float) -> None:
         """See :meth:`StepCheck.__call__`."""
         before_rad = self._before()
         if not isinstance(command, HandCommand):  # pyright: ignore[reportUnnecessaryIsInstance]
-            return Violation("command", f"expected a HandCommand; got {shown(command)}")
+            raise HandError(f"expected a HandCommand; got {shown(command)}", "command")
         q, shape = command.q_desired_rad, before_rad.shape
         if type(q) is not np.ndarray or q.shape != shape or q.dtype != np.float64:
             text = f"command, q_desired_rad: expected an array of float64 of shape {shape}; got {shown(q)}"
-            return Violation("command", text)
-        if frozen := self._frozen():
-            return frozen
+            raise HandError(text, "command")
+        self._frozen()
         largest = self._step_rad(now_s)
         small = np.abs(q - before_rad) <= largest + ROUNDING_RAD
-        if ((q >= self._low) & (q <= self._high) & small).all():
-            return None
-        return self._named(q, np.abs(q - before_rad), largest, now_s)
+        if not ((q >= self._low) & (q <= self._high) & small).all():
+            self._refuse(q, np.abs(q - before_rad), largest, now_s)
 
     def nearest(self, q_rad: FloatArray, now_s: float) -> FloatArray:
         """Return the allowed angles (n,) [rad] nearest to ``q_rad``, joint by joint."""
@@ -176,20 +182,22 @@ class CommandCheck(StepCheck[HandState, HandCommand]):
     def _step_rad(self, now_s: float) -> FloatArray:
         return self._limits.velocity_rad_per_s * self._passed_s(now_s)
 
-    def _named(self, q: FloatArray, step: FloatArray, largest: FloatArray, now_s: float) -> Violation | None:
+    def _refuse(self, q: FloatArray, step: FloatArray, largest: FloatArray, now_s: float) -> None:
+        """Raise the violation of the first joint that has one."""
         for j, name in enumerate(self._joints):
             value = float(q[j])
             low, high = float(self._limits.lower_rad[j]), float(self._limits.upper_rad[j])
             if not math.isfinite(value):
-                return Violation("command", f"joint {name}: commanded angle is {value}", name, value)
+                raise HandError(
+                    f"joint {name}: commanded angle is {value}", "command", joint=name, value=value
+                )
             if not self._low[j] <= value <= self._high[j]:
                 text = f"joint {name}: commanded angle {value:.4g} rad lies outside its limits [{low:.4g}, {high:.4g}]"
-                return Violation("command", text, name, value, low if value < low else high)
+                raise HandError(text, "command", joint=name, value=value, limit=low if value < low else high)
             if step[j] > largest[j] + ROUNDING_RAD:
                 speed, passed_s = float(self._limits.velocity_rad_per_s[j]), self._passed_s(now_s)
                 text = (
                     f"joint {name}: commanded angle steps by {step[j]:.4g} rad; at {speed:.4g} rad/s and "
                     f"{1e3 * passed_s:.3g} ms since the last command at most {largest[j]:.4g} rad are allowed"
                 )
-                return Violation("command", text, name, float(step[j]), float(largest[j]))
-        return None
+                raise HandError(text, "command", joint=name, value=float(step[j]), limit=float(largest[j]))
