@@ -124,7 +124,12 @@ def collect(
         journal = Journal.open(folder, same, {"created": datetime.now(UTC).isoformat()}, restart=restart)
         resumed = _sound_presses(journal, rig.meta)
         try:
-            _make_presses(plan, rig, journal, make_driver, options, guard, watch)
+            if isinstance(rig, StageDescription):
+                StageSession(Session(plan, journal, options, watch), rig).run(make_driver, guard)
+            else:
+                fingers = Fingers(Kinematics(rig), Mount.of(rig.meta))
+                resolved = _resolved(plan, journal, fingers, options)
+                HandSession(Session(resolved, journal, options, watch), fingers).run(make_driver, guard)
         except BaseException:
             if not journal.connections():  # The rig was never reached.
                 journal.remove()
@@ -139,24 +144,6 @@ def collect(
         journal.remove()
     session_s = float(times[-1] - times[0])
     return Collected(dataset, resumed, session_s, cuts, problems, rest_shifts(dataset))
-
-
-def _make_presses(
-    plan: Plan,
-    rig: HandDescription | StageDescription,
-    journal: Journal,
-    make_driver: MakeDriver,
-    options: CollectOptions,
-    guard: GuardOptions | None,
-    watch: Watch | None,
-) -> None:
-    """Make the presses that are missing in the journal."""
-    if isinstance(rig, StageDescription):
-        StageSession(Session(plan, journal, options, watch), rig).run(make_driver, guard)
-        return
-    fingers = Fingers(Kinematics(rig), Mount.of(rig.meta))
-    resolved = _resolved(plan, journal, fingers, options)
-    HandSession(Session(resolved, journal, options, watch), fingers).run(make_driver, guard)
 
 
 def _sound_presses(journal: Journal, meta: DatasetMeta) -> int:

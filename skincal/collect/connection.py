@@ -7,7 +7,6 @@ from itertools import groupby
 import numpy as np
 
 from skincal.collect.plan import PlannedPress
-from skincal.collect.poses import heights, radius_of
 from skincal.collect.posture import Fingers, Posture
 from skincal.collect.press import Press
 from skincal.collect.progress import MakeDriver
@@ -103,9 +102,9 @@ class Connection:
         return max(found) + self._options.before_contact_m
 
     def _posture(self, planned: PlannedPress) -> Posture:
-        skin = np.array(self._session.plan.poses[planned.pose])
+        skin = self._session.plan.poses[planned.pose]
         start = None if self._place is None else self._place.links_rad
-        return self._fingers.posture(planned.site, skin, self._radius_m, heights(self._options), start)
+        return self._fingers.posture(planned.site, skin, self._options, self._radius_m, start)
 
     def _go(self, planned: PlannedPress, posture: Posture) -> None:
         """Move the indenter over a site, at travelling height."""
@@ -161,7 +160,7 @@ class HandSession:
             if not driver.follows_commands:
                 fix = "The recording itself can be fitted: `skincal fit`."
                 raise input_error(f"driver {driver.name}", "a hand that moves", "a recorded one", fix)
-            radius_m = radius or radius_of(self._fingers)
+            radius_m = radius or self._fingers.radius_m
             senses = Senses(self._fingers.kinematics, radius_m)
             with GuardedHand(driver, guard, senses.contact_force) as hand:
                 loop = Loop(hand, senses, session.report)

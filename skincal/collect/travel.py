@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 
 from skincal.collect.plan import Plan
-from skincal.collect.poses import heights, radius_of
 from skincal.collect.posture import Fingers
 from skincal.collect.press import FAST
 from skincal.collect.press_options import CollectOptions
@@ -137,7 +136,7 @@ def paces_s(plan: Plan, fingers: Fingers, options: CollectOptions) -> Iterator[t
     first, before = plan.presses[0], plan.presses[0]
     stiffness: dict[str, float] = {}
     for name, angles in plan.poses.items():
-        posture = fingers.posture(first.site, np.array(angles), radius_of(fingers), heights(options))
+        posture = fingers.posture(first.site, angles, options)
         stiffness[name] = posture.stiffness_n_per_m
     fast = FAST * options.approach_m_per_s
     for press in plan.presses:

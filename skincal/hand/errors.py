@@ -56,13 +56,9 @@ ADVICE: dict[HandErrorKind, str] = {
     "timeout": "Check that the hand is still running and can be reached.",
     "driver": "The fault lies in the driver or in the hand.",
     "lost": "Check that the hand is still running and can be reached, then connect again.",
-    "refused": "",
     "idle": "Call the hand in every period; connect again.",
-    "order": "",
-    "stopped": "",
-    "end": "",
 }
-"""Advice by kind of error."""
+"""Advice by kind of error, where there is any."""
 
 
 def is_number(value: object) -> bool:

@@ -338,7 +338,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
         raise error from cause
 
     def _advice(self, kind: HandErrorKind) -> str:
-        return ADVICE[kind]
+        return ADVICE.get(kind, "")
 
     def _idle(self) -> None:
         """Run in the worker: stop a rig that has not been called for ``idle_s``."""

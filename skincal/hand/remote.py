@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import secrets
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -96,11 +97,10 @@ class RemoteDriver(HandDriver):
             welcome = self._ask("hello", hello, "welcome", limit_s=CONNECT_S)
             self._period_s, self._watchdog_s = number(welcome, "period_s"), number(welcome, "watchdog_s")
             self.real_time = welcome.body.get("real_time") is not False
-        except MessageError as error:
+        except BaseException as error:
             self._shut()
-            raise HandError(str(error), "refused") from error
-        except BaseException:
-            self._shut()
+            if isinstance(error, MessageError):
+                raise HandError(str(error), "refused") from error
             raise
 
     def observe(self) -> HandState:
@@ -182,9 +182,12 @@ class RemoteDriver(HandDriver):
         start = heard = now = time.monotonic()
         silence_s = min(self._silence_s, limit_s)
         data, sent = encode(request), 0
-        timer = self._timer(request.kind)
+        # A stop comes from any thread and shares no timer.
+        own = ResendTimer()
+        timer = own if request.kind == "stop" else self._timers.setdefault(request.kind, own)
         while True:
-            self._send(socket, data)
+            with suppress(self._zmq.Again):  # the queue is full because nobody reads it: treat it as silence
+                socket.send(data, self._zmq.NOBLOCK)
             sent += 1
             left_s = min(heard + silence_s, start + limit_s) - now
             reply = self._answer(socket, request, expected, min(timer.wait_s, left_s))
@@ -201,17 +204,6 @@ class RemoteDriver(HandDriver):
             if now - heard >= silence_s or now - start >= limit_s:
                 self._gone = request.kind != "stop"
                 raise self._lost(request.kind, now - heard)
-
-    def _timer(self, kind: str) -> ResendTimer:
-        """Return the timer of a kind of request; a stop comes from any thread and shares none."""
-        return ResendTimer() if kind == "stop" else self._timers.setdefault(kind, ResendTimer())
-
-    def _send(self, socket: zmq.Socket[bytes], data: bytes) -> None:
-        try:
-            socket.send(data, self._zmq.NOBLOCK)
-        except self._zmq.Again:
-            # The queue is full because nobody reads it: treat it as silence.
-            return
 
     def _answer(
         self, socket: zmq.Socket[bytes], request: Message, expected: str, wait_s: float

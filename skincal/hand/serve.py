@@ -137,11 +137,11 @@ class HandServer:
         poller.register(self._replies, self._zmq.POLLIN)
         while not self._ended.is_set():
             ready = dict(poller.poll(POLL_MS))
-            if self._replies in ready:
-                self._send(self._replies.recv_multipart())
             if self._socket in ready:
                 parts = self._socket.recv_multipart()
                 self._handle(parts[0], parts[-1])
+            while self._replies.poll(0):
+                self._send(self._replies.recv_multipart())
             taken_bytes = _taken_bytes()
             least_bytes = min(least_bytes, taken_bytes)  # what was there before may be freed meanwhile
             if taken_bytes - least_bytes > MOST_BYTES:

@@ -10,7 +10,7 @@ import numpy as np
 from skincal.errors import InputError, Problem, shown
 from skincal.hand.checks import TaxelCheck
 from skincal.hand.clock import ClockCheck
-from skincal.hand.commands import FrozenCheck, StepCheck
+from skincal.hand.commands import StepCheck
 from skincal.hand.errors import HandError, HandErrorKind, is_number
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
@@ -133,17 +133,11 @@ class StageCommandCheck(StepCheck[StageState, FloatArray]):
     """Checker of the commands of a stage."""
 
     def __init__(self, driver: StageDriver) -> None:
-        super().__init__(driver, FrozenCheck(BEYOND_M, "m"))
+        super().__init__(driver, BEYOND_M, "m")
         self._rig = driver.description
 
-    def _held(self, state: StageState) -> FloatArray:
-        return np.array(state.position_m, dtype=np.float64)
-
-    def _measured(self, state: StageState) -> FloatArray:
-        return np.append(state.position_m, state.force_n)
-
-    def _target(self, command: FloatArray) -> FloatArray:
-        return np.array(command, dtype=np.float64)
+    def _read(self, state: StageState) -> tuple[FloatArray, FloatArray]:
+        return np.array(state.position_m, dtype=np.float64), np.append(state.position_m, state.force_n)
 
     def __call__(self, command: FloatArray, now_s: float) -> None:
         """See :meth:`StepCheck.__call__`."""
@@ -158,7 +152,7 @@ class StageCommandCheck(StepCheck[StageState, FloatArray]):
         rig = self._rig
         if (command < rig.lower_m - ROUNDING_M).any() or (command > rig.upper_m + ROUNDING_M).any():
             raise HandError(f"{_shown(command)} lies outside the travel", "command")
-        self._frozen()
+        self._check_frozen(base)
         step_m, longest_m = float(np.linalg.norm(command - base)), self._longest_m(now_s)
         if step_m > longest_m + ROUNDING_M:
             text = f"a step of {1e3 * step_m:.3g} mm, and in the time passed {1e3 * longest_m:.3g} mm is the most"

@@ -95,7 +95,8 @@ def test_forces_and_places_are_those_planned(whole: Rig):
     assert column(whole, "cycle").tolist() == [0, 0, 0, 1]
     assert column(whole, "pose").tolist() == ["A", "A", "B", "A"]
     joints = {f"{name}_{j}" for name in ("q", "tau", "q_desired", "tau_rest") for j in range(6)}
-    assert joints <= set(presses.columns)
+    assert joints | {"speed_m_per_s", "shear_u_n", "shear_v_n"} <= set(presses.columns)
+    assert max(whole.hands[0].forces) < 5.5
     # The commanded angles lead the measured ones into the skin.
     assert abs(presses.columns["q_desired_1"][2] - presses.columns["q_1"][2]) > 0.01
     assert dataset.frames is not None and "q_desired_5" in dataset.frames.columns
@@ -118,14 +119,6 @@ def test_frames_cover_the_session_from_rest_to_rest(whole: Rig):
     assert np.abs(frames.force_n[idle]).max() < 0.15
     # The noise of one count aside, nothing is seen where nothing touches.
     assert frames.counts[idle].mean() < 1.0
-
-
-def test_the_hand_never_drags_over_the_skin(whole: Rig):
-    forces = np.array(whole.hands[0].forces)
-    touching = forces > 0.05
-    touches = int(np.sum(np.diff(touching.astype(int)) == 1))
-    assert touches == len(PLAN)
-    assert forces.max() < 5.5
 
 
 def test_torque_offsets_are_taken_off(rig: Rig):
