@@ -94,7 +94,7 @@ class RemoteDriver(HandDriver):
         hello = {"digest": self._description.digest, "hand": self._description.name}
         try:
             self._socket = self._open(context)
-            welcome = self._ask("hello", hello, "welcome", limit_s=CONNECT_S)
+            welcome = self._ask("hello", hello, "welcome")
             self._period_s, self._watchdog_s = number(welcome, "period_s"), number(welcome, "watchdog_s")
             self.real_time = welcome.body.get("real_time") is not False
         except BaseException as error:
@@ -166,14 +166,13 @@ class RemoteDriver(HandDriver):
             raise
         return socket
 
-    def _ask(self, kind: str, body: dict[str, Any], expected: str, *, limit_s: float = CALL_S) -> Message:
+    def _ask(self, kind: str, body: dict[str, Any], expected: str) -> Message:
         """Send a request over the session's connection and wait for the answer."""
         if self._socket is None:
             raise HandError(f"{kind}: the hand is not connected", "order")
         self._number += 1
-        return self._exchange(
-            self._socket, Message(kind, self._number, self._session, body), expected, limit_s
-        )
+        request = Message(kind, self._number, self._session, body)
+        return self._exchange(self._socket, request, expected, CONNECT_S if kind == "hello" else CALL_S)
 
     def _exchange(
         self, socket: zmq.Socket[bytes], request: Message, expected: str, limit_s: float
