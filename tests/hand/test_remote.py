@@ -377,7 +377,7 @@ while True:
 
 def test_a_client_that_is_killed() -> None:
     hands = Hands()
-    with served(hands) as server:
+    with served(hands, replace(SERVE, guard=GuardOptions())) as server:
         code = CLIENT.format(tests=str(Path(__file__).parent), address=server.address)
         process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
         assert process.stdout is not None
