@@ -200,7 +200,7 @@ class Rig:
         A simulated hand is given the clock of its session, the cap and the contact history.
         """
         from skincal.collect import journal_folder
-        from skincal.collect.connection import GAP_S
+        from skincal.collect.session import GAP_S
         from skincal.hand.registry import create_driver, driver_options
 
         known = {option.name for option in driver_options(self.name_of_driver)}

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.collect.journal import Journal
+from skincal.collect.journal import Arrays, Journal
 from skincal.collect.record import OF_SKIN
 from skincal.covariates import POSITION
 from skincal.dataset import IDLE, Dataset, DatasetMeta, Frames, Presses
@@ -18,8 +17,6 @@ from skincal.dataset.count_checks import DEAD_STRETCH, long_stretches
 from skincal.dataset.rest import ACTIVE_COUNTS
 from skincal.errors import Problem
 from skincal.model.arrays import FloatArray
-
-Arrays = dict[str, NDArray[Any]]
 
 OWN_OF_PRESSES = ("press", *POSITION, "force_n", "counts")
 OWN_OF_FRAMES = (*OWN_OF_PRESSES, "phase", "time_s")
@@ -41,7 +38,8 @@ def dataset_of(journal: Journal, meta: DatasetMeta, source: str, created: dateti
 
 
 def _presses(rows: Sequence[Arrays]) -> Presses:
-    table = {name: _column(rows, name) for name in _names(rows)}
+    names = dict.fromkeys(name for row in rows for name in row)
+    table = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
     own = {name: table.pop(name) for name in OWN_OF_PRESSES}
     return Presses(
         own["press"].astype(np.int64),
@@ -75,16 +73,6 @@ def _answered(counts: NDArray[np.float64]) -> NDArray[np.bool_]:
         if not moment.any():
             return kept
         kept[np.flatnonzero(kept)[moment.any(axis=1)]] = False
-
-
-def _names(rows: Sequence[Arrays]) -> list[str]:
-    """Return the names of all columns, in the order of their first occurrence."""
-    return list(dict.fromkeys(name for row in rows for name in row))
-
-
-def _column(rows: Sequence[Arrays], name: str) -> NDArray[Any]:
-    """Return a column of the rows; NaN for rows that do not have it."""
-    return np.array([row.get(name, np.nan) for row in rows])
 
 
 def _given(table: Arrays) -> Arrays:
@@ -125,8 +113,9 @@ def rest_shifts(dataset: Dataset) -> tuple[Problem, ...]:
     numbers, levels, errors = _pauses(dataset)
     found: list[Problem] = []
     for k in range(1, len(levels)):
-        before = _median(levels[max(k - AROUND, 0) : k])
-        after = _median(levels[k : k + AROUND])
+        # NaN for a taxel that is silent in one of the pauses.
+        before = np.median(levels[max(k - AROUND, 0) : k], axis=0)
+        after = np.median(levels[k : k + AROUND], axis=0)
         step, shift = np.abs(levels[k] - levels[k - 1]), np.abs(after - before)
         least = np.maximum(ACTIVE_COUNTS, SIGMAS * np.hypot(errors[k], errors[k - 1]))
         shifted = np.flatnonzero((shift > least) & (step > 0.5 * shift))
@@ -139,11 +128,6 @@ def rest_shifts(dataset: Dataset) -> tuple[Problem, ...]:
                 Problem(f"press {numbers[k - 1]}", "the same level at rest before and after it", got, FIX)
             )
     return tuple(found)
-
-
-def _median(levels: FloatArray) -> FloatArray:
-    """Return the median over pauses (J,); NaN for a taxel that is silent in one of them."""
-    return np.median(levels, axis=0)
 
 
 def _pauses(dataset: Dataset) -> tuple[list[int], FloatArray, FloatArray]:

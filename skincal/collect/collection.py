@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from skincal.bounded import parse_toml, read_text
 from skincal.collect.assemble import dataset_of, rest_shifts
-from skincal.collect.connection import Session
+from skincal.collect.connection import HandSession
 from skincal.collect.journal import Journal, digest_of, journal_folder
 from skincal.collect.plan import Plan
 from skincal.collect.plan_file import plan_as_toml, read_plan
@@ -21,6 +21,7 @@ from skincal.collect.poses import with_poses
 from skincal.collect.posture import Fingers, Mount
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.progress import MakeDriver, Watch
+from skincal.collect.session import Session
 from skincal.collect.stage import StageSession, check_height
 from skincal.dataset import Dataset, DatasetMeta, check_dataset, write_dataset
 from skincal.errors import InputError, Problem, input_error
@@ -123,7 +124,12 @@ def collect(
         journal = Journal.open(folder, same, {"created": datetime.now(UTC).isoformat()}, restart=restart)
         resumed = _sound_presses(journal, rig.meta)
         try:
-            _make_presses(plan, rig, journal, make_driver, options, guard, watch)
+            if isinstance(rig, StageDescription):
+                StageSession(Session(plan, journal, options, watch), rig).run(make_driver, guard)
+            else:
+                fingers = Fingers(Kinematics(rig), Mount.of(rig.meta))
+                resolved = _resolved(plan, journal, fingers, options)
+                HandSession(Session(resolved, journal, options, watch), fingers).run(make_driver, guard)
         except BaseException:
             if not journal.connections():  # The rig was never reached.
                 journal.remove()
@@ -138,26 +144,6 @@ def collect(
         journal.remove()
     session_s = float(times[-1] - times[0])
     return Collected(dataset, resumed, session_s, cuts, problems, rest_shifts(dataset))
-
-
-def _make_presses(
-    plan: Plan,
-    rig: HandDescription | StageDescription,
-    journal: Journal,
-    make_driver: MakeDriver,
-    options: CollectOptions,
-    guard: GuardOptions | None,
-    watch: Watch | None,
-) -> None:
-    """Make the presses that are missing in the journal."""
-    if isinstance(rig, StageDescription):
-        StageSession(plan, journal, rig, options, watch).run(make_driver, guard)
-        return
-    fingers = Fingers(Kinematics(rig), Mount.of(rig.meta))
-    resolved = _resolved(plan, journal, fingers, options)
-    session = Session(resolved, journal, fingers, make_driver, options, guard, watch)
-    if session.todo:
-        session.run()
 
 
 def _sound_presses(journal: Journal, meta: DatasetMeta) -> int:

@@ -24,7 +24,9 @@ from skincal.bounded import UnreadableError, parse_json, read_arrays, read_text
 from skincal.errors import InputError, Problem, input_error
 from skincal.files import whole_file
 
-Arrays = Mapping[str, NDArray[Any]]
+Arrays = dict[str, NDArray[Any]]
+"""Columns by name."""
+
 _log = logging.getLogger("skincal")
 
 HEAD = "session.json"
@@ -96,11 +98,11 @@ class Journal:
             pass
         raise _damaged(folder / HEAD, "the description of an interrupted session")
 
-    def presses(self) -> dict[int, dict[str, NDArray[Any]]]:
+    def presses(self) -> dict[int, Arrays]:
         """Return every finished press by its number."""
         return {int(path.stem.removeprefix("press-")): arrays for path, arrays in self._read("press")}
 
-    def rests(self) -> list[dict[str, NDArray[Any]]]:
+    def rests(self) -> list[Arrays]:
         """Return the recordings between presses: before the first, after the last, and after interruptions."""
         return [arrays for _, arrays in self._read("rest")]
 
@@ -147,16 +149,16 @@ class Journal:
         import io
 
         buffer = io.BytesIO()
-        np.savez(buffer, **dict(arrays))  # pyright: ignore[reportArgumentType]
+        np.savez(buffer, **arrays)  # pyright: ignore[reportArgumentType]
         _durably(self.folder / name, buffer.getvalue())
 
-    def _read(self, kind: str) -> list[tuple[Path, dict[str, NDArray[Any]]]]:
+    def _read(self, kind: str) -> list[tuple[Path, Arrays]]:
         """Return the complete files in the order of their names.
 
         Raises:
             OSError: one cannot be read at present; it is no reason to press there again, and lose it.
         """
-        found: list[tuple[Path, dict[str, NDArray[Any]]]] = []
+        found: list[tuple[Path, Arrays]] = []
         for path in sorted(self.folder.glob(f"{kind}-*.npz")):
             if not path.stem.removeprefix(f"{kind}-").isdecimal():
                 continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -49,12 +49,7 @@ class PlannedPress:
 
     def same_press(self, other: PlannedPress) -> bool:
         """Return whether another press equals this one in everything but its purpose."""
-        return _content(self) == _content(other)
-
-
-def _content(press: PlannedPress) -> tuple[object, ...]:
-    pace = (press.force_n, press.speed_m_per_s, press.hold_s)
-    return (*press.site, *pace, press.pose, press.indenter_radius_m)
+        return replace(self, kind=other.kind) == other
 
 
 @dataclass(frozen=True)

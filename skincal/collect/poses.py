@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -98,7 +98,12 @@ def check_reach(plan: Plan, fingers: Fingers, options: CollectOptions) -> None:
     Raises:
         InputError: some presses cannot be made; all are reported.
     """
-    problems = _pose_problems(plan.poses, len(fingers.kinematics.skin.columns))
+    joints = len(fingers.kinematics.skin.columns)
+    problems = [
+        Problem(f"plan, pose {name}", f"{joints} angles [rad], of the finger with the skin", f"{len(angles)}")
+        for name, angles in plan.poses.items()
+        if len(angles) != joints
+    ]
     for number, press in enumerate(plan.presses) if not problems else ():
         at = f"u {1e3 * press.u_m:g} mm, v {1e3 * press.v_m:g} mm, pose {press.pose}"
         problems += _press_problems(f"plan {plan.name}, press {number} ({at})", press, plan, fingers, options)
@@ -113,9 +118,8 @@ def _press_problems(
     points, _ = fingers.mount.place([press.site])
     if not np.isfinite(points).all():
         return [Problem(where, "a site on the surface", "one beyond its edge")]
-    radius = press.indenter_radius_m or radius_of(fingers)
     try:
-        posture = fingers.posture(press.site, np.array(plan.poses[press.pose]), radius, heights(options))
+        posture = fingers.posture(press.site, plan.poses[press.pose], options, press.indenter_radius_m)
     except WorkError as error:
         return [Problem(where, "a site within reach", str(error))]
     reach = reach_of(fingers, posture, press.force_n)
@@ -131,18 +135,6 @@ def _press_problems(
         expected = f"a force of at most {limit:g} N (hand's max_force_n)"
         problems.append(Problem(where, expected, f"{press.force_n:g} N"))
     return problems
-
-
-def heights(options: CollectOptions) -> tuple[float, float]:
-    """Return the lowest and highest height of the indenter above the nominal skin in a press [m]."""
-    return -options.search_m, options.clearance_m
-
-
-def radius_of(fingers: Fingers) -> float:
-    """Return the radius of the hand's own indenter [m]."""
-    radius = fingers.kinematics.description.meta.indenter.radius_m
-    assert radius is not None
-    return radius
 
 
 def reach_of(fingers: Fingers, posture: Posture, force_n: float) -> Reach:
@@ -165,7 +157,7 @@ def _reach(
     margin, share = np.inf, 0.0
     for site in sites:
         try:
-            posture = fingers.posture(site, skin, radius_of(fingers), heights(options))
+            posture = fingers.posture(site, skin, options)
         except WorkError:
             return None
         reach = reach_of(fingers, posture, plan.largest_force_n)
@@ -179,13 +171,4 @@ def _corners(sites_m: FloatArray) -> list[tuple[float, float]]:
     """Return the corners of the sites' field, the middles of its sides, and its middle."""
     low, high = sites_m.min(axis=0), sites_m.max(axis=0)
     shares = [(0.5, 0.5), *itertools.product((0.0, 1.0), repeat=2), (0, 0.5), (1, 0.5), (0.5, 0), (0.5, 1)]
-    points = [low + np.array(share) * (high - low) for share in shares]
-    return [(float(point[0]), float(point[1])) for point in points]
-
-
-def _pose_problems(poses: Mapping[str, tuple[float, ...]], joints: int) -> list[Problem]:
-    return [
-        Problem(f"plan, pose {name}", f"{joints} angles [rad], of the finger with the skin", f"{len(angles)}")
-        for name, angles in poses.items()
-        if len(angles) != joints
-    ]
+    return [(u_m, v_m) for u_m, v_m in (low + np.array(shares) * (high - low)).tolist()]

@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from skincal.collect.press_options import CollectOptions
 from skincal.dataset import DatasetMeta
 from skincal.dataset.model_objects import layout_of, pose_of, surface_of
 from skincal.dataset.placement import patch_coordinates
@@ -114,15 +115,29 @@ class Fingers:
     kinematics: Kinematics
     mount: Mount
 
+    @property
+    def radius_m(self) -> float:
+        """Radius of the hand's own indenter [m]."""
+        radius = self.kinematics.description.meta.indenter.radius_m
+        assert radius is not None
+        return radius
+
     def posture(
         self,
         site: tuple[float, float],
-        skin_rad: FloatArray,
-        indenter_radius_m: float,
-        range_m: tuple[float, float],
+        skin_rad: ArrayLike,
+        options: CollectOptions,
+        indenter_radius_m: float | None = None,
         start_rad: FloatArray | None = None,
     ) -> Posture:
         """Return the posture over a site.
+
+        Args:
+            site: patch coordinates [m].
+            skin_rad: angles of the finger with the skin [rad].
+            options: how deep and how high the indenter goes.
+            indenter_radius_m: radius of the sphere [m]; None: the hand's own.
+            start_rad: angles of the links from which those of the posture are searched (n,) [rad]; None: home.
 
         Raises:
             WorkError: the site is out of reach.
@@ -131,10 +146,11 @@ class Fingers:
         points, normals = self.mount.place([site])
         q = np.array(hand.home_rad if start_rad is None else start_rad, dtype=np.float64)
         q[kinematics.skin.columns] = skin_rad
-        heights = np.linspace(*range_m, HEIGHTS)
+        heights = np.linspace(-options.search_m, options.clearance_m, HEIGHTS)
+        radius_m = indenter_radius_m or self.radius_m
         links = np.empty((HEIGHTS, len(q)))
         for i in reversed(range(HEIGHTS)):
-            q = place_indenter(kinematics, points[0] + (indenter_radius_m + heights[i]) * normals[0], q)
+            q = place_indenter(kinematics, points[0] + (radius_m + heights[i]) * normals[0], q)
             links[i] = q
         touching = int(np.argmin(np.abs(heights)))
         torques = self.unit_torques(links[touching], points[0], normals[0])

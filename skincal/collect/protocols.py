@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal, cast, get_args
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.collect.plan import Plan, PlannedPress, Site
 from skincal.errors import input_error
@@ -87,8 +86,8 @@ def paper_plan(rng: np.random.Generator, layout: TaxelLayout, options: PaperProt
     return Plan(
         "paper",
         tuple(
-            PlannedPress(*_site(places[i]), _force(f), options.speed_m_per_s, options.hold_s)
-            for i, f in zip(chosen, forces, strict=True)
+            PlannedPress(*site, _force(f), options.speed_m_per_s, options.hold_s)
+            for site, f in zip(_sites(places[chosen]), forces, strict=True)
         ),
     )
 
@@ -153,16 +152,11 @@ def spread_sites(
         some = rng.choice(len(places), min(8, len(places)), replace=False)
         # Distances count only within one cover of the grid; a second cover starts over.
         cover = chosen[len(places) * (len(chosen) // len(places)) :]
-        away = _nearest_m(places[some], places[cover])
+        apart = np.linalg.norm(places[some][:, None] - places[cover], axis=2)
+        away = apart.min(axis=1, initial=np.inf)
         if away.max() > 0:
             chosen.append(int(some[np.argmax(away)]))
-    return [_site(places[i]) for i in rng.permutation(chosen)]
-
-
-def _nearest_m(points: FloatArray, others: FloatArray) -> FloatArray:
-    if not len(others):
-        return np.full(len(points), np.inf)
-    return np.linalg.norm(points[:, None] - others[None], axis=2).min(axis=1)
+    return _sites(places[rng.permutation(np.array(chosen, dtype=np.int64))])
 
 
 def _regular(rng: np.random.Generator, sites: list[Site], options: FullProtocol) -> list[PlannedPress]:
@@ -193,16 +187,12 @@ def _even_forces(rng: np.random.Generator, count: int, range_n: tuple[float, flo
 
 def _balanced(rng: np.random.Generator, count: int, choices: int) -> list[int]:
     """Return choices (count,) in random order, each equally often."""
-    return _ints(rng.permutation(np.arange(count) % choices))
-
-
-def _ints(values: NDArray[Any]) -> list[int]:
-    return [int(value) for value in values]
+    return rng.permutation(np.arange(count) % choices).tolist()
 
 
 def _repeats(rng: np.random.Generator, regular: list[PlannedPress], count: int) -> list[PlannedPress]:
-    chosen = rng.choice(len(regular), min(count, len(regular)), replace=False)
-    return [replace(regular[i], kind="repeat") for i in _ints(chosen)]
+    chosen: list[int] = rng.choice(len(regular), min(count, len(regular)), replace=False).tolist()
+    return [replace(regular[i], kind="repeat") for i in chosen]
 
 
 def _revisits(
@@ -210,8 +200,8 @@ def _revisits(
 ) -> list[PlannedPress]:
     """Return the sites of regular presses with another force, pace and pose."""
     count = min(options.revisits, len(regular))
-    chosen = rng.choice(len(regular), count, replace=False)
-    others = _regular(rng, [regular[i].site for i in _ints(chosen)], options)
+    chosen: list[int] = rng.choice(len(regular), count, replace=False).tolist()
+    others = _regular(rng, [regular[i].site for i in chosen], options)
     return [replace(press, kind="revisit") for press in others]
 
 
@@ -222,9 +212,10 @@ def _in_blocks(
     length = ANCHOR_EVERY - 1
     blocks: list[list[list[PlannedPress]]] = []
     for pose in options.poses:
-        of_pose = [pool[i] for i in _ints(rng.permutation(len(pool))) if pool[i].pose == pose]
+        order: list[int] = rng.permutation(len(pool)).tolist()
+        of_pose = [pool[i] for i in order if pool[i].pose == pose]
         blocks.append([of_pose[i : i + length] for i in range(0, len(of_pose), length)])
-    first = _ints(rng.permutation(len(blocks)))
+    first: list[int] = rng.permutation(len(blocks)).tolist()
     turns = max((len(b) for b in blocks), default=0)
     return [press for t in range(turns) for i in first if t < len(blocks[i]) for press in blocks[i][t]]
 
@@ -248,9 +239,9 @@ def named_by_order(order: list[PlannedPress]) -> list[PlannedPress]:
 
 def _anchor(layout: TaxelLayout, options: FullProtocol) -> PlannedPress:
     """Return the anchor: a slow press at the middle of the patch, with a medium force."""
-    middle = cast("FloatArray", layout.bounds_m.mean(axis=0)).round(9)
+    middle = _sites(layout.bounds_m.mean(axis=0, keepdims=True).round(9))[0]
     pace = (options.speeds_m_per_s[-1], options.holds_s[0])
-    return PlannedPress(*_site(middle), options.anchor_force_n, *pace, options.poses[0], "anchor")
+    return PlannedPress(*middle, options.anchor_force_n, *pace, options.poses[0], "anchor")
 
 
 def _with_anchors(order: list[PlannedPress], anchor: PlannedPress) -> list[PlannedPress]:
@@ -263,8 +254,9 @@ def _with_anchors(order: list[PlannedPress], anchor: PlannedPress) -> list[Plann
     return [*presses, anchor]
 
 
-def _site(place: FloatArray) -> Site:
-    return float(place[0]), float(place[1])
+def _sites(places: FloatArray) -> list[Site]:
+    """Return places (N, 2) [m] as sites."""
+    return [(u_m, v_m) for u_m, v_m in places.tolist()]
 
 
 def _force(force_n: float) -> float:

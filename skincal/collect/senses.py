@@ -11,6 +11,7 @@ import numpy as np
 from skincal.errors import WorkError
 from skincal.hand.driver import HandState
 from skincal.hand.guard import GuardedHand
+from skincal.hand.loop import ControlLoop
 from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics, contact_from_joints
 from skincal.robot.contact import prepare_contacts
@@ -55,15 +56,9 @@ class Senses:
         self.tare_nm: FloatArray = np.zeros(len(kinematics.description.joints))
         prepare_contacts(kinematics)
 
-    def start_clock(self, state: HandState, session_s: float) -> None:
-        """Set the session's clock to ``session_s`` at a state."""
-        self._shift_s = session_s - state.time_s
-        self._last = None
-
-    @property
-    def shift_s(self) -> float:
-        """Difference of the session's clock from the hand's [s]."""
-        return self._shift_s
+    def shift_clock(self, shift_s: float) -> None:
+        """Set the difference of the session's clock from the hand's [s]."""
+        self._shift_s, self._last = shift_s, None
 
     def contact_force(self, state: HandState) -> float:
         """Return the size of the contact force of a state [N], including its shear, for the guard."""
@@ -116,45 +111,17 @@ def _frame_time(state: HandState) -> float:
     return float(times[good].mean()) if good.any() else float("nan")
 
 
-Watcher = Callable[[Sample, str], None]
-"""Callback with every sample and the present action of the hand."""
+class Loop(ControlLoop[Sample]):
+    """Control loop that stores the samples of its states until they are taken."""
 
+    def __init__(
+        self, hand: GuardedHand, senses: Senses, watch: Callable[[Sample, str], None] | None = None
+    ) -> None:
+        super().__init__(hand, watch)
+        self.senses = senses
 
-class Loop:
-    """Control loop that commands the hand through its guard and stores the samples."""
-
-    def __init__(self, hand: GuardedHand, senses: Senses, watch: Watcher | None = None) -> None:
-        self.hand, self.senses = hand, senses
-        self._watch = watch
-        self.period_s = hand.period_s
-        self.samples: list[Sample] = []
-        self.doing = ""
-
-    @property
-    def now(self) -> Sample:
-        """The last sample."""
-        return self.samples[-1]
-
-    def look(self) -> Sample:
-        """Return the next sample, without sending a command."""
-        sample = self.senses.sample(self.hand.observe())
-        self.samples.append(sample)
-        if self._watch is not None:
-            self._watch(sample, self.doing)
-        return sample
-
-    def step(self, command_rad: FloatArray) -> Sample:
-        """Send commanded angles (n,) [rad], limited to what the joints may do; return the next sample."""
-        self.hand.act(self.hand.nearest(command_rad))
-        return self.look()
-
-    def hold(self, command_rad: FloatArray, time_s: float) -> list[Sample]:
-        """Hold commanded angles for a time; return the samples."""
-        return [self.step(command_rad) for _ in range(self.steps(time_s))]
-
-    def steps(self, time_s: float) -> int:
-        """Return the number of periods in a time, at least one."""
-        return max(1, round(time_s / self.period_s))
+    def _sample(self, state: HandState) -> Sample:
+        return self.senses.sample(state)
 
     def take(self) -> list[Sample]:
         """Return the samples since the last call, and clear them."""

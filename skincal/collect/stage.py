@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from skincal.collect.journal import Journal
+from skincal.collect.journal import Arrays
 from skincal.collect.plan import Plan, PlannedPress
 from skincal.collect.posture import Mount
 from skincal.collect.press import Moments
-from skincal.collect.press_options import CollectOptions
-from skincal.collect.progress import MakeDriver, Need, Progress, StageSample, Watch
-from skincal.collect.record import Arrays, missed_target, named, phase_columns, press_row, rest_columns
+from skincal.collect.progress import MakeDriver, StageSample
+from skincal.collect.session import Session
 from skincal.covariates import POSITION
 from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD
 from skincal.errors import InputError, Problem, WorkError, input_error
@@ -28,9 +27,6 @@ SOFTEST_N_PER_M = 2e3
 BLIND_M, BLIND_S = 0.5e-3, 0.05
 """Largest way into the skin without any growth of the force, for a skin as soft as can be and a slow load cell: the
 way itself, and the time at the press's speed [m, s]."""
-
-GAP_S = 1.0
-"""Gap between the sessions before and after an interruption [s]."""
 
 
 def stage_plan(plan: Plan, rig: StageDescription) -> Plan:
@@ -76,55 +72,39 @@ def check_height(rig: StageDescription, clearance_m: float) -> None:
 class StageSession:
     """Executor of the missing presses of a session."""
 
-    def __init__(
-        self,
-        plan: Plan,
-        journal: Journal,
-        rig: StageDescription,
-        options: CollectOptions,
-        watch: Watch | None,
-    ) -> None:
-        self._plan, self._journal, self._options, self._watch = plan, journal, options, watch
-        self._points, _ = Mount.of(rig.meta).place(plan.sites_m())
-        self._cycles = plan.cycles()
-        self._todo, self._last_s = journal.open_end(len(plan))
+    def __init__(self, session: Session, rig: StageDescription) -> None:
+        self._session, self._options = session, session.options
+        self._points, _ = Mount.of(rig.meta).place(session.plan.sites_m())
 
     def run(self, make_driver: MakeDriver, guard: GuardOptions | None) -> None:
         """Make the presses; arguments and errors are those of :func:`skincal.collect.collect`."""
-        if not self._todo:
+        session = self._session
+        if not session.todo:
             return
-        driver = make_driver(Need(max(self._last_s, 0.0), None, len(self._journal.connections())))
+        driver = make_driver(session.need())
         assert isinstance(driver, StageDriver)
         with GuardedStage(driver, guard) as stage:
-            self._stage, self._samples, self._shift_s, self._tare_n = stage, list[StageSample](), 0.0, 0.0
-            first = self._see(IDLE)
-            if np.isfinite(self._last_s):
-                # Another connection, another clock: the session's own continues a moment later.
-                self._shift_s = self._last_s + GAP_S - first.time_s
-                self._samples = [replace(first, time_s=first.time_s + self._shift_s)]
-            self._journal.connected(
-                {"first": self._todo[0], "resumed": bool(np.isfinite(self._last_s)), "shift_s": self._shift_s}
-            )
-            self._tip = np.clip(first.state.position_m, stage.description.lower_m, stage.description.upper_m)
-            top = self._options.clearance_m
-            self._go([*self._tip[:2], max(float(self._tip[2]), top)])
-            self._wait(self._options.rest_s)
-            self._keep_rest()
-            for number in list(self._todo):
-                self._press(number, self._plan.presses[number])
-                self._todo.remove(number)
-            self._wait(self._options.rest_s)
-            self._keep_rest()
+            self._stage, self._samples, self._tare_n = stage, list[StageSample](), 0.0
+            first = stage.observe()
+            self._shift_s = session.connect(first.time_s)
+            self._tip = np.clip(first.position_m, stage.description.lower_m, stage.description.upper_m)
+            self._go([*self._tip[:2], max(float(self._tip[2]), self._options.clearance_m)])
+            self._rest()
+            for number in list(session.todo):
+                self._press(number, session.plan.presses[number])
+            self._rest()
+
+    def _rest(self) -> None:
+        """Wait, and record the skin at rest."""
+        self._wait(self._options.rest_s)
+        self._session.keep_rest(self._frames())
 
     def _see(self, phase: int) -> StageSample:
         state = self._stage.observe()
         force_n = state.force_n - self._tare_n
         self._now = StageSample(state.time_s + self._shift_s, force_n, state, phase)
         self._samples.append(self._now)
-        if self._watch is not None:
-            done, total = len(self._plan) - len(self._todo), len(self._plan)
-            planned = self._plan.presses[self._todo[0] if self._todo else -1]
-            self._watch(Progress(done, total, planned, PHASES[phase], self._now))
+        self._session.report(self._now, PHASES[phase])
         return self._now
 
     def _step(self, tip: FloatArray | list[float], phase: int) -> StageSample:
@@ -175,7 +155,7 @@ class StageSession:
             if pressed and sample.force_n < options.contact_n / 2:
                 times.end_s = sample.time_s
         self._wait(options.idle_s)
-        self._keep(number, planned, times)
+        self._keep(number, times)
 
     def _ramp_s(self, planned: PlannedPress) -> float:
         """Return the time to enter a soft skin at the planned speed, plus half a second to come to rest."""
@@ -220,22 +200,17 @@ class StageSession:
             "phase": np.array([sample.phase for sample in kept]),
         }
 
-    def _keep_rest(self) -> None:
-        frames = self._frames()
-        self._journal.keep_rest(named("frames", frames | rest_columns(len(frames["time_s"]))))
-
-    def _keep(self, number: int, planned: PlannedPress, times: Moments) -> None:
-        cycle, begin_s = self._cycles[number], times.hold_s + self._options.settle_s
+    def _keep(self, number: int, times: Moments) -> None:
+        begin_s = times.hold_s + self._options.settle_s
         held = [one.state for one in self._samples if one.phase == HOLD and one.time_s >= begin_s]
         held = held or [self._now.state]
         force = float(np.mean([state.force_n for state in held])) - self._tare_n
         place: FloatArray = np.mean(np.array([state.position_m for state in held], dtype=np.float64), axis=0)
-        missed = missed_target(planned, force, self._options)
         means = {"force_n": force, "x_m": float(place[0]), "y_m": float(place[1]), "z_m": 0.0}
-        row = press_row(number, cycle, planned, self._points[number], times, means, missed)
+        row = self._session.press_row(number, self._points[number], times, means)
         del row["pose"]  # of a hand
         found = bool(np.isfinite(times.start_s))
-        row["status"] = "no_contact" if not found else "missed_target" if missed else "ok"
+        row["status"] = "no_contact" if not found else "missed_target" if row["missed_target"] else "ok"
         row["force_rest_n"] = self._tare_n
         row["counts"] = np.mean(np.array([state.taxels for state in held], dtype=np.float64), axis=0)
         frames = self._frames()
@@ -244,5 +219,4 @@ class StageSession:
         begun = frames["time_s"] >= times.start_s
         ended = frames["time_s"] > (times.end_s if np.isfinite(times.end_s) else np.inf)
         phase = np.where(begun & ~ended, frames["phase"], IDLE)
-        frames |= phase_columns(phase, number, cycle, planned)
-        self._journal.keep_press(number, named("press", row) | named("frames", frames))
+        self._session.keep(number, row, frames | self._session.phase_columns(phase, number))

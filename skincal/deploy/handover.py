@@ -62,15 +62,8 @@ def _force(jacobian: FloatArray, torque_nm: FloatArray) -> FloatArray:
     return as_floats(np.linalg.solve(square + 1e-12 * np.eye(3), jacobian @ torque_nm))
 
 
-def take(
-    motion: Motion,
-    pinch: Pinch,
-    postures: Postures,
-    forces: PinchForces,
-    width_m: float,
-    options: DeployOptions,
-) -> FloatArray:
-    """Open the fingers, close them about an object until both touch it, and squeeze.
+class Handover:
+    """The taking of an object, and the letting go of it.
 
     Args:
         motion: the hand.
@@ -79,68 +72,81 @@ def take(
         forces: of the fingers.
         width_m: width of the object [m].
         options: speeds and forces.
-
-    Returns:
-        (n,) commanded angles at which the object is held [rad].
-
-    Raises:
-        WorkError: the fingers met without touching anything.
     """
-    width = width_m + options.open_m
-    motion.doing = "opening"
-    motion.go(postures.at(width), options.approach_rad_per_s)
-    states = motion.hold(postures.at(width), options.rest_s)
-    forces.tare_nm = np.mean([state.tau_nm for state in states], axis=0)
-    motion.rest_counts = np.mean([state.taxels for state in states], axis=0)
-    motion.doing = "closing"
-    return _squeeze(motion, pinch, forces, _close(motion, pinch, postures, forces, width_m, options), options)
 
+    def __init__(
+        self,
+        motion: Motion,
+        pinch: Pinch,
+        postures: Postures,
+        forces: PinchForces,
+        width_m: float,
+        options: DeployOptions,
+    ) -> None:
+        self._motion, self._description, self._postures = motion, pinch.description, postures
+        self._forces, self._width_m, self._options = forces, width_m, options
 
-def _close(
-    motion: Motion,
-    pinch: Pinch,
-    postures: Postures,
-    forces: PinchForces,
-    width_m: float,
-    options: DeployOptions,
-) -> FloatArray:
-    """Close each finger until it touches: whoever holds the object does not hold it exactly in the middle."""
-    thumb = np.isin(pinch.description.joints, pinch.description.indenter_finger.joints)
-    widths = np.full(2, width_m + options.open_m)
-    command, touched = postures.at(widths[0]), 0
-    while touched < _TOUCHED:
-        free = np.array(forces.normal_n(motion.now)) < options.contact_n
-        widths -= free * options.closing_m_per_s * motion.period_s
-        # Fingers without an object meet each other at a width of zero; errors of the joints feign a few millimetres.
-        if widths.mean() < width_m / 3:
-            raise WorkError(
-                f"pinch: expected an object about {1e3 * width_m:.0f} mm wide between the fingertips; got none: they "
-                "closed, and not both of them pressed. Put it on the middle of the sensor before the fingers close."
-            )
-        command = np.where(thumb, postures.at(widths[1]), postures.at(widths[0]))
-        motion.step(command)
-        touched = 0 if free.any() else touched + 1
-    return command
+    def take(self) -> FloatArray:
+        """Open the fingers, close them about an object until both touch it, and squeeze.
 
+        Returns:
+            (n,) commanded angles at which the object is held [rad].
 
-def _squeeze(
-    motion: Motion, pinch: Pinch, forces: PinchForces, command_rad: FloatArray, options: DeployOptions
-) -> FloatArray:
-    """Let the normal force come up: commands beyond the angles by the torques over the joints' stiffness."""
-    motion.doing = "squeezing"
-    # The mean of some states: noise of one would be a torque of its own, and push the object aside.
-    still = motion.hold(command_rad, options.squeeze_s)
-    measured = np.mean([state.q_rad for state in still], axis=0)
-    torque = forces.torques_nm(still[-1], options.squeeze_n) + forces.tare_nm
-    goal = measured + torque / pinch.description.gains.stiffness_nm_per_rad
-    count = max(1, round(options.squeeze_s / motion.period_s))
-    for k in range(1, count + 1):
-        motion.step(command_rad + (goal - command_rad) * k / count)
-    motion.hold(goal, options.settle_s)
-    return goal
+        Raises:
+            WorkError: the fingers met without touching anything.
+        """
+        motion = self._motion
+        states = motion.hold(self._open("opening"), self._options.rest_s)
+        self._forces.tare_nm = np.mean([state.tau_nm for state in states], axis=0)
+        motion.rest_counts = np.mean([state.taxels for state in states], axis=0)
+        motion.doing = "closing"
+        command = self._close()
+        motion.doing = "squeezing"
+        return self._squeeze(command)
 
+    def let_go(self) -> None:
+        """Open the fingers again."""
+        self._open("letting go")
 
-def let_go(motion: Motion, postures: Postures, width_m: float, options: DeployOptions) -> None:
-    """Open the fingers again."""
-    motion.doing = "letting go"
-    motion.go(postures.at(width_m + options.open_m), options.approach_rad_per_s)
+    def _open(self, doing: str) -> FloatArray:
+        """Open the fingers; return their commanded angles (n,) [rad]."""
+        self._motion.doing = doing
+        goal = self._postures.at(self._width_m + self._options.open_m)
+        self._motion.go(goal, self._options.approach_rad_per_s)
+        return goal
+
+    def _close(self) -> FloatArray:
+        """Close each finger until it touches: whoever holds the object does not hold it exactly in the middle."""
+        motion, options, width_m = self._motion, self._options, self._width_m
+        thumb = np.isin(self._description.joints, self._description.indenter_finger.joints)
+        widths = np.full(2, width_m + options.open_m)
+        command, touched = self._postures.at(widths[0]), 0
+        while touched < _TOUCHED:
+            free = np.array(self._forces.normal_n(motion.now)) < options.contact_n
+            widths -= free * options.closing_m_per_s * motion.period_s
+            # Fingers without an object meet each other at a width of zero; errors of the joints feign a few
+            # millimetres.
+            if widths.mean() < width_m / 3:
+                raise WorkError(
+                    f"pinch: expected an object about {1e3 * width_m:.0f} mm wide between the fingertips; got none: "
+                    "they closed, and not both of them pressed. Put it on the middle of the sensor before the fingers "
+                    "close."
+                )
+            command = np.where(thumb, self._postures.at(widths[1]), self._postures.at(widths[0]))
+            motion.step(command)
+            touched = 0 if free.any() else touched + 1
+        return command
+
+    def _squeeze(self, command_rad: FloatArray) -> FloatArray:
+        """Let the normal force come up: commands beyond the angles by the torques over the joints' stiffness."""
+        motion, options = self._motion, self._options
+        # The mean of some states: noise of one would be a torque of its own, and push the object aside.
+        still = motion.hold(command_rad, options.squeeze_s)
+        measured = np.mean([state.q_rad for state in still], axis=0)
+        torque = self._forces.torques_nm(still[-1], options.squeeze_n) + self._forces.tare_nm
+        goal = measured + torque / self._description.gains.stiffness_nm_per_rad
+        count = motion.steps(options.squeeze_s)
+        for k in range(1, count + 1):
+            motion.step(command_rad + (goal - command_rad) * k / count)
+        motion.hold(goal, options.settle_s)
+        return goal

@@ -9,6 +9,7 @@ import numpy as np
 
 from skincal.hand.driver import HandState
 from skincal.hand.guard import GuardedHand
+from skincal.hand.loop import ControlLoop
 from skincal.model.arrays import FloatArray
 
 
@@ -49,49 +50,26 @@ Watch = Callable[[HandState, str], None]
 """Called with every state, and with what the hand is doing."""
 
 
-class Motion:
-    """Command a hand through its guard, and keep its states.
+class Motion(ControlLoop[HandState]):
+    """Control loop that keeps all states.
 
     Attributes:
-        states: all of them, in order.
         places_m: where the object was at each of them; NaN where nobody knows.
-        doing: what the hand is doing at each of them, as ``phases``.
+        phases: what the hand was doing at each of them.
         rest_counts: taxels at rest (J,) [counts].
     """
 
     def __init__(self, hand: GuardedHand, watch: Watch | None = None) -> None:
-        self._hand, self._watch = hand, watch
-        self.period_s = hand.period_s
-        self.states: list[HandState] = []
+        super().__init__(hand, watch)
+        self.doing = "waiting"
         self.places_m: list[FloatArray] = []
         self.phases: list[str] = []
-        self.doing = "waiting"
         self.rest_counts: FloatArray = np.zeros(0)
 
-    @property
-    def now(self) -> HandState:
-        """The last state."""
-        return self.states[-1]
-
-    def look(self) -> HandState:
-        """Return the next state, without a command."""
-        state = self._hand.observe()
-        place = self._hand.object_position_m()
-        self.states.append(state)
-        self.places_m.append(place)
+    def _sample(self, state: HandState) -> HandState:
+        self.places_m.append(self.hand.object_position_m())
         self.phases.append(self.doing)
-        if self._watch is not None:
-            self._watch(state, self.doing)
         return state
-
-    def step(self, command_rad: FloatArray) -> HandState:
-        """Send commanded angles (n,) [rad], cut to what the joints may do, and return the next state."""
-        self._hand.act(self._hand.nearest(command_rad))
-        return self.look()
-
-    def hold(self, command_rad: FloatArray, time_s: float) -> list[HandState]:
-        """Hold commanded angles for a time."""
-        return [self.step(command_rad) for _ in range(max(1, round(time_s / self.period_s)))]
 
     def go(self, goal_rad: FloatArray, speed_rad_per_s: float) -> None:
         """Go straight to commanded angles (n,) [rad], no joint faster than a speed [rad/s]."""

@@ -26,20 +26,13 @@ class PolicyObservation:
 
     def __init__(self, parts: Sequence[Mapping[str, Any]], sizes: Mapping[str, int], file: str) -> None:
         self._order = [(str(part["name"]), int(part.get("steps_ago", 0))) for part in parts]
-        problems = [
-            Problem(file, f"a policy that sees {', '.join(sizes)}", f'"{part["name"]}"')
-            for part in parts
-            if part["name"] not in sizes
-        ]
-        problems += [
-            Problem(
-                file,
-                f"{sizes[part['name']]} values of {part['name']}, as this hand and task have",
-                f"{part['size']}; the policy is for another hand or task",
-            )
-            for part in parts
-            if part["name"] in sizes and int(part["size"]) != sizes[part["name"]]
-        ]
+        problems: list[Problem] = []
+        for name, size in ((part["name"], part["size"]) for part in parts):
+            if name not in sizes:
+                problems.append(Problem(file, f"a policy that sees {', '.join(sizes)}", f'"{name}"'))
+            elif int(size) != sizes[name]:
+                expected = f"{sizes[name]} values of {name}, as this hand and task have"
+                problems.append(Problem(file, expected, f"{size}; the policy is for another hand or task"))
         if problems:
             raise InputError(list(dict.fromkeys(problems)))
         self._past: deque[dict[str, NDArray[np.float64]]] = deque(maxlen=1 + max(a for _, a in self._order))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.deploy.handover import PinchForces, let_go, take
+from skincal.deploy.handover import Handover, PinchForces
 from skincal.deploy.motion import DeployOptions, Motion, Watch
 from skincal.deploy.observation import PolicyObservation
 from skincal.deploy.record import Record
@@ -111,11 +111,12 @@ def deploy(
             state = motion.look()
             if seen.sees_image and not np.isfinite(state.taxels).any():
                 raise input_error(f"driver {hand.name}", f"{taxels} taxels, for a tactile policy", "none")
-            command = take(motion, pinch, postures, forces, object_width_m, options)
+            handover = Handover(motion, pinch, postures, forces, object_width_m, options)
+            command = handover.take()
             loop = _PolicyLoop(policy, seen, motion, pinch, forces, targets, speed_rad_per_s, options)
             loop.run(command)
             if loop.lost_s is None:
-                let_go(motion, postures, object_width_m, options)
+                handover.let_go()
     except BaseException:
         if loop is not None and loop.acting and cut_short is not None:
             cut_short(loop.found)
@@ -157,15 +158,17 @@ class _PolicyLoop:
         motion = self._motion
         motion.doing = "acting"
         desired, sent = command_rad.copy(), command_rad.copy()
-        start_s, self._first = motion.now.time_s, len(motion.states) - 1
+        start_s, self._first = motion.now.time_s, len(motion.samples) - 1
         empty_s, sent_s, k = 0.0, start_s - motion.period_s, 0
         while k < len(self._targets) - 1:
-            desired = self._clipped(desired + self._step_rad * self._action(k, desired))
+            wanted = desired + self._step_rad * self._action(k, desired)
+            desired = np.clip(wanted, self._limits.lower_rad, self._limits.upper_rad)
             end_s = start_s + (k + 1) / POLICY_HZ
             while motion.now.time_s < end_s - 0.5 * motion.period_s:
                 # A slow link takes longer than a period.
                 passed_s, sent_s = motion.now.time_s - sent_s, motion.now.time_s
-                sent = sent + self._share(passed_s) * (desired - sent)
+                passed = -math.expm1(-2 * math.pi * self._options.low_pass_hz * passed_s)
+                sent = sent + passed * (desired - sent)
                 motion.step(sent)
                 empty_s = 0.0 if self._held() else empty_s + motion.now.time_s - sent_s
             late_s = motion.now.time_s - end_s
@@ -182,10 +185,6 @@ class _PolicyLoop:
             if empty_s >= self._options.lost_s:
                 self.lost_s = motion.now.time_s - start_s - empty_s
                 break
-
-    def _share(self, passed_s: float) -> float:
-        """Return the share of the way to the policy's angles that the low-pass lets through in a time."""
-        return -math.expm1(-2 * math.pi * self._options.low_pass_hz * passed_s)
 
     @property
     def acting(self) -> bool:
@@ -219,9 +218,6 @@ class _PolicyLoop:
         if not np.isfinite(action).all():
             raise WorkError(f"{self._policy.file}: expected finite actions; got NaN at step {k}")
         return np.clip(action, -1.0, 1.0)
-
-    def _clipped(self, q_rad: FloatArray) -> FloatArray:
-        return np.clip(q_rad, self._limits.lower_rad, self._limits.upper_rad)
 
     def _held(self) -> bool:
         """Return whether a finger still presses on something."""

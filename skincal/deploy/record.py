@@ -46,13 +46,12 @@ class Record:
     @classmethod
     def of(cls, motion: Motion, acting: int, forces: PinchForces) -> Record:
         """Return the record of a motion so far."""
-        phases, rest = tuple(motion.phases), motion.rest_counts
-        # An interrupt may have come while the last state was being noted; its phase is noted last.
-        states, places = motion.states[: len(phases)], np.array(motion.places_m[: len(phases)])
+        # An interrupt may have come while the last state was being noted, which is noted last.
+        states, count = tuple(motion.samples), len(motion.samples)
         normal = np.array([np.mean(forces.normal_n(state)) for state in states])
         return cls(
-            states=tuple(states), phases=phases, places_m=places, acting=acting, rest_counts=rest,
-            grip_n=np.maximum(normal, 0.0),
+            states=states, phases=tuple(motion.phases[:count]), places_m=np.array(motion.places_m[:count]),
+            acting=acting, rest_counts=motion.rest_counts, grip_n=np.maximum(normal, 0.0),
         )  # fmt: skip
 
     @property

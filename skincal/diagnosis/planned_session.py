@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.collect import CollectOptions, Mount, Plan
-from skincal.collect.poses import heights, radius_of, with_poses
+from skincal.collect.poses import with_poses
 from skincal.collect.posture import Fingers
-from skincal.collect.press import FAST
-from skincal.collect.travel import PEAK
+from skincal.collect.travel import paces_s
 from skincal.dataset.model_objects import indenter_of
 from skincal.effects import Samples, Steps, hold_session, met_before
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
@@ -109,23 +108,10 @@ def _seconds(course: Course) -> Floats:
 
 def _course(plan: Plan, fingers: Fingers, options: CollectOptions) -> Course:
     """When each press would be, much as the estimate of the session's length has it."""
-    stiffness = {
-        name: fingers.posture(
-            plan.presses[0].site, np.array(angles), radius_of(fingers), heights(options)
-        ).stiffness_n_per_m
-        for name, angles in plan.poses.items()
-    }
-    times, idle, now, before = np.zeros((len(plan), 4)), np.zeros(len(plan)), options.rest_s, None
-    for k, press in enumerate(plan.presses):
-        rate = stiffness[press.pose] * press.speed_m_per_s
-        slow = min(options.approach_m_per_s, options.touch_n_per_s / stiffness[press.pose])
-        way = 0.0 if before is None else float(np.hypot(*np.subtract(press.site, before.site)))
-        idle[k] = PEAK * way / options.travel_m_per_s + 2 * options.still_s + options.idle_s
-        idle[k] += options.before_contact_m / slow + 2 * options.clearance_m / (
-            FAST * options.approach_m_per_s
-        )
-        ramp = press.force_n / rate + options.ease_s
-        times[k] = now + idle[k] + np.cumsum([0.0, ramp, press.hold_s, ramp])
-        now, before = times[k, 3], press
+    times, idle, now_s = np.zeros((len(plan), 4)), np.zeros(len(plan)), options.rest_s
+    for k, (idle_s, ramp_s) in enumerate(paces_s(plan, fingers, options)):
+        ramp_s += options.ease_s
+        idle[k], times[k] = idle_s, now_s + idle_s + np.cumsum([0.0, ramp_s, plan.presses[k].hold_s, ramp_s])
+        now_s = times[k, 3]
     # What is observed of the rest is a short while after a press only.
     return Course(times, np.minimum(idle, options.idle_s + options.still_s))

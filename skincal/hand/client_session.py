@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from contextlib import suppress
 from queue import Empty, SimpleQueue
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
@@ -13,52 +13,20 @@ from skincal.hand.checks import ContactForce
 from skincal.hand.driver import HandCommand, HandDriver
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
-from skincal.hand.messages import Message, MessageError, number, numbers, refusal_body, state_body
+from skincal.hand.messages import Message, MessageError, encode, number, numbers, refusal_body, state_body
+from skincal.hand.sockets import zmq_module
 
 if TYPE_CHECKING:
+    import zmq
+
     from skincal.hand.serve import ServeOptions
 
 
 MOST_WAITING = 8
 """Requests of a client that wait for their turn; a client that waits for its answers has one."""
 
-
-@dataclass(frozen=True)
-class Reply:
-    """A message with its destination."""
-
-    client: bytes
-    message: Message
-
-
-class Outbox:
-    """Replies for the loop that sends them, which they wake."""
-
-    def __init__(self, replies: SimpleQueue[Reply], context: Any, zmq: Any) -> None:
-        self._replies, self._context, self._zmq = replies, context, zmq
-        self._wake: Any = None
-
-    def put(self, reply: Reply) -> None:
-        """Add a reply, from the loop's own thread."""
-        self._replies.put(reply)
-
-    def put_and_wake(self, reply: Reply) -> None:
-        """Add a reply from another thread, always the same."""
-        self._replies.put(reply)
-        try:
-            if self._wake is None:
-                self._wake = self._context.socket(self._zmq.PUSH)
-                self._wake.linger = 0
-                self._wake.connect("inproc://replies")
-            self._wake.send(b"", self._zmq.NOBLOCK)
-        except self._zmq.ZMQError:
-            # The server has ended meanwhile; nobody waits for the reply.
-            return
-
-    def close(self) -> None:
-        """Close the outbox to the other thread."""
-        if self._wake is not None:
-            self._wake.close()
+LONGEST_END_S = 3.0
+"""Longest time for which the end of a session is waited for [s]."""
 
 
 class Session:
@@ -66,6 +34,7 @@ class Session:
 
     Args:
         contact_force: computes the contact force; None: not checked.
+        wire: socket to the server's loop, on which the session's thread sends replies, each after its client's name.
 
     Attributes:
         over: whether the hand has been given back.
@@ -78,14 +47,14 @@ class Session:
         driver: HandDriver,
         options: ServeOptions,
         contact_force: ContactForce | None,
-        replies: Outbox,
+        wire: zmq.Socket[bytes],
     ) -> None:
         self.token = token
         self.over = False
         self.trouble: HandError | None = None
         self._options = options
         self._hand = GuardedHand(driver, options.guard_options, contact_force)
-        self._replies = replies
+        self._wire = wire
         self._connected = False
         self._given_back = False
         self._requests: SimpleQueue[Message | None] = SimpleQueue()
@@ -103,38 +72,39 @@ class Session:
         with self._lock:
             return not self.over or message.kind == "stop" or message.number <= self._number
 
-    def request(self, client: bytes, message: Message) -> None:
-        """Handle a request: do a new one, answer the last one again, ignore late older ones."""
+    def request(self, client: bytes, message: Message) -> Message | None:
+        """Handle a request: do a new one, answer the last one again, ignore late older ones.
+
+        Returns:
+            The reply; None: it comes later, or not at all.
+        """
         self._heard_s = time.monotonic()
         if message.kind == "stop":
-            self._stop(client, message)
-            return
+            return self._stop(message)
         with self._lock:
             self._client = client
-            if message.number > self._number and self._requests.qsize() >= MOST_WAITING:
-                return  # nobody asks for more before an answer; what is dropped is asked for again
-            if message.number > self._number:
+            if message.number == self._number:
+                return self._last or Message("wait", message.number, self.token)
+            # Nobody asks for more before an answer; what is dropped is asked for again.
+            if message.number > self._number and self._requests.qsize() < MOST_WAITING:
                 self._number, self._last = message.number, None
                 self._requests.put(message)
-            elif message.number == self._number:
-                again = self._last or Message("wait", message.number, self.token)
-                self._replies.put(Reply(client, again))
+        return None
 
-    def end(self, wait_s: float = 3.0) -> None:
+    def end(self) -> None:
         """Stop the hand and release it."""
         try:
             self._hand.stop()
         finally:
             self._requests.put(None)
-            self._thread.join(wait_s)
+            self._thread.join(LONGEST_END_S)
 
-    def _stop(self, client: bytes, message: Message) -> None:
+    def _stop(self, message: Message) -> Message:
         try:
             self._hand.stop()
-            reply = Message("done", message.number, self.token)
         except HandError as error:
-            reply = Message("refused", message.number, self.token, refusal_body(error))
-        self._replies.put(Reply(client, reply))
+            return Message("refused", message.number, self.token, refusal_body(error))
+        return Message("done", message.number, self.token)
 
     def _work(self) -> None:
         try:
@@ -142,13 +112,18 @@ class Session:
                 reply = self._done(message)
                 with self._lock:
                     self._last, client = reply, self._client
-                self._replies.put_and_wake(Reply(client, reply))
+                self._send(client, reply)
                 if message.kind == "bye" or self._hand.failure is not None or not self._connected:
                     break
         finally:
             self._give_back()
             self._answer_rest()
-            self._replies.close()
+            self._wire.close()
+
+    def _send(self, client: bytes, message: Message) -> None:
+        zmq = zmq_module()
+        with suppress(zmq.ZMQError):  # the server has ended meanwhile; nobody waits for the reply
+            self._wire.send_multipart([client, encode(message)], zmq.NOBLOCK)
 
     def _next(self) -> Message | None:
         """Return the next request; None if the session is over, or its client has fallen silent.
@@ -235,7 +210,7 @@ class Session:
                 if message.kind != "bye":
                     body = refusal_body(HandError("the session is over", "lost"))
                     self._last = Message("refused", message.number, self.token, body)
-                self._replies.put_and_wake(Reply(self._client, self._last))
+                self._send(self._client, self._last)
 
     def _stop_quietly(self) -> None:
         """Stop the hand; the server reports a failure, and so does the client's own stop."""

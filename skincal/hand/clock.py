@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from skincal.hand.errors import Violation
+from skincal.hand.errors import HandError
 from skincal.hand.guard_options import GuardOptions
 
 DRIFT = 1e-3
@@ -42,54 +42,47 @@ class ClockCheck:
         self._last_s = self._now_s = self._advanced_s = math.nan
         self._behind_s = self._ahead_s = 0.0
 
-    def __call__(self, time_s: float, now_s: float, waited_s: float) -> Violation | None:
-        """Return the violation of a state's time; None if it is sound.
+    def __call__(self, time_s: float, now_s: float, waited_s: float) -> None:
+        """Check a state's time.
 
         Args:
             time_s: the hand's clock [s].
             now_s: our clock at the arrival of the state [s].
             waited_s: time that the driver took for it [s].
+
+        Raises:
+            HandError: a violation.
         """
         if not math.isfinite(time_s):
-            return Violation("clock", f"the hand's clock says {time_s}, which is not finite", value=time_s)
+            raise HandError(f"the hand's clock says {time_s}, which is not finite", "clock", value=time_s)
         if math.isnan(self._last_s):
             self._last_s, self._now_s, self._advanced_s = time_s, now_s, now_s
-            return None
+            return
         step_s, passed_s, last_s = time_s - self._last_s, now_s - self._now_s, self._last_s
         if step_s < 0:
             text = f"the hand's clock went back, from {last_s:.6f} s to {time_s:.6f} s"
-            return Violation("clock", text, value=time_s, limit=last_s)
+            raise HandError(text, "clock", value=time_s, limit=last_s)
         self._last_s, self._now_s = time_s, now_s
         if step_s > 0:
             self._advanced_s = now_s
-        return (
-            self._standing(time_s, now_s)
-            or self._jumped(step_s, passed_s)
-            or self._lag(step_s, passed_s, waited_s)
-        )
-
-    def _standing(self, time_s: float, now_s: float) -> Violation | None:
         for_s, limit_s = now_s - self._advanced_s, self._options.stale_s
-        if for_s <= limit_s:
-            return None
-        text = (
-            f"the hand's clock has stood at {time_s:.6f} s for {for_s:.3g} s, the limit is {limit_s:g} s: "
-            "the states are stale"
-        )
-        return Violation("clock", text, value=for_s, limit=limit_s)
-
-    def _jumped(self, step_s: float, passed_s: float) -> Violation | None:
+        if for_s > limit_s:
+            text = (
+                f"the hand's clock has stood at {time_s:.6f} s for {for_s:.3g} s, the limit is {limit_s:g} s: "
+                "the states are stale"
+            )
+            raise HandError(text, "clock", value=for_s, limit=limit_s)
         # A state whose answer was lost on its way comes late, and the next one does not.
-        late_s = self._behind_s if self._real_time else 0.0
-        if self._recorded or step_s <= passed_s + late_s + self._jump_s:
-            return None
-        text = (
-            f"the hand's clock jumped by {step_s:.4g} s within {passed_s:.3g} s of ours; at most "
-            f"{late_s + self._jump_s:.3g} s more are allowed"
-        )
-        return Violation("clock", text, value=step_s, limit=passed_s + late_s + self._jump_s)
+        more_s = self._jump_s + (self._behind_s if self._real_time else 0.0)
+        if step_s > passed_s + more_s and not self._recorded:
+            text = (
+                f"the hand's clock jumped by {step_s:.4g} s within {passed_s:.3g} s of ours; at most "
+                f"{more_s:.3g} s more are allowed"
+            )
+            raise HandError(text, "clock", value=step_s, limit=passed_s + more_s)
+        self._check_lag(step_s, passed_s, waited_s)
 
-    def _lag(self, step_s: float, passed_s: float, waited_s: float) -> Violation | None:
+    def _check_lag(self, step_s: float, passed_s: float, waited_s: float) -> None:
         limit_s = self._lag_s
         if self._real_time:
             self._behind_s = max(0.0, self._behind_s + passed_s - (1 + DRIFT) * step_s)
@@ -99,12 +92,11 @@ class ClockCheck:
         if self._behind_s > limit_s:
             behind_s = self._behind_s
             text = f"the states come {behind_s:.3g} s late, the limit is {limit_s:g} s: they are stale"
-            return Violation("clock", text, value=behind_s, limit=limit_s)
+            raise HandError(text, "clock", value=behind_s, limit=limit_s)
         if self._ahead_s > limit_s:
             ahead_s = self._ahead_s
             text = (
                 f"the hand's clock runs {ahead_s:.3g} s ahead of ours, the limit is {limit_s:g} s; the driver of a "
                 "simulated hand says real_time = False"
             )
-            return Violation("clock", text, value=ahead_s, limit=limit_s)
-        return None
+            raise HandError(text, "clock", value=ahead_s, limit=limit_s)

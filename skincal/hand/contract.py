@@ -9,18 +9,18 @@ stopped.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 from skincal.errors import quoted
 from skincal.hand.checks import ContactForce
-from skincal.hand.contract_checks import CHECKS
+from skincal.hand.contract_checks import CHECKS, Check
 from skincal.hand.driver import HandDriver
 from skincal.hand.errors import HandError
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.halt import HURRY_S, STOPPED
 from skincal.hand.trial import FailedCheckError, SkippedCheckError, Trial
-from skincal.hand.worker import CallExitError, CallTimeoutError
+from skincal.hand.worker import CallTimeoutError, raised_by
 from skincal.robot import HandDescription, joint_contact_force
 from skincal.signals import held_back
 
@@ -39,6 +39,7 @@ class ContractOptions:
         move: whether to move the hand; one that could not be stopped is not moved.
         beyond_limits: whether the limits of its description may exceed those of any finger.
         contact_force: creates the function that computes the contact force of a state.
+        clock: our clock [s].
     """
 
     step_rad: float = 0.02
@@ -48,6 +49,7 @@ class ContractOptions:
     move: bool = True
     beyond_limits: bool = False
     contact_force: Callable[[HandDescription], ContactForce] = joint_contact_force
+    clock: Callable[[], float] = time.monotonic
 
     @property
     def guard(self) -> GuardOptions:
@@ -72,8 +74,8 @@ class CheckResult:
     name: str
     expected: str
     status: str
-    got: str = ""
-    time_s: float = 0.0
+    got: str
+    time_s: float
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ class ContractReport:
     """Results of all checks of a driver."""
 
     driver: str
-    results: tuple[CheckResult, ...] = field(default_factory=tuple[CheckResult, ...])
+    results: tuple[CheckResult, ...]
 
     @property
     def ok(self) -> bool:
@@ -93,26 +95,53 @@ class ContractReport:
         return sum(result.status == status for result in self.results)
 
 
+Outcome = tuple[str, str, bool]
+"""Status of a check, what was found, and False if the rig could not be stopped."""
+
+Progress = Callable[[CheckResult], None]
+
+
 def run_contract(
     name: str,
     make: Callable[[], HandDriver],
     options: ContractOptions | None = None,
-    progress: Callable[[CheckResult], None] = lambda result: None,
+    progress: Progress = lambda result: None,
 ) -> ContractReport:
-    """Run every check against a driver."""
+    """Run every check against a driver of a hand."""
+    chosen = options or ContractOptions()
+    return run_checks(
+        name,
+        CHECKS,
+        lambda check, move: _attempt(check, make, replace(chosen, move=chosen.move and move)),
+        progress,
+    )
+
+
+def run_checks(
+    name: str, checks: Sequence[Check], attempt: Callable[[Check, bool], Outcome], progress: Progress
+) -> ContractReport:
+    """Run checks one after the other.
+
+    Args:
+        name: the driver's name, for the report.
+        checks: functions with the check's name, and the expected behaviour for a docstring.
+        attempt: runs a check, given whether the rig could be stopped after all checks before.
+        progress: callback with every result.
+    """
     results: list[CheckResult] = []
-    options = options or ContractOptions()
-    for check in CHECKS:
-        result, stopped = _run(check, make, options)
-        if not stopped:
-            options = replace(options, move=False)
-        results.append(result)
-        progress(result)
+    move = True
+    for check in checks:
+        start = time.monotonic()
+        status, got, stopped = attempt(check, move)
+        move = move and stopped
+        title, expected = check.__name__.replace("_", " "), (check.__doc__ or "").strip().rstrip(".")
+        results.append(CheckResult(title, expected, status, got, time.monotonic() - start))
+        progress(results[-1])
     return ContractReport(name, tuple(results))
 
 
-def outcome(run: Callable[[], str | None], limit_s: float) -> tuple[str, str, bool]:
-    """Run a check; return its status, what was found, and False if the hand could not be stopped.
+def outcome(run: Callable[[], str | None], limit_s: float) -> Outcome:
+    """Run a check; return its outcome.
 
     Args:
         run: the check; it returns what was measured, or raises.
@@ -133,19 +162,16 @@ def outcome(run: Callable[[], str | None], limit_s: float) -> tuple[str, str, bo
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        raised = error.__cause__ if isinstance(error, CallExitError) else error
         unstopped = isinstance(error, HandError) and error.stopped is False
         if unstopped and isinstance(error.__cause__, KeyboardInterrupt):
             raise
-        return FAILED, quoted(raised or error), not unstopped
+        text = str(error) if isinstance(error, HandError) else quoted(raised_by(error))
+        return FAILED, text, not unstopped
 
 
-def _run(
+def _attempt(
     check: Callable[[Trial], str | None], make: Callable[[], HandDriver], options: ContractOptions
-) -> tuple[CheckResult, bool]:
-    """Return the result of a check, and False if the hand could not be stopped."""
-    name, expected = check.__name__.replace("_", " "), (check.__doc__ or "").strip().rstrip(".")
-    start = time.monotonic()
+) -> Outcome:
     trial: Trial | None = None
 
     def run() -> str | None:
@@ -167,4 +193,4 @@ def _run(
             raise HandError(f"interrupted; {trouble}", "driver", stopped=False) from interrupt
         interrupt.add_note(STOPPED)
         raise
-    return CheckResult(name, expected, status, got, time.monotonic() - start), stopped and not trouble
+    return status, got, stopped and not trouble

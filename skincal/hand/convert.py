@@ -30,11 +30,11 @@ def converted(value: Any, kind: Any) -> Any:
         if value not in arguments:
             raise ValueError(f"one of {', '.join(map(str, arguments))}")
         return value
-    if _is_mapping(kind):
-        return _mapping(value, (arguments or (str, str))[1])
-    if _is_sequence(kind):
-        inner = arguments[0] if arguments else str
-        return tuple(converted(part.strip(), inner) for part in value.split(",") if part.strip())
+    parts = [*filter(None, (part.strip() for part in value.split(",")))]
+    if _is_a(Mapping, kind):
+        return _mapping(parts, (arguments or (str, str))[1])
+    if _is_a(Sequence, kind):
+        return tuple(converted(part, (arguments or (str,))[0]) for part in parts)
     return _plain(value, kind)
 
 
@@ -45,10 +45,10 @@ def type_text(kind: Any) -> str:
         return " or ".join(type_text(a) for a in arguments)
     if origin is Literal:
         return " or ".join(map(str, arguments))
-    if _is_mapping(kind):
+    if _is_a(Mapping, kind):
         return f"NAME={type_text((arguments or (str, str))[1])},..."
-    if _is_sequence(kind):
-        return f"{type_text(arguments[0] if arguments else str)},..."
+    if _is_a(Sequence, kind):
+        return f"{type_text((arguments or (str,))[0])},..."
     plain = {int: "whole number", float: "number", bool: "true or false", str: "text", Path: "path"}
     return {**plain, type(None): "none"}.get(kind, getattr(kind, "__name__", str(kind)))
 
@@ -58,7 +58,7 @@ def is_text(kind: Any) -> bool:
     if get_origin(kind) in (Union, types.UnionType):
         return any(is_text(a) for a in get_args(kind) if a is not type(None))
     plain = kind in (int, float, bool, str, Path, Any) or get_origin(kind) is Literal
-    return plain or _is_mapping(kind) or _is_sequence(kind)
+    return plain or _is_a(Mapping, kind) or _is_a(Sequence, kind)
 
 
 def _one_of(value: str, kinds: Sequence[Any]) -> Any:
@@ -86,9 +86,9 @@ def _plain(value: str, kind: Any) -> Any:
     raise ValueError(f"a {type_text(kind)}, which cannot be given as text")
 
 
-def _mapping(value: str, kind: Any) -> Mapping[str, Any]:
+def _mapping(parts: Sequence[str], kind: Any) -> Mapping[str, Any]:
     read: dict[str, Any] = {}
-    for part in filter(None, (text.strip() for text in value.split(","))):
+    for part in parts:
         name, equals, text = part.partition("=")
         if not equals:
             raise ValueError("NAME=VALUE,...")
@@ -96,11 +96,6 @@ def _mapping(value: str, kind: Any) -> Mapping[str, Any]:
     return read
 
 
-def _is_mapping(kind: Any) -> bool:
-    base = get_origin(kind) or kind
-    return isinstance(base, type) and issubclass(base, Mapping)
-
-
-def _is_sequence(kind: Any) -> bool:
-    base = get_origin(kind) or kind
-    return isinstance(base, type) and issubclass(base, Sequence) and base is not str
+def _is_a(base: type, kind: Any) -> bool:
+    own = get_origin(kind) or kind
+    return isinstance(own, type) and issubclass(own, base) and own is not str

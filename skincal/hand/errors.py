@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -57,24 +56,9 @@ ADVICE: dict[HandErrorKind, str] = {
     "timeout": "Check that the hand is still running and can be reached.",
     "driver": "The fault lies in the driver or in the hand.",
     "lost": "Check that the hand is still running and can be reached, then connect again.",
-    "refused": "",
     "idle": "Call the hand in every period; connect again.",
-    "order": "",
-    "stopped": "",
-    "end": "",
 }
-"""Advice by kind of error."""
-
-
-@dataclass(frozen=True)
-class Violation:
-    """A violation, in the terms of :class:`HandError`."""
-
-    kind: HandErrorKind
-    text: str
-    joint: str | None = None
-    value: float | None = None
-    limit: float | None = None
+"""Advice by kind of error, where there is any."""
 
 
 def is_number(value: object) -> bool:
@@ -118,13 +102,15 @@ class HandError(WorkError):
         self.stopped = stopped
         super().__init__(text)
 
+    def again(self, text: str | None = None, *, stopped: bool | None = None) -> HandError:
+        """Return a copy, or the error of the same values with another text and end.
 
-def again(failure: HandError) -> HandError:
-    """Return a copy of an error: an error that is raised twice would grow by a traceback each time."""
-    joint, value, limit = failure.joint, failure.value, failure.limit
-    return HandError(
-        str(failure), failure.kind, joint=joint, value=value, limit=limit, stopped=failure.stopped
-    )
+        An error that is raised twice would grow by a traceback each time.
+        """
+        told, stopped = (str(self), self.stopped) if text is None else (text, stopped)
+        return HandError(
+            told, self.kind, joint=self.joint, value=self.value, limit=self.limit, stopped=stopped
+        )
 
 
 def described(what: str, error: BaseException) -> HandError:

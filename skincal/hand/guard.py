@@ -12,7 +12,7 @@ from skincal.errors import shown
 from skincal.hand.checks import ContactForce, StateCheck
 from skincal.hand.commands import CommandCheck
 from skincal.hand.driver import HandCommand, HandDriver, HandState
-from skincal.hand.errors import Violation
+from skincal.hand.errors import HandError
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
 from skincal.model.arrays import FloatArray
@@ -56,7 +56,7 @@ class GuardedHand(Guarded[HandDescription, HandState, HandCommand]):
         numbers = type(place) is np.ndarray and place.shape == (2,) and place.dtype == np.float64
         if not numbers or np.isinf(place).any():
             expected = "None, or an array of float64 of shape (2,), finite or NaN"
-            self._violated(Violation("state", f"object_position_m: expected {expected}; got {shown(given)}"))
+            self._fail(HandError(f"object_position_m: expected {expected}; got {shown(given)}", "state"))
         return place.copy()
 
     def _check_limits(self) -> None:

@@ -28,10 +28,10 @@ import numpy as np
 
 from skincal.errors import one_line, quoted, shown, text_of
 from skincal.hand.driver import Driver
-from skincal.hand.errors import ADVICE, HandError, HandErrorKind, Violation, again, described
+from skincal.hand.errors import ADVICE, HandError, HandErrorKind, described
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.halt import HURRY_S, Stop, note_stop, stopped
-from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
+from skincal.hand.worker import CallTimeoutError, Worker, raised_by
 from skincal.signals import held_back
 
 LONGEST_PERIOD_S = 1.0
@@ -164,15 +164,18 @@ class Guarded(ABC, Generic[Description, State, Command]):
         """
         start_s = self._clock()
         given: State = self._call("observe", self._made.observe, timeout_s=self._options.timeout_s)
-        now_s = self._clock()
-        state = given
+        return self._checked(given, start_s)
+
+    def _checked(self, given: State, start_s: float) -> State:
+        """Check a state that has been asked for at ``start_s`` on our clock [s]; return it with its own arrays."""
+        now_s, state = self._clock(), given
         try:
             state = _own(given)
-            violation = self._check_state(state, now_s, now_s - start_s)
+            self._check_state(state, now_s, now_s - start_s)
+        except HandError as violation:
+            self._fail(described("observe", violation))
         except (Exception, SystemExit) as error:  # whole numbers beyond a float, classes of the driver's own
-            violation = Violation("state", f"a state that cannot be read: {quoted(error)}")
-        if violation is not None:
-            self._violated(violation)
+            self._fail(HandError(f"a state that cannot be read: {quoted(error)}", "state"))
         self._check_command.observed(state, now_s)
         return state
 
@@ -188,9 +191,12 @@ class Guarded(ABC, Generic[Description, State, Command]):
                 f"{self.name}: the {self.rig} has been stopped; connect again to move it", "stopped"
             )
         own = _own(command)
-        violation = self._check_command(own, self._clock())
-        if violation is not None:
-            self._violated(violation)
+        try:
+            self._check_command(own, self._clock())
+        except HandError as violation:
+            if violation.kind == "order":
+                raise
+            self._fail(violation)
         self._call("act", self._send, _own(own), timeout_s=self._options.timeout_s)
         self._check_command.sent(own, self._clock())
 
@@ -288,7 +294,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
     def _ready(self, what: str) -> Worker:
         """Return the worker of a connected rig without faults."""
         if self._failure is not None:
-            raise again(self._failure)
+            raise self._failure.again()
         if self._worker is None or self._closed:
             raise HandError(f"{self.name}: {what}() of a {self.rig} that is not connected", "order")
         return self._worker
@@ -300,13 +306,12 @@ class Guarded(ABC, Generic[Description, State, Command]):
             return worker.call(self._unless_failed, work, arguments, timeout_s=timeout_s)
         except CallTimeoutError:
             text = f"{what}() did not return within {timeout_s:g} s"
-            self._fail("timeout", text, value=timeout_s, limit=timeout_s)
+            self._fail(HandError(text, "timeout", value=timeout_s, limit=timeout_s))
         except Exception as error:
             if self._failure is not None:
-                raise again(self._failure) from None
-            raised = error.__cause__ if isinstance(error, CallExitError) else error
-            own = described(what, raised or error)
-            self._fail(own.kind, str(own), own.joint, own.value, own.limit, cause=raised)
+                raise self._failure.again() from None
+            raised = raised_by(error)
+            self._fail(described(what, raised), cause=raised)
         except BaseException:
             self._halt()
             raise
@@ -323,37 +328,26 @@ class Guarded(ABC, Generic[Description, State, Command]):
             raise HandError(f"the {self.rig} has been stopped; the command was not sent", "stopped")
         self._made.act(command)
 
-    def _violated(self, violation: Violation) -> NoReturn:
-        self._fail(violation.kind, violation.text, violation.joint, violation.value, violation.limit)
-
-    def _fail(
-        self,
-        kind: HandErrorKind,
-        text: str,
-        joint: str | None = None,
-        value: float | None = None,
-        limit: float | None = None,
-        cause: BaseException | None = None,
-    ) -> NoReturn:
-        """Stop the rig and raise the error; only the first failure counts."""
+    def _fail(self, found: HandError, cause: BaseException | None = None) -> NoReturn:
+        """Stop the rig and raise what was found, with what became of the rig; only the first failure counts."""
         trouble = self._halt()
-        end = trouble or f"{stopped(self.rig)} {self._advice(kind)}".rstrip()
-        error = HandError(
-            f"{self.name}: {text}. {end}", kind, joint=joint, value=value, limit=limit, stopped=not trouble
-        )
+        end = trouble or f"{stopped(self.rig)} {self._advice(found.kind)}".rstrip()
+        error = found.again(f"{self.name}: {found}. {end}", stopped=not trouble)
         with self._lock:
             self._failure = self._failure or error
         raise error from cause
 
     def _advice(self, kind: HandErrorKind) -> str:
-        return ADVICE[kind]
+        return ADVICE.get(kind, "")
 
     def _idle(self) -> None:
         """Run in the worker: stop a rig that has not been called for ``idle_s``."""
         if self._closed or self._halt.asked:
             return
         try:
-            self._fail("idle", f"no call for {self._options.idle_s:g} s", limit=self._options.idle_s)
+            self._fail(
+                HandError(f"no call for {self._options.idle_s:g} s", "idle", limit=self._options.idle_s)
+            )
         except HandError:
             # The next call raises the error.
             return
@@ -372,8 +366,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
         except CallTimeoutError:
             return HandError(f"{self.name}: close() did not return within {timeout_s:g} s", "timeout")
         except Exception as error:
-            raised = error.__cause__ if isinstance(error, CallExitError) else error
-            return HandError(f"{self.name}: {described('close', raised or error)}", "driver")
+            return HandError(f"{self.name}: {described('close', raised_by(error))}", "driver")
         finally:
             worker.end()
         return None

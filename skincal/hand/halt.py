@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
 from skincal.errors import quoted
-from skincal.hand.worker import CallExitError, CallTimeoutError, call_and_leave
+from skincal.hand.worker import CallTimeoutError, call_and_leave, raised_by
 from skincal.signals import held_back
 
 
@@ -41,9 +41,25 @@ class Stop:
         self.trouble: str | None = None
 
     def __call__(self) -> str:
-        """Stop the rig; return the failure to do so, or ''."""
+        """Stop the rig: call the driver's ``stop``, a second time if it raises; this is not interrupted.
+
+        Returns:
+            What went wrong with it; empty: it returned, the rig is stopped.
+        """
         self.asked = True
-        self.trouble = trouble = halt(self._stop, self._timeout_s, self.name, self.rig)
+        trouble, power = "", f"Cut the {self.rig}'s power."
+        with held_back():
+            for _ in range(2):
+                try:
+                    call_and_leave(self._stop, self._timeout_s, f"stop {self.name}")
+                    trouble = ""
+                    break
+                except CallTimeoutError:
+                    trouble = f"stop() did not return within {self._timeout_s:g} s! {power}"
+                    break
+                except Exception as error:
+                    trouble = f"stop() failed! {quoted(raised_by(error))}. {power}"
+        self.trouble = trouble
         return trouble
 
 
@@ -65,23 +81,3 @@ def note_stop(stop: Stop) -> None:
     """Note the stop of a rig that is about to be connected."""
     for noted in _NOTED:
         noted[stop.rig, stop.name] = stop
-
-
-def halt(stop: Callable[[], None], timeout_s: float, name: str, rig: str = "hand") -> str:
-    """Call a driver's ``stop``, a second time if it raises; it takes at most ``timeout_s`` and is not interrupted.
-
-    Returns:
-        What went wrong with it; empty: it returned, the rig is stopped.
-    """
-    trouble, power = "", f"Cut the {rig}'s power."
-    with held_back():
-        for _ in range(2):
-            try:
-                call_and_leave(stop, timeout_s, f"stop {name}")
-                return ""
-            except CallTimeoutError:
-                return f"stop() did not return within {timeout_s:g} s! {power}"
-            except Exception as error:
-                raised = error.__cause__ if isinstance(error, CallExitError) else error
-                trouble = f"stop() failed! {quoted(raised or error)}. {power}"
-    return trouble

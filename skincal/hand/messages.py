@@ -169,14 +169,6 @@ def numbers(message: Message, name: str) -> FloatArray:
     return np.array(value, dtype=np.float64)
 
 
-def text(message: Message, name: str) -> str:
-    """Return a text of a message's body."""
-    value = message.body.get(name, MISSING)
-    if not isinstance(value, str):
-        raise _wrong(message, name, "a text")
-    return value
-
-
 MISSING = object()
 
 

@@ -76,8 +76,26 @@ def driver_class(name: str) -> Callable[..., HandDriver | StageDriver]:
 
 
 def driver_options(name: str) -> tuple[DriverOption, ...]:
-    """Return the options of a driver, in the order of its class."""
-    return _options(driver_class(name))
+    """Return the options of a driver, in the order of its class; errors are those of :func:`driver_class`."""
+    made = driver_class(name)
+    hints: Mapping[str, Any] = {}
+    with suppress(Exception):  # names that only a type checker knows
+        hints = get_type_hints(made.__init__ if inspect.isclass(made) else made, include_extras=True)
+    named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    options: list[DriverOption] = []
+    try:
+        parameters = inspect.signature(made).parameters.values()
+    except (TypeError, ValueError):  # one of the interpreter's own, no driver
+        return ()
+    for parameter in parameters:
+        if parameter.kind not in named:
+            continue
+        kind, text = hints.get(parameter.name, str), ""
+        if get_origin(kind) is Annotated:
+            kind, *notes = get_args(kind)
+            text = next((note for note in notes if isinstance(note, str)), "")
+        options.append(DriverOption(parameter.name, kind, parameter.default, text))
+    return tuple(options)
 
 
 def create_driver(name: str, /, **options: Any) -> HandDriver:
@@ -101,10 +119,15 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
         WorkError: the driver cannot be imported or created.
     """
     made = driver_class(name)
-    known = {option.name: option for option in _options(made)}
+    known = {option.name: option for option in driver_options(name)}
     problems = [_unknown(name, key, known) for key in options if key not in known]
     problems += [
-        Problem(f'driver "{name}"', f"the option {key} ({type_text(option.kind)})", "nothing", _usage(key))
+        Problem(
+            f'driver "{name}"',
+            f"the option {key} ({type_text(option.kind)})",
+            "nothing",
+            f"Add --driver-option {key}=VALUE.",
+        )
         for key, option in known.items()
         if option.required and key not in options
     ]
@@ -179,32 +202,7 @@ def _loaded(name: str, point: EntryPoint) -> Callable[..., HandDriver | StageDri
     return cast(Callable[..., HandDriver | StageDriver], value)
 
 
-def _options(made: Callable[..., HandDriver | StageDriver]) -> tuple[DriverOption, ...]:
-    hints: Mapping[str, Any] = {}
-    with suppress(Exception):  # names that only a type checker knows
-        hints = get_type_hints(made.__init__ if inspect.isclass(made) else made, include_extras=True)
-    named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-    options: list[DriverOption] = []
-    try:
-        parameters = inspect.signature(made).parameters.values()
-    except (TypeError, ValueError):  # one of the interpreter's own, no driver
-        return ()
-    for parameter in parameters:
-        if parameter.kind not in named:
-            continue
-        kind, text = hints.get(parameter.name, str), ""
-        if get_origin(kind) is Annotated:
-            kind, *notes = get_args(kind)
-            text = next((note for note in notes if isinstance(note, str)), "")
-        options.append(DriverOption(parameter.name, kind, parameter.default, text))
-    return tuple(options)
-
-
 def _unknown(name: str, key: str, known: Mapping[str, DriverOption]) -> Problem:
     given = [option for option in known.values() if is_text(option.kind)]
     choices = ", ".join(f"{o.name} ({type_text(o.kind)})" for o in given) or "none; it has no options"
     return Problem(f'driver "{name}"', f"an option of: {choices}", f'"{key}"')
-
-
-def _usage(key: str) -> str:
-    return f"Add --driver-option {key}=VALUE."

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import secrets
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -93,14 +94,13 @@ class RemoteDriver(HandDriver):
         hello = {"digest": self._description.digest, "hand": self._description.name}
         try:
             self._socket = self._open(context)
-            welcome = self._ask("hello", hello, "welcome", limit_s=CONNECT_S)
+            welcome = self._ask("hello", hello, "welcome")
             self._period_s, self._watchdog_s = number(welcome, "period_s"), number(welcome, "watchdog_s")
             self.real_time = welcome.body.get("real_time") is not False
-        except MessageError as error:
+        except BaseException as error:
             self._shut()
-            raise HandError(str(error), "refused") from error
-        except BaseException:
-            self._shut()
+            if isinstance(error, MessageError):
+                raise HandError(str(error), "refused") from error
             raise
 
     def observe(self) -> HandState:
@@ -166,14 +166,13 @@ class RemoteDriver(HandDriver):
             raise
         return socket
 
-    def _ask(self, kind: str, body: dict[str, Any], expected: str, *, limit_s: float = CALL_S) -> Message:
+    def _ask(self, kind: str, body: dict[str, Any], expected: str) -> Message:
         """Send a request over the session's connection and wait for the answer."""
         if self._socket is None:
             raise HandError(f"{kind}: the hand is not connected", "order")
         self._number += 1
-        return self._exchange(
-            self._socket, Message(kind, self._number, self._session, body), expected, limit_s
-        )
+        request = Message(kind, self._number, self._session, body)
+        return self._exchange(self._socket, request, expected, CONNECT_S if kind == "hello" else CALL_S)
 
     def _exchange(
         self, socket: zmq.Socket[bytes], request: Message, expected: str, limit_s: float
@@ -182,9 +181,12 @@ class RemoteDriver(HandDriver):
         start = heard = now = time.monotonic()
         silence_s = min(self._silence_s, limit_s)
         data, sent = encode(request), 0
-        timer = self._timer(request.kind)
+        # A stop comes from any thread and shares no timer.
+        own = ResendTimer()
+        timer = own if request.kind == "stop" else self._timers.setdefault(request.kind, own)
         while True:
-            self._send(socket, data)
+            with suppress(self._zmq.Again):  # the queue is full because nobody reads it: treat it as silence
+                socket.send(data, self._zmq.NOBLOCK)
             sent += 1
             left_s = min(heard + silence_s, start + limit_s) - now
             reply = self._answer(socket, request, expected, min(timer.wait_s, left_s))
@@ -201,17 +203,6 @@ class RemoteDriver(HandDriver):
             if now - heard >= silence_s or now - start >= limit_s:
                 self._gone = request.kind != "stop"
                 raise self._lost(request.kind, now - heard)
-
-    def _timer(self, kind: str) -> ResendTimer:
-        """Return the timer of a kind of request; a stop comes from any thread and shares none."""
-        return ResendTimer() if kind == "stop" else self._timers.setdefault(kind, ResendTimer())
-
-    def _send(self, socket: zmq.Socket[bytes], data: bytes) -> None:
-        try:
-            socket.send(data, self._zmq.NOBLOCK)
-        except self._zmq.Again:
-            # The queue is full because nobody reads it: treat it as silence.
-            return
 
     def _answer(
         self, socket: zmq.Socket[bytes], request: Message, expected: str, wait_s: float

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from threading import Event
 from types import TracebackType
 from typing import Any, NoReturn, Self
@@ -18,17 +18,18 @@ from typing import Any, NoReturn, Self
 from skincal.bounded import memory_bytes
 from skincal.errors import SkincalError, text_of
 from skincal.hand.checks import ContactForce
-from skincal.hand.client_session import Outbox, Reply, Session
+from skincal.hand.client_session import Session
 from skincal.hand.driver import HandDriver
 from skincal.hand.errors import HandError
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.halt import STOPPED
 from skincal.hand.messages import REQUESTS, Message, MessageError, decode, encode, refusal_body
 from skincal.hand.sockets import Keys, checked_address, prepared, zmq_module
-from skincal.hand.worker import CallExitError, CallTimeoutError, Worker
+from skincal.hand.worker import CallExitError, CallTimeoutError, call_and_leave
 from skincal.robot import HandDescription, check_limits
 
 POLL_MS = 100
+REPLIES = "inproc://replies"
 MOST_BYTES = min(1 << 30, memory_bytes() // 4)
 """Memory that a server may take after it has begun; a driver that needs more loads it before [bytes]."""
 
@@ -90,7 +91,6 @@ class HandServer:
         check_limits(self._description, beyond=self._options.guard.beyond_limits)
         self._session: Session | None = None
         self._authenticator: Any = None
-        self._replies: SimpleQueue[Reply] = SimpleQueue()
         self._ended = Event()
         self.sessions = 0
         self.address = bind
@@ -106,8 +106,8 @@ class HandServer:
                 self._authenticator.configure_curve_callback(domain="*", credentials_provider=self._keys)
             self._socket = prepared(self._context, zmq.ROUTER, self._keys)
             self._socket.bind(self._bind)
-            self._wake = self._context.socket(zmq.PULL)
-            self._wake.bind("inproc://replies")
+            self._replies = self._context.socket(zmq.PULL)
+            self._replies.bind(REPLIES)
         except zmq.ZMQError as error:
             self._unbind()
             raise HandError(f"cannot listen at {self._bind}: {text_of(error)}", "refused") from error
@@ -134,15 +134,14 @@ class HandServer:
         least_bytes = _taken_bytes()
         poller = self._zmq.Poller()
         poller.register(self._socket, self._zmq.POLLIN)
-        poller.register(self._wake, self._zmq.POLLIN)
+        poller.register(self._replies, self._zmq.POLLIN)
         while not self._ended.is_set():
             ready = dict(poller.poll(POLL_MS))
-            if self._wake in ready:
-                self._wake.recv()
             if self._socket in ready:
                 parts = self._socket.recv_multipart()
                 self._handle(parts[0], parts[-1])
-            self._send_replies()
+            while self._replies.poll(0):
+                self._send(self._replies.recv_multipart())
             taken_bytes = _taken_bytes()
             least_bytes = min(least_bytes, taken_bytes)  # what was there before may be freed meanwhile
             if taken_bytes - least_bytes > MOST_BYTES:
@@ -174,8 +173,7 @@ class HandServer:
         try:
             message = decode(data, REQUESTS)
         except MessageError as error:
-            nobody = Message("refused", 0, "-", refusal_body(HandError(str(error), "refused")))
-            self._send(Reply(client, nobody))
+            self._refuse(client, Message("hello", 0, "-"), str(error))
             return
         session = self._session
         mine = session is not None and session.token == message.session
@@ -184,8 +182,8 @@ class HandServer:
         elif session is None or not mine or not session.takes(message):
             text = "there is no such session: it is over, or the server was restarted"
             self._refuse(client, message, text, "lost")
-        else:
-            session.request(client, message)
+        elif (reply := session.request(client, message)) is not None:
+            self._send([client, encode(reply)])
 
     def _welcome(self, client: bytes, message: Message) -> None:
         """Start a session, if the hand is free and the descriptions agree."""
@@ -202,40 +200,27 @@ class HandServer:
             self._refuse(client, message, text)
             return
         try:
-            driver, self._driver = self._driver or self._made(), None
+            # The loop goes on, whatever happens while another one is made.
+            driver = self._driver or call_and_leave(self._make, MAKE_S, "make a driver")
+            self._driver = None
         except (SkincalError, CallTimeoutError, CallExitError) as error:
             self._refuse(client, message, text_of(error) or f"the driver was not created within {MAKE_S:g} s")
             return
         self.sessions += 1
-        replies = Outbox(self._replies, self._context, self._zmq)
-        self._session = Session(message.session, driver, self._options, self._force, replies)
+        wire = self._context.socket(self._zmq.PUSH)
+        wire.linger = 0
+        wire.connect(REPLIES)
+        self._session = Session(message.session, driver, self._options, self._force, wire)
         self._session.request(client, message)
-
-    def _made(self) -> HandDriver:
-        """Return another driver; the loop continues whatever happens meanwhile."""
-        worker = Worker("make a driver")
-        try:
-            return worker.call(self._make, timeout_s=MAKE_S)
-        finally:
-            worker.end()
 
     def _refuse(self, client: bytes, message: Message, text: str, kind: Any = "refused") -> None:
         body = refusal_body(HandError(text, kind))
-        self._send(Reply(client, Message("refused", message.number, message.session, body)))
+        self._send([client, encode(Message("refused", message.number, message.session, body))])
 
-    def _send_replies(self) -> None:
-        while True:
-            try:
-                self._send(self._replies.get_nowait())
-            except Empty:
-                return
-
-    def _send(self, reply: Reply) -> None:
-        try:
-            self._socket.send_multipart([reply.client, encode(reply.message)], self._zmq.NOBLOCK)
-        except self._zmq.ZMQError:
-            # The client is gone, or does not read: it repeats the request, or the watchdog stops the hand.
-            return
+    def _send(self, frames: list[bytes]) -> None:
+        # The client is gone, or does not read: it repeats the request, or the watchdog stops the hand.
+        with suppress(self._zmq.ZMQError):
+            self._socket.send_multipart(frames, self._zmq.NOBLOCK)
 
     def _unbind(self) -> None:
         if self._authenticator is not None:

@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from skincal.hand.contract import CheckResult, ContractReport, outcome
+from skincal.hand.contract import ContractReport, Outcome, Progress, outcome, run_checks
+from skincal.hand.contract_checks import Check
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.stage import StageDriver, StageState
 from skincal.hand.stage_guard import GuardedStage, check_stage
@@ -76,7 +77,7 @@ def run_stage_checks(
     *,
     move: bool = True,
     guard: GuardOptions | None = None,
-    progress: Callable[[CheckResult], None] = lambda result: None,
+    progress: Progress = lambda result: None,
 ) -> ContractReport:
     """Run every check against a driver of a stage.
 
@@ -87,19 +88,14 @@ def run_stage_checks(
         guard: limits and times.
         progress: callback with every result.
     """
-    guard = guard or GuardOptions()
-    results: list[CheckResult] = []
-    for check in (describes, states, stops, moves):
-        begin = time.monotonic()
+    limits = guard or GuardOptions()
 
-        def run(check: Callable[[StageDriver, GuardOptions], str] = check, move: bool = move) -> str:
-            if check is moves and not move:
+    def attempt(check: Check, could_stop: bool) -> Outcome:
+        def run() -> str | None:
+            if check is moves and not (move and could_stop):
                 raise SkippedCheckError("the stage is not to be moved, or could not be stopped before")
-            return check(created(make, guard.connect_timeout_s), guard)
+            return check(created(make, limits.connect_timeout_s), limits)
 
-        status, got, stopped = outcome(run, guard.connect_timeout_s)
-        move = move and stopped
-        expected = (check.__doc__ or "").strip()
-        results.append(CheckResult(check.__name__, expected, status, got, time.monotonic() - begin))
-        progress(results[-1])
-    return ContractReport(name, tuple(results))
+        return outcome(run, limits.connect_timeout_s)
+
+    return run_checks(name, (describes, states, stops, moves), attempt, progress)

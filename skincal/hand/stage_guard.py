@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from skincal.dataset.columns import LARGEST
 from skincal.errors import InputError, Problem, shown
+from skincal.hand.checks import TaxelCheck
 from skincal.hand.clock import ClockCheck
-from skincal.hand.commands import FrozenCheck, StepCheck
-from skincal.hand.errors import HandErrorKind, Violation, is_number
+from skincal.hand.commands import StepCheck
+from skincal.hand.errors import HandError, HandErrorKind, is_number
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
 from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState
@@ -80,106 +80,66 @@ class StageStateCheck:
         self._rig, self._options = driver.description, options
         self._limit_n = options.max_force_n or self._rig.max_force_n
         self._clock = ClockCheck(options, real_time=driver.real_time, period_s=driver.period_s)
-        self._last_s, self._answered_s = -math.inf, math.nan
-        self._last_m: FloatArray | None = None
+        self._taxels = TaxelCheck(self._rig.meta.sensor, options)
+        self._last_s, self._last_m = -math.inf, np.full(3, math.nan)
 
-    def __call__(self, state: StageState, now_s: float, waited_s: float = 0.0) -> Violation | None:
-        """Return the violation of a state, or None; arguments as for a hand's state."""
-        last_s = self._last_s
-        return (
-            self._form(state)
-            or self._goes_on(state)
-            or self._clock(float(state.time_s), now_s, waited_s)
-            or self._taxels(state)
-            or self._limits(state)
-            or self._speed(state, float(state.time_s) - last_s)
-        )
+    def __call__(self, state: StageState, now_s: float, waited_s: float = 0.0) -> None:
+        """Check a state; arguments and errors are those of a hand's state."""
+        self._form(state)
+        last_s, self._last_s = self._last_s, float(state.time_s)
+        if not self._last_s > last_s:
+            raise HandError(f"expected a time after {last_s:.6g} s; got {self._last_s:.6g} s", "clock")
+        self._clock(self._last_s, now_s, waited_s)
+        self._taxels(state.taxels, np.zeros(len(state.taxels)), self._last_s)
+        self._limits(state)
+        self._speed(state, self._last_s - last_s)
 
-    def _form(self, state: object) -> Violation | None:
+    def _form(self, state: object) -> None:
         if not isinstance(state, StageState):
-            return Violation("state", f"expected a StageState; got {shown(state)}")
+            raise HandError(f"expected a StageState; got {shown(state)}", "state")
         sensor = self._rig.meta.sensor
-        for name, shape in (("position_m", (3,)), ("taxels", (sensor.rows * sensor.cols,))):
+        for name, shape in (("position_m", (3,)), ("taxels", (sensor.taxels,))):
             value = getattr(state, name)
             if type(value) is not np.ndarray or value.shape != shape or not _plain(value.dtype):
                 text = f"state, {name}: expected an array of numbers of shape {shape}; got {shown(value)}"
-                return Violation("taxels" if name == "taxels" else "state", text)
+                raise HandError(text, "taxels" if name == "taxels" else "state")
         for name in ("time_s", "force_n"):
             value = getattr(state, name)
             if not is_number(value):
-                return Violation("state", f"state, {name}: expected a number; got {shown(value)}")
+                raise HandError(f"state, {name}: expected a number; got {shown(value)}", "state")
         if not np.isfinite([*state.position_m, state.force_n, state.time_s]).all():
-            return Violation("state", f"expected a finite time, place and force; got {state}")
-        return None
+            raise HandError(f"expected a finite time, place and force; got {state}", "state")
 
-    def _goes_on(self, state: StageState) -> Violation | None:
-        last_s, self._last_s = self._last_s, float(state.time_s)
-        if self._last_s > last_s:
-            return None
-        return Violation("clock", f"expected a time after {last_s:.6g} s; got {self._last_s:.6g} s")
-
-    def _taxels(self, state: StageState) -> Violation | None:
-        sensor, values = self._rig.meta.sensor, state.taxels[~np.isnan(state.taxels)]
-        low = -LARGEST if sensor.value_min is None else max(-LARGEST, sensor.value_min)
-        high = LARGEST if sensor.value_max is None else min(LARGEST, sensor.value_max)
-        good = (values >= low) & (values <= high) & np.isfinite(values)
-        if sensor.integer:
-            good &= values == np.rint(values)
-        if good.all():
-            return self._silent(state)
-        whole = "whole numbers " if sensor.integer else ""
-        text = f"a taxel is {values[~good][0]:.6g}; the converter gives {whole}from {low:g} to {high:g}"
-        return Violation("taxels", text)
-
-    def _silent(self, state: StageState) -> Violation | None:
-        time_s, limit_s = float(state.time_s), self._options.taxel_age_s
-        if math.isnan(self._answered_s) or not np.isnan(state.taxels).all():
-            self._answered_s = time_s
-        for_s = time_s - self._answered_s
-        if for_s <= limit_s:
-            return None
-        text = f"no taxel has responded for {for_s:.3g} s, the limit is {limit_s:g} s"
-        return Violation("taxels", text, value=for_s, limit=limit_s)
-
-    def _speed(self, state: StageState, passed_s: float) -> Violation | None:
+    def _speed(self, state: StageState, passed_s: float) -> None:
         """Check how far the tip has moved since the last state; it may be pushed, or lose its place."""
         last_m, self._last_m = self._last_m, np.array(state.position_m, dtype=np.float64)
-        if last_m is None:
-            return None
-        moved_m = float(np.linalg.norm(self._last_m - last_m))
+        moved_m = float(np.linalg.norm(self._last_m - last_m))  # NaN at first
         most_m = self._options.velocity_factor * self._rig.max_speed_m_per_s * passed_s + BEYOND_M
-        if moved_m <= most_m:
-            return None
-        text = f"the tip moved by {1e3 * moved_m:.3g} mm in {1e3 * passed_s:.3g} ms, {1e3 * most_m:.3g} mm is the most"
-        return Violation("velocity", text, value=moved_m, limit=most_m)
+        if moved_m > most_m:
+            moved = f"the tip moved by {1e3 * moved_m:.3g} mm in {1e3 * passed_s:.3g} ms"
+            text = f"{moved}, {1e3 * most_m:.3g} mm is the most"
+            raise HandError(text, "velocity", value=moved_m, limit=most_m)
 
-    def _limits(self, state: StageState) -> Violation | None:
+    def _limits(self, state: StageState) -> None:
         force_n, place = float(state.force_n), state.position_m
         if abs(force_n) > self._limit_n:
             text = f"the force is {force_n:.3g} N, above the limit of {self._limit_n:.3g} N"
-            return Violation("force", text, value=force_n, limit=self._limit_n)
+            raise HandError(text, "force", value=force_n, limit=self._limit_n)
         if (place < self._rig.lower_m - BEYOND_M).any() or (place > self._rig.upper_m + BEYOND_M).any():
-            return Violation("joint_limit", f"the tip is at {_shown(place)}, outside its travel")
-        return None
+            raise HandError(f"the tip is at {_shown(place)}, outside its travel", "joint_limit")
 
 
 class StageCommandCheck(StepCheck[StageState, FloatArray]):
     """Checker of the commands of a stage."""
 
     def __init__(self, driver: StageDriver) -> None:
-        super().__init__(driver, FrozenCheck(BEYOND_M, "m"))
+        super().__init__(driver, BEYOND_M, "m")
         self._rig = driver.description
 
-    def _held(self, state: StageState) -> FloatArray:
-        return np.array(state.position_m, dtype=np.float64)
+    def _read(self, state: StageState) -> tuple[FloatArray, FloatArray]:
+        return np.array(state.position_m, dtype=np.float64), np.append(state.position_m, state.force_n)
 
-    def _measured(self, state: StageState) -> FloatArray:
-        return np.append(state.position_m, state.force_n)
-
-    def _target(self, command: FloatArray) -> FloatArray:
-        return np.array(command, dtype=np.float64)
-
-    def __call__(self, command: FloatArray, now_s: float) -> Violation | None:
+    def __call__(self, command: FloatArray, now_s: float) -> None:
         """See :meth:`StepCheck.__call__`."""
         base = self._before()
         if (
@@ -188,17 +148,15 @@ class StageCommandCheck(StepCheck[StageState, FloatArray]):
             or command.dtype != np.float64
             or not np.isfinite(command).all()
         ):
-            return Violation("command", f"expected a place (3,) of finite numbers; got {shown(command)}")
+            raise HandError(f"expected a place (3,) of finite numbers; got {shown(command)}", "command")
         rig = self._rig
         if (command < rig.lower_m - ROUNDING_M).any() or (command > rig.upper_m + ROUNDING_M).any():
-            return Violation("command", f"{_shown(command)} lies outside the travel")
-        if frozen := self._frozen():
-            return frozen
+            raise HandError(f"{_shown(command)} lies outside the travel", "command")
+        self._check_frozen(base)
         step_m, longest_m = float(np.linalg.norm(command - base)), self._longest_m(now_s)
-        if step_m <= longest_m + ROUNDING_M:
-            return None
-        text = f"a step of {1e3 * step_m:.3g} mm, and in the time passed {1e3 * longest_m:.3g} mm is the most"
-        return Violation("command", text, value=step_m, limit=longest_m)
+        if step_m > longest_m + ROUNDING_M:
+            text = f"a step of {1e3 * step_m:.3g} mm, and in the time passed {1e3 * longest_m:.3g} mm is the most"
+            raise HandError(text, "command", value=step_m, limit=longest_m)
 
     def nearest(self, position_m: FloatArray, now_s: float) -> FloatArray:
         """Return the allowed position (3,) [m] nearest to a position."""

@@ -6,12 +6,21 @@ import time
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import Any
+from typing import Any, TypeVar
 
 from skincal.errors import quoted
 
 SLICE_S = 0.02
 """Length of a single wait [s]: a Ctrl-C just before a wait does not end it, but the next one can."""
+
+
+Job = tuple[int, Callable[..., Any], tuple[Any, ...]]
+"""Number of a call, the call and its arguments."""
+
+Result = tuple[int, Any, BaseException | None]
+"""Number of a call, what it returned, and what it raised."""
+
+Value = TypeVar("Value")
 
 
 class CallTimeoutError(Exception):
@@ -37,13 +46,12 @@ class Worker:
     def __init__(
         self, name: str, idle_s: float | None = None, on_idle: Callable[[], None] | None = None
     ) -> None:
-        self._jobs: SimpleQueue[tuple[int, Callable[..., Any], tuple[Any, ...]] | None] = SimpleQueue()
-        self._results: SimpleQueue[tuple[int, Any, BaseException | None]] = SimpleQueue()
+        self._jobs: SimpleQueue[Job | None] = SimpleQueue()
+        self._results: SimpleQueue[Result] = SimpleQueue()
         self._ticket = 0
         self._idle_s = idle_s
         self._on_idle = on_idle
-        self._thread = Thread(target=self._work, name=name, daemon=True)
-        self._thread.start()
+        Thread(target=self._work, name=name, daemon=True).start()
 
     def call(self, work: Callable[..., Any], *arguments: Any, timeout_s: float) -> Any:
         """Make a call, and wait for it.
@@ -54,28 +62,12 @@ class Worker:
             Exception: what the call raised.
         """
         self._ticket += 1
-        ticket = self._ticket
-        self._jobs.put((ticket, work, arguments))
-        deadline = time.monotonic() + timeout_s
-        while True:
-            left = deadline - time.monotonic()
-            try:
-                done, value, error = self._results.get(timeout=min(max(left, 0.0), SLICE_S))
-            except Empty:
-                if left <= SLICE_S:
-                    raise CallTimeoutError from None
-                continue
-            if done == ticket:
-                break
-            # The answer to an earlier call, which was abandoned.
-        _raise(error)
-        return value
+        self._jobs.put((self._ticket, work, arguments))
+        return _result(self._results, self._ticket, timeout_s)
 
-    def end(self, wait_s: float = 0.0) -> None:
-        """Let the thread end after its pending calls; wait for that at most ``wait_s``."""
+    def end(self) -> None:
+        """Let the thread end after its pending calls."""
         self._jobs.put(None)
-        if wait_s > 0.0:
-            self._thread.join(wait_s)
 
     def _work(self) -> None:
         idle_s = self._idle_s
@@ -89,15 +81,10 @@ class Worker:
                 continue
             if job is None:
                 return
-            ticket, work, arguments = job
-            try:
-                self._results.put((ticket, work(*arguments), None))
-            except BaseException as error:
-                quoted(error)  # a text that hangs hangs here, where the caller does not wait for it
-                self._results.put((ticket, None, error))
+            _do(job, self._results)
 
 
-def call_and_leave(work: Callable[[], Any], timeout_s: float, name: str) -> None:
+def call_and_leave(work: Callable[[], Value], timeout_s: float, name: str) -> Value:
     """Make one call in a separate thread, and abandon it if it does not return in time.
 
     Raises:
@@ -105,30 +92,45 @@ def call_and_leave(work: Callable[[], Any], timeout_s: float, name: str) -> None
         CallExitError: the call raised anything but an ``Exception``.
         Exception: what the call raised.
     """
-    done: SimpleQueue[BaseException | None] = SimpleQueue()
-
-    def run() -> None:
-        try:
-            work()
-            done.put(None)
-        except BaseException as error:
-            quoted(error)  # as above
-            done.put(error)
-
+    results: SimpleQueue[Result] = SimpleQueue()
+    job: Job = (0, work, ())
     try:
-        Thread(target=run, name=name, daemon=True).start()
+        Thread(target=_do, args=(job, results), name=name, daemon=True).start()
     except RuntimeError:
         # The interpreter is shutting down, or there are no threads left: a call that may hang is better than none.
-        run()
+        _do(job, results)
+    return _result(results, 0, timeout_s)
+
+
+def raised_by(error: BaseException) -> BaseException:
+    """Return what a driver raised, for an error of one of these calls."""
+    return (error.__cause__ or error) if isinstance(error, CallExitError) else error
+
+
+def _do(job: Job, results: SimpleQueue[Result]) -> None:
+    ticket, work, arguments = job
     try:
-        error = done.get(timeout=timeout_s)
-    except Empty:
-        raise CallTimeoutError from None
-    _raise(error)
+        results.put((ticket, work(*arguments), None))
+    except BaseException as error:
+        quoted(error)  # a text that hangs hangs here, where the caller does not wait for it
+        results.put((ticket, None, error))
 
 
-def _raise(error: BaseException | None) -> None:
+def _result(results: SimpleQueue[Result], ticket: int, timeout_s: float) -> Any:
+    """Wait for the result of a call; those of earlier calls, which were abandoned, are passed over."""
+    deadline = time.monotonic() + timeout_s
+    while True:
+        left = deadline - time.monotonic()
+        try:
+            done, value, error = results.get(timeout=min(max(left, 0.0), SLICE_S))
+        except Empty:
+            if left <= SLICE_S:
+                raise CallTimeoutError from None
+            continue
+        if done == ticket:
+            break
     if isinstance(error, Exception):
         raise error
     if error is not None:
         raise CallExitError(quoted(error)) from error
+    return value

@@ -15,23 +15,8 @@ from skincal.robot.kinematics import Kinematics, place_indenter
 from skincal.robot.urdf import urdf_with_sphere
 
 __all__ = [
-    "DEFAULT_HAND",
-    "FORMAT",
-    "Chain",
-    "FingerDescription",
-    "HandDescription",
-    "HandState",
-    "ImpedanceGains",
-    "JointContact",
-    "JointLimits",
-    "Kinematics",
-    "TipFrames",
-    "bundled_hand",
-    "check_limits",
-    "contact_from_joints",
-    "hand_named",
-    "joint_contact_force",
-    "place_indenter",
-    "read_hand",
+    "DEFAULT_HAND", "FORMAT", "Chain", "FingerDescription", "HandDescription", "HandState", "ImpedanceGains",
+    "JointContact", "JointLimits", "Kinematics", "TipFrames", "bundled_hand", "check_limits",
+    "contact_from_joints", "hand_named", "joint_contact_force", "place_indenter", "read_hand",
     "urdf_with_sphere",
-]
+]  # fmt: skip

@@ -37,9 +37,6 @@ class JointContact:
     gap_m: FloatArray
     centres_m: FloatArray
 
-    def __len__(self) -> int:
-        return len(self.force_n)
-
 
 def contact_from_joints(
     kinematics: Kinematics, q_rad: ArrayLike, tau_nm: ArrayLike, *, indenter_radius_m: float | None = None

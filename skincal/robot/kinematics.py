@@ -5,8 +5,6 @@ All positions are in the frame of the URDF's root link unless a name says otherw
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -14,44 +12,38 @@ from skincal.dataset.findings import Findings
 from skincal.dataset.model_objects import surface_of
 from skincal.dataset.schema_errors import report
 from skincal.errors import WorkError
-from skincal.model import Surface
 from skincal.model.arrays import FloatArray
 from skincal.robot.chain import Chain, TipFrames
 from skincal.robot.description import HandDescription
 from skincal.robot.urdf import read_urdf
 
 
-@dataclass(frozen=True, eq=False)
 class Kinematics:
-    """Forward kinematics of the two tips, and the surface of the one with the skin.
+    """Forward kinematics of the two tips, and the surface of the one with the skin; the URDF is read once.
 
-    Build it with ``Kinematics(description)``; the URDF is read once.
+    Attributes:
+        description: the hand.
+        skin: chain of the finger with the skin.
+        indenter: chain of the finger with the indenter.
+        surface: surface of the skin.
+        give_rad_per_nm: compliance of the drives (n,) [rad/(N m)].
 
     Raises:
         InputError: the URDF is invalid, or contacts on such a surface cannot be found.
     """
 
-    description: HandDescription
-    skin: Chain = field(init=False, repr=False)
-    indenter: Chain = field(init=False, repr=False)
-    surface: Surface = field(init=False, repr=False)
-    give_rad_per_nm: FloatArray = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        findings, meta = Findings(), self.description.meta
-        urdf = read_urdf(self.description.urdf, findings)
+    def __init__(self, description: HandDescription) -> None:
+        findings, meta, joints = Findings(), description.meta, description.joints
+        urdf = read_urdf(description.urdf, findings)
         # A driver may bring a description that was read from no file.
-        report(meta.hand_violations(), findings, f"hand {self.description.name}")
+        report(meta.hand_violations(), findings, f"hand {description.name}")
         findings.raise_errors()
         assert urdf is not None
-        joints = self.description.joints
-        skin = Chain.of(urdf, self.description.skin_finger, joints)
-        indenter = Chain.of(urdf, self.description.indenter_finger, joints)
-        give = self.description.compliance_rad_per_nm
-        object.__setattr__(self, "give_rad_per_nm", np.zeros(len(joints)) if give is None else np.array(give))
-        object.__setattr__(self, "surface", surface_of(meta.surface, {}))
-        object.__setattr__(self, "skin", skin)
-        object.__setattr__(self, "indenter", indenter)
+        give = description.compliance_rad_per_nm
+        self.description, self.surface = description, surface_of(meta.surface, {})
+        self.skin = Chain.of(urdf, description.skin_finger, joints)
+        self.indenter = Chain.of(urdf, description.indenter_finger, joints)
+        self.give_rad_per_nm: FloatArray = np.zeros(len(joints)) if give is None else np.array(give)
 
     def skin_frames(self, q_rad: ArrayLike) -> TipFrames:
         """Return the fingertip frames for joint angles (K, n) or (n,) [rad]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -72,7 +72,8 @@ class ReferenceSkin:
 
     def _samples(self, contacts: Sequence[TrueContact]) -> Samples:
         """Return the contacts as samples that follow the earlier ones, with the covariates of the effects."""
-        known = [self._tracker.next(contact) for contact in contacts]
+        known = map(self._tracker.next, contacts)
+        press, phase, speed_m_per_s, cycle, met_n, pose = zip(*known, strict=True)
         return Samples.of(
             Contacts(
                 np.array([contact.point_m for contact in contacts]),
@@ -81,14 +82,14 @@ class ReferenceSkin:
             ),
             self._indenter,
             touching=[contact.touching for contact in contacts],
-            press=[covariates.press for covariates in known],
+            press=press,
             complete=True,
             time_s=[contact.time_s for contact in contacts],
-            phase=[covariates.phase for covariates in known],
-            speed_m_per_s=[covariates.speed_m_per_s for covariates in known],
-            cycle=[covariates.cycle for covariates in known],
-            met_n=[covariates.met_n for covariates in known],
-            pose=[covariates.pose for covariates in known],
+            phase=phase,
+            speed_m_per_s=speed_m_per_s,
+            cycle=cycle,
+            met_n=met_n,
+            pose=pose,
             temperature_c=np.nan,
             shear_u_n=[contact.shear_u_n for contact in contacts],
             shear_v_n=[contact.shear_v_n for contact in contacts],
@@ -105,8 +106,7 @@ STEADY_N_PER_S = 0.4
 """Largest change of a force that counts as held [N/s]."""
 
 
-@dataclass(frozen=True)
-class Covariates:
+class Covariates(NamedTuple):
     """Covariates of one sample; see :class:`skincal.effects.Samples`."""
 
     press: int

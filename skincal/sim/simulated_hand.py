@@ -79,11 +79,6 @@ class SimulatedHand:
         """The hand's clock [s]."""
         return self._steps / self._options.physics_hz
 
-    @property
-    def step_s(self) -> float:
-        """Time of a physics step [s]."""
-        return 1 / self._options.physics_hz
-
     def command(self, q_desired_rad: ArrayLike) -> None:
         """Set the target angles (n,) [rad], as the joint sensors measure them.
 

@@ -36,6 +36,7 @@ class Killed:
 
     def __init__(self, folder: Path, *, forked: bool) -> None:
         self.folder, self.out, self.forked = folder, folder / "run", forked
+        folder.mkdir()
         write_plan(PLAN, folder / "plan.toml")
         self.kept: dict[str, bytes] = {}
 
@@ -127,15 +128,14 @@ def kill_often(folder: Path, kills: int, seed: int, how: signal.Signals, *, fork
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_a_session_that_is_killed_goes_on(tmp_path: Path, how: signal.Signals):
     # A second kill meets what the first one left. Requests are answered alike (tests/cli/test_interrupt.py).
-    assert kill_often(tmp_path, 2, 1, how, forked=True) >= 1
+    # On a busy machine a session may end before anybody gets to kill it.
+    assert any(kill_often(tmp_path / str(seed), 2, seed, how, forked=True) for seed in (1, 2, 3))
 
 
 @pytest.mark.slow
 def test_fifty_kills(tmp_path: Path):
     kills = session = 0
     while kills < 50:
-        folder = tmp_path / str(session)
-        folder.mkdir()
-        kills += kill_often(folder, 50 - kills, session, signal.SIGKILL, forked=False)
+        kills += kill_often(tmp_path / str(session), 50 - kills, session, signal.SIGKILL, forked=False)
         session += 1
     assert kills >= 50

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run
 
-from skincal.cli.main import main
-from skincal.collect import Progress, collect
+from skincal.collect import Collected, Progress, collect
 from skincal.collect.plan import Plan, PlannedPress
+from skincal.collect.progress import Watch
 from skincal.collect.stage import stage_plan
 from skincal.dataset import HOLD, read_dataset
 from skincal.dataset.reading import Check
 from skincal.errors import InputError, Problem, WorkError
-from skincal.hand import GuardedStage, HandError, StageDescription, StageState, create_driver, create_rig
-from skincal.hand.stage_checks import run_stage_checks
+from skincal.hand import HandError, StageDescription, StageState, create_driver, create_rig
 from skincal.hand.stage_sim import StageSim
 
 DRIVER = "skincal.hand.stage_sim:StageSim"
@@ -31,9 +31,15 @@ PLAN = Plan(
 )
 
 
+def session(folder: Path, stage: StageSim | None = None, watch: Watch | None = None) -> Collected:
+    """Makes the presses of the plan with a stage."""
+    stage = stage or StageSim(seed=2)
+    rig = stage.description
+    return collect(stage_plan(PLAN, rig), rig, lambda _: stage, folder / "run", watch=watch)
+
+
 def test_presses_are_made_at_their_place_and_force(tmp_path: Path) -> None:
-    plan = stage_plan(PLAN, StageSim().description)
-    found = collect(plan, StageSim().description, lambda _: StageSim(seed=2), tmp_path / "run")
+    found = session(tmp_path)
     data = read_dataset(tmp_path / "run")
     assert found.statuses == {"ok": 3}
     assert data.presses.force_n == pytest.approx([2.0, 4.0, 1.0], rel=0.04)
@@ -47,8 +53,7 @@ def test_presses_are_made_at_their_place_and_force(tmp_path: Path) -> None:
 
 def test_progress_is_reported_in_every_period(tmp_path: Path) -> None:
     seen: list[Progress] = []
-    rig = StageSim().description
-    collect(stage_plan(PLAN, rig), rig, lambda _: StageSim(seed=2), tmp_path / "run", watch=seen.append)
+    session(tmp_path, watch=seen.append)
     assert sorted({one.done for one in seen}) == [0, 1, 2, 3]
     assert {one.doing for one in seen} == {"idle", "load", "hold", "unload"}
     assert (np.diff([one.sample.time_s for one in seen]) > 0).all()
@@ -68,10 +73,9 @@ def test_an_interrupted_session_goes_on(tmp_path: Path) -> None:
                 raise OSError("the cable is out")
             return super().observe()
 
-    plan = stage_plan(PLAN, StageSim().description)
     with pytest.raises(HandError, match="the cable is out"):
-        collect(plan, StageSim().description, lambda _: Weary(seed=2), tmp_path / "run")
-    found = collect(plan, StageSim().description, lambda _: StageSim(seed=2), tmp_path / "run")
+        session(tmp_path, Weary(seed=2))
+    found = session(tmp_path)
     assert 0 < found.resumed < 3
     assert found.statuses == {"ok": 3}
     assert found.dataset.frames is not None
@@ -84,48 +88,6 @@ def test_an_interrupted_session_goes_on(tmp_path: Path) -> None:
 def test_what_a_stage_cannot_do_is_said_before_it_moves(press: PlannedPress) -> None:
     with pytest.raises(InputError):
         stage_plan(Plan("one", (press,)), StageSim().description)
-
-
-class Pressing(StageSim):
-    def observe(self) -> StageState:
-        state = super().observe()
-        return StageState(state.time_s, state.position_m, 13.0, state.taxels)
-
-
-class Standing(StageSim):
-    def observe(self) -> StageState:
-        state = super().observe()
-        return StageState(1.0, state.position_m, state.force_n, state.taxels)
-
-
-@pytest.mark.parametrize(("driver", "kind"), [(Pressing, "force"), (Standing, "clock")])
-def test_a_bad_state_stops_the_stage(driver: type[StageSim], kind: str) -> None:
-    stage = driver()
-    with pytest.raises(HandError) as failed, GuardedStage(stage) as guarded:
-        for _ in range(3):
-            guarded.observe()
-    assert failed.value.kind == kind
-    assert stage._halted  # pyright: ignore[reportPrivateUsage]
-
-
-@pytest.mark.parametrize("to_m", [[0.0, 0.0, 0.03], [0.0, 0.0, 0.011], [0.0, np.nan, 0.01]])
-def test_a_command_beyond_travel_or_speed_is_not_sent(to_m: list[float]) -> None:
-    stage = StageSim()
-    with pytest.raises(HandError) as failed, GuardedStage(stage) as guarded:
-        guarded.observe()
-        guarded.act(np.array(to_m))
-    assert failed.value.kind == "command"
-    assert stage._wanted == pytest.approx([0.0, 0.0, 0.01])  # pyright: ignore[reportPrivateUsage]
-
-
-def test_checks_fail_for_a_stage_that_does_not_stop() -> None:
-    class Restless(StageSim):
-        def stop(self) -> None:
-            raise OSError("no")
-
-    assert run_stage_checks("stage-sim", StageSim).ok
-    found = {one.name: one.status for one in run_stage_checks("restless", Restless).results}
-    assert found["stops"] == "failed"
 
 
 def test_a_stage_is_no_hand() -> None:
@@ -146,9 +108,7 @@ def test_the_command_takes_the_place_of_no_input_and_no_stranger(
     plan = "p.toml" if given == "notes.json" else given
     for name in (plan, given):
         Path(name).write_text(text)
-    with pytest.raises(SystemExit) as ended:
-        main(["collect", "--driver", DRIVER, "--plan", plan, "--out", "run", "--force", *more])
-    assert ended.value.code == 2
+    assert run("collect", "--driver", DRIVER, "--plan", plan, "--out", "run", "--force", *more) == 2
     assert Path(given).read_text() == text
 
 
@@ -156,13 +116,11 @@ def test_the_command_collects_with_a_stage(tmp_path: Path, capsys: pytest.Captur
     (tmp_path / "plan.csv").write_text(
         "u_m,v_m,force_n,speed_m_per_s,hold_s\n0,0,2,0.02,0.5\n0.002,0,3,0.02,0.5\n"
     )
-    plan, out = str(tmp_path / "plan.csv"), str(tmp_path / "run")
-    with pytest.raises(SystemExit) as ended:
-        main(["collect", "--driver", DRIVER, "--plan", plan, "--out", out, "--json"])
-    assert not ended.value.code
+    out = tmp_path / "run"
+    assert run("collect", "--driver", DRIVER, "--plan", tmp_path / "plan.csv", "--out", out, "--json") == 0
     said = json.loads(capsys.readouterr().out)
     assert said["presses"] == 2
-    assert "stage" in read_dataset(tmp_path / "run").meta.source
+    assert "stage" in read_dataset(out).meta.source
 
 
 @pytest.mark.parametrize(("axis", "value"), [("upper_m", 0.003), ("lower_m", 0.001)])
@@ -174,7 +132,7 @@ def test_a_travel_that_does_not_span_the_skin_is_refused(tmp_path: Path, axis: s
             return replace(rig, **{axis: np.array([*getattr(rig, axis)[:2], value])})
 
     with pytest.raises(InputError, match="travel along z"):
-        collect(stage_plan(PLAN, Low().description), Low().description, lambda _: Low(), tmp_path / "run")
+        session(tmp_path, Low())
 
 
 def test_a_load_cell_that_stands_ends_the_press(tmp_path: Path) -> None:
@@ -190,7 +148,7 @@ def test_a_load_cell_that_stands_ends_the_press(tmp_path: Path) -> None:
 
     stage = Stuck(seed=2)
     with pytest.raises(WorkError, match="load cell") as failed:
-        collect(stage_plan(PLAN, stage.description), stage.description, lambda _: stage, tmp_path / "run")
+        session(tmp_path, stage)
     assert stage._halted  # pyright: ignore[reportPrivateUsage]
     assert any("stopped" in note for note in failed.value.__notes__)
     assert stage.deepest_m > -2e-3
@@ -203,17 +161,5 @@ def test_a_session_that_cannot_be_fitted_is_said(
         "skincal.collect.collection.check_dataset", lambda _: Check((Problem("x", "a", "b"),), (), None)
     )
     (tmp_path / "plan.csv").write_text("u_m,v_m,force_n,speed_m_per_s,hold_s\n0,0,2,0.02,0.5\n")
-    with pytest.raises(SystemExit) as ended:
-        main(
-            [
-                "collect",
-                "--driver",
-                DRIVER,
-                "--plan",
-                str(tmp_path / "plan.csv"),
-                "--out",
-                str(tmp_path / "r"),
-            ]
-        )
-    assert ended.value.code == 1
+    assert run("collect", "--driver", DRIVER, "--plan", tmp_path / "plan.csv", "--out", tmp_path / "r") == 1
     assert "can be fitted" in capsys.readouterr().err

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
+from commands import run
 
 from benchmarks.remote_cost import Clock, Link
-from skincal.cli.main import main
 from skincal.cli.rescale import read_deployed
 from skincal.dataset import HOLD, read_dataset
 from skincal.deploy import deploy, letters, marble_targets, record
@@ -24,6 +24,7 @@ from skincal.envs.reference_hand import ReferenceHand
 from skincal.errors import InputError, WorkError
 from skincal.hand.driver import HandState
 from skincal.hand.errors import HandError
+from skincal.hand.registry import create_driver
 from skincal.train import Policy, policy_path, read_policy
 
 WIDTH = {"object_width_m": 0.012, "speed_rad_per_s": 0.3}
@@ -130,28 +131,22 @@ def test_letters_stay_on_the_patch() -> None:
         letters("12")
 
 
+def hold_still(out: Path, *more: str) -> int:
+    """Runs the command that holds the marble still for a second; returns its exit status."""
+    command = ("deploy", "marble", "marble-tactile-1", "--trajectory", "still", "--duration-s", 1)
+    return run(*command, "--out", out, *more)
+
+
 def test_verb_writes_a_session_that_replays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "rolled"
-    with pytest.raises(SystemExit) as end:
-        main(["deploy", "marble", "marble-tactile-1", "--trajectory", "still", "--duration-s", "1", "--out", str(out),
-              "--effect", "hysteresis=1", "--json"])  # fmt: skip
+    assert hold_still(out, "--effect", "hysteresis=1", "--json") == 0
     told = json.loads(capsys.readouterr().out)
-    assert end.value.code == 0 and told["held"] and told["steps"] == 10
+    assert told["held"] and told["steps"] == 10
     assert (out / "run.png").is_file() and (out / "deploy.json").is_file()
-    with pytest.raises(SystemExit) as end:
-        main(["dataset", "check", str(out / "session")])
-    assert end.value.code == 0
-    from skincal.hand.registry import create_driver
-
+    assert run("dataset", "check", out / "session") == 0
     replay = create_driver("replay", dataset=str(out / "session"))
     replay.connect()
     assert np.isfinite(replay.observe().q_rad).all()
-
-
-def still_for_a_second(out: Path) -> list[str]:
-    """The command that holds the marble still."""
-    command = ["deploy", "marble", "marble-tactile-1", "--trajectory", "still", "--duration-s", "1"]
-    return [*command, "--out", str(out)]
 
 
 @pytest.mark.parametrize(
@@ -179,10 +174,8 @@ def test_a_run_that_ends_early_is_kept(
         return np.full(6, np.nan)
 
     monkeypatch.setattr(Policy, "__call__", ends)
-    with pytest.raises(SystemExit) as end:
-        main(still_for_a_second(out))
+    assert hold_still(out) == status
     err = capsys.readouterr().err
-    assert end.value.code == status
     assert f"{said} The run so far is saved in {out / 'session'}." in err
     assert ("finite actions" in err) == (act == "nan")
     kept = json.loads((out / "deploy.json").read_text())
@@ -204,9 +197,7 @@ def test_a_disk_without_room_is_told_before_the_hand_moves(
     connected: list[ReferenceHand] = []
     monkeypatch.setattr(ReferenceHand, "connect", connected.append)
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(SystemExit) as end:
-        main(still_for_a_second(tmp_path / "rolled"))
-    assert end.value.code == 1 and not connected
+    assert hold_still(tmp_path / "rolled") == 1 and not connected
     err = capsys.readouterr().err
     assert f"{tmp_path / 'rolled'}: No space left on device. Free some space" in err and "ended" not in err
     assert not [*tmp_path.iterdir()]
@@ -224,11 +215,10 @@ def test_a_run_that_finds_the_disk_full_is_kept_elsewhere(
         "write_dataset",
         lambda data, path: (full if out.parent in path.parents else write)(data, path),
     )
-    with pytest.raises(SystemExit) as end:
-        main(still_for_a_second(out))
+    assert hold_still(out) == 1
     err = capsys.readouterr().err
     (kept,) = elsewhere.glob("*/rolled")
-    assert end.value.code == 1 and "No space left on device" in err
+    assert "No space left on device" in err
     assert f"The hand was stopped. The run so far is saved in {kept / 'session'}." in err
     assert json.loads((kept / "deploy.json").read_text())["steps"] == 10
     assert read_dataset(kept / "session").frames is not None
@@ -243,16 +233,13 @@ def test_an_interrupt_while_the_picture_is_drawn_loses_nothing(
 
     monkeypatch.setattr("skincal.report.deploy.deploy_figure", interrupt)
     out = tmp_path / "rolled"
-    with pytest.raises(SystemExit) as end:
-        main(still_for_a_second(out))
-    assert end.value.code == 130 and "The run so far is saved" in capsys.readouterr().err
+    assert hold_still(out) == 130
+    assert "The run so far is saved" in capsys.readouterr().err
     assert json.loads((out / "deploy.json").read_text())["steps"] == 10
 
 
 def test_verb_refuses_a_policy_of_another_task(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        main(["deploy", "bolt", "marble-tactile-1", "--out", str(tmp_path / "x")])
-    assert end.value.code == 2
+    assert run("deploy", "bolt", "marble-tactile-1", "--out", tmp_path / "x") == 2
     assert "expected a policy for bolt" in capsys.readouterr().err
 
 
@@ -264,17 +251,6 @@ def test_verb_refuses_a_policy_that_is_faster_than_the_hand(
     (told,) = [p for p in model.metadata_props if p.key == "skincal"]
     told.value = json.dumps({**json.loads(told.value), "environment": {"speed_rad_per_s": speed}})
     onnx.save(model, tmp_path / "p.onnx")
-    with pytest.raises(SystemExit) as ended:
-        main(
-            [
-                "deploy",
-                "marble",
-                str(tmp_path / "p.onnx"),
-                "--driver",
-                "reference",
-                "--out",
-                str(tmp_path / "o"),
-            ]
-        )
-    assert ended.value.code == 2
+    command = ("deploy", "marble", tmp_path / "p.onnx", "--driver", "reference")
+    assert run(*command, "--out", tmp_path / "o") == 2
     assert f"got one of {speed} rad/s" in capsys.readouterr().err

@@ -70,6 +70,7 @@ class FakeHand(HandDriver):
         self.threads: dict[str, str] = {}
         self.commands: list[np.ndarray] = []
         self.stopped_at: float | None = None
+        self.raised_at = 0.0
         self.q = np.zeros(2)
         self.ticks = 0
         self.connected = False
@@ -90,6 +91,7 @@ class FakeHand(HandDriver):
         if what in self.hang:
             time.sleep(self.hang[what])
         if what in self.raises:
+            self.raised_at = time.monotonic()
             raise self.raises[what]
 
     def connect(self) -> None:
@@ -124,6 +126,22 @@ class FakeHand(HandDriver):
     def close(self) -> None:
         self._told("close")
         self.connected = False
+
+
+class Hands:
+    """Makes fake hands for a server, and keeps them."""
+
+    def __init__(self, make: Callable[[], FakeHand] = FakeHand) -> None:
+        self._make = make
+        self.made: list[FakeHand] = []
+
+    def __call__(self) -> FakeHand:
+        self.made.append(self._make())
+        return self.made[-1]
+
+    @property
+    def last(self) -> FakeHand:
+        return self.made[-1]
 
 
 def changed(**values: Any) -> Callable[[HandState], HandState]:

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from skincal.hand.clock import DRIFT, ClockCheck
+from skincal.hand.errors import HandError
 from skincal.hand.guard_options import GuardOptions
 
 PERIOD_S = 0.01
@@ -19,10 +20,11 @@ def found(
     check = ClockCheck(GuardOptions(**options), real_time=real_time, period_s=PERIOD_S, recorded=recorded)
     waited = [0.0, *(after - before for before, after in pairwise(own_s))]
     for t, own, wait in zip(hand_s, own_s, waited, strict=True):
-        violation = check(float(t), float(own), float(wait))
-        if violation is not None:
+        try:
+            check(float(t), float(own), float(wait))
+        except HandError as violation:
             assert violation.kind == "clock"
-            return violation.text
+            return str(violation)
     return ""
 
 

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from hand_fakes import FakeHand, changed, tiny_description
+from hand_fakes import FakeHand, Hands, changed, tiny_description
 from test_replay import recorded
 
-from skincal.hand import contract_checks, remote, replay, trial
-from skincal.hand.contract import ContractOptions, ContractReport, run_contract
+from skincal.hand import remote, replay, trial
+from skincal.hand.contract import CheckResult, ContractOptions, ContractReport, run_contract
 from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.errors import HandError
 from skincal.hand.remote import RemoteDriver
@@ -38,6 +38,10 @@ QUICK = replace(GOOD, call_s=0.15, stop_s=0.06, periods=20)
 
 def failed(report: ContractReport) -> set[str]:
     return {result.name for result in report.results if result.status == "failed"}
+
+
+def result_of(name: str, report: ContractReport) -> CheckResult:
+    return next(result for result in report.results if result.name == name)
 
 
 def test_a_good_driver_passes_every_check() -> None:
@@ -229,27 +233,17 @@ def test_a_hand_that_is_not_given_back() -> None:
 
 
 def test_a_hand_that_shall_not_move_is_not_moved() -> None:
-    made: list[FakeHand] = []
-
-    def make() -> FakeHand:
-        made.append(FakeHand())
-        return made[-1]
-
-    report = run_contract("fake", make, replace(GOOD, move=False))
+    hands = Hands()
+    report = run_contract("fake", hands, replace(GOOD, move=False))
     assert report.ok
     assert {r.name for r in report.results if r.status == "skipped"} == {"commands are followed"}
-    assert all(np.array_equal(q, np.zeros(2)) for hand in made for q in hand.commands)
+    assert all(np.array_equal(q, np.zeros(2)) for hand in hands.made for q in hand.commands)
 
 
 def test_no_joint_moves_further_than_stated() -> None:
-    made: list[FakeHand] = []
-
-    def make() -> FakeHand:
-        made.append(FakeHand())
-        return made[-1]
-
-    run_contract("fake", make, replace(GOOD, step_rad=0.015))
-    angles = np.concatenate([hand.commands for hand in made if hand.commands])
+    hands = Hands()
+    run_contract("fake", hands, replace(GOOD, step_rad=0.015))
+    angles = np.concatenate([hand.commands for hand in hands.made if hand.commands])
     assert np.abs(angles).max() == pytest.approx(0.015)
 
 
@@ -257,39 +251,31 @@ def test_no_joint_moves_further_than_stated() -> None:
 def test_a_driver_that_ends_the_process_fails(raised: BaseException) -> None:
     report = run_contract("exits", lambda: FakeHand(raises={"observe": raised}, after=1), QUICK)
     assert {"states are sound", "commands are followed"} <= failed(report)
-    assert type(raised).__name__ in next(r.got for r in report.results if r.name == "states are sound")
+    assert type(raised).__name__ in result_of("states are sound", report).got
 
-    def exits() -> FakeHand:
-        raise SystemExit(0)
-
-    assert run_contract("exits", exits, QUICK).count("failed") > 10
+    assert run_contract("exits", lambda: sys.exit(0), QUICK).count("failed") > 10
 
 
 def test_a_force_above_the_limit_stops_the_hand_in_every_check() -> None:
-    made: list[FakeHand] = []
-
-    def make() -> FakeHand:
-        made.append(FakeHand(changed(tau_nm=np.array([0.0, 1.2])), after=15))
-        return made[-1]
-
+    hands = Hands(lambda: FakeHand(changed(tau_nm=np.array([0.0, 1.2])), after=15))
     options = replace(QUICK, contact_force=lambda description: lambda state: 10 * float(state.tau_nm.max()))
-    report = run_contract("spike", make, options)
+    report = run_contract("spike", hands, options)
     texts = [result.got for result in report.results if result.status == "failed"]
     assert "commands are followed" in failed(report)
     assert all("contact force is 12 N, above the limit of 8 N" in text for text in texts)
     assert all("The hand was stopped." in text for text in texts)
-    assert all(hand.ticks <= 16 for hand in made if hand.ticks > 15 and hand.commands)
+    assert all(hand.ticks <= 16 for hand in hands.made if hand.ticks > 15 and hand.commands)
 
 
-def test_a_clock_that_does_not_keep_pace_with_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_clock_that_does_not_keep_pace_with_ours() -> None:
     def make() -> FakeHand:
         return FakeHand(real_time=True)  # its states come as fast as they are asked for
 
-    # 0.1 ms a state, however busy the machine is.
-    own = (QUICK.periods * 1e-4 * reading for reading in count())
-    monkeypatch.setattr(contract_checks, "time", SimpleNamespace(monotonic=lambda: next(own)))
-    report = run_contract("fast", make, QUICK)
-    result = next(r for r in report.results if r.name == "clock keeps the period")
+    # 0.1 ms a state, however busy the machine is: our clock is read three times for each.
+    own = (1e-4 / 3 * reading for reading in count())
+    result = result_of(
+        "clock keeps the period", run_contract("fast", make, replace(QUICK, clock=lambda: next(own)))
+    )
     assert result.status == "failed"
     assert "times as fast as ours" in result.got
 
@@ -318,22 +304,16 @@ def test_a_driver_without_a_name_passes() -> None:
 
 
 def test_a_hand_that_does_not_stop_at_the_end_fails_the_check() -> None:
-    report = run_contract("on", lambda: FakeHand(hang={"stop": 1.0}, after=0), QUICK)
-    sound = next(r for r in report.results if r.name == "states are sound")
+    report = run_contract("on", lambda: FakeHand(hang={"stop": 1.0}, after=0), replace(QUICK, stop_s=0.02))
+    sound = result_of("states are sound", report)
     assert sound.status == "failed" and "Cut the hand's power" in sound.got
 
 
 def test_a_hand_that_cannot_be_stopped_is_not_moved() -> None:
-    made: list[FakeHand] = []
-
-    def make() -> FakeHand:
-        made.append(FakeHand(raises={"stop": RuntimeError("no")}))
-        return made[-1]
-
-    report = run_contract("on", make, QUICK)
-    moving = next(r for r in report.results if r.name == "commands are followed")
+    hands = Hands(lambda: FakeHand(raises={"stop": RuntimeError("no")}))
+    moving = result_of("commands are followed", run_contract("on", hands, QUICK))
     assert "could not be stopped before" in moving.got and "Cut the hand's power" in moving.got
-    assert all((q == 0).all() for hand in made for q in hand.commands)
+    assert all((q == 0).all() for hand in hands.made for q in hand.commands)
 
 
 def test_an_interrupt_while_the_hand_moves_is_no_failed_check() -> None:
@@ -354,7 +334,7 @@ def test_an_interrupt_while_the_hand_moves_is_no_failed_check() -> None:
 
 
 def test_a_driver_that_is_never_made_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trial, "CONNECT_S", 0.05)
+    monkeypatch.setattr(trial, "CONNECT_S", 0.02)
 
     def hangs() -> FakeHand:
         time.sleep(1.5)

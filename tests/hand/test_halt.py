@@ -16,7 +16,7 @@ from hand_fakes import FakeHand
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.halt import STOPPED, halt
+from skincal.hand.halt import STOPPED, Stop
 from skincal.signals import ENDING, held_back
 
 QUICK = GuardOptions(timeout_s=0.3, connect_timeout_s=0.3, stop_timeout_s=0.1)
@@ -130,7 +130,7 @@ def test_a_stop_that_raises_once_has_stopped() -> None:
         if next(fails):
             raise OSError
 
-    assert halt(stop, 1.0, "fake") == ""
+    assert Stop(stop, 1.0, "fake")() == ""
 
 
 FORGETFUL = """

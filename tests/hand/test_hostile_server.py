@@ -12,13 +12,16 @@ from typing import Any
 
 import pytest
 
-from skincal.hand import GuardedHand, remote
+from skincal.hand import GuardedHand, GuardOptions, remote
 from skincal.hand.errors import HandError
 from skincal.hand.messages import REQUESTS, VERSION, Message, decode, encode, state_body
 from skincal.hand.remote import RemoteDriver
 from skincal.hand.sim import SimDriver
 
 zmq = pytest.importorskip("zmq", reason="needs skincal[remote]")
+
+QUICK = GuardOptions(timeout_s=0.4)
+"""Longer than a client is patient with silence, shorter than with a server that is always busy."""
 
 Answer = Callable[[dict[str, Any]], list[bytes]]
 
@@ -128,12 +131,13 @@ CASES = [
 def test_any_answer_ends_in_an_error_and_a_stop(
     state: dict[str, Any], at: str, wrong: Answer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(remote, "CONNECT_S", 1.0)
+    monkeypatch.setattr(remote, "CONNECT_S", 0.5)
+    monkeypatch.setattr(remote, "CALL_S", 0.5)
     before = set(threads())
     with server(state, wrong, at) as (address, seen):
         start_s = time.monotonic()
         driver = RemoteDriver(address, silence_s=0.3)
-        with pytest.raises(HandError) as error, GuardedHand(driver) as hand:
+        with pytest.raises(HandError) as error, GuardedHand(driver, QUICK) as hand:
             for _ in range(4):
                 hand.act(hand.nearest(hand.observe().q_desired_rad))
         assert len(str(error.value)) < 1000

@@ -25,7 +25,6 @@ from skincal.hand.messages import (
     refusal_of,
     state_body,
     state_of,
-    text,
 )
 from skincal.robot.description import ARRAYS
 
@@ -94,8 +93,6 @@ def test_a_field_that_is_no_list_of_numbers(value: object) -> None:
 def test_a_field_that_is_missing() -> None:
     with pytest.raises(MessageError, match="state, time_s: expected a number or null; got nothing"):
         number(Message("state", 1, "s"), "time_s")
-    with pytest.raises(MessageError, match="hello, digest: expected a text; got 3"):
-        text(Message("hello", 1, "s", {"digest": 3}), "digest")
 
 
 @given(st.binary(max_size=200))

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hand_fakes import FakeHand, changed, tiny_description
+from hand_fakes import FakeHand, Hands, changed, tiny_description
 
 from benchmarks.lossy_proxy import Proxy, lossy
 from skincal.errors import InputError, WorkError
@@ -48,22 +48,6 @@ SLACK_S = 0.25
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """The tiny hand on both sides."""
     monkeypatch.setattr(remote, "hand_named", lambda hand: tiny_description())
-
-
-class Hands:
-    """Makes fake hands for a server, and keeps them."""
-
-    def __init__(self, make: Callable[[], FakeHand] = FakeHand) -> None:
-        self._make = make
-        self.made: list[FakeHand] = []
-
-    def __call__(self) -> FakeHand:
-        self.made.append(self._make())
-        return self.made[-1]
-
-    @property
-    def last(self) -> FakeHand:
-        return self.made[-1]
 
 
 @contextmanager
@@ -190,11 +174,14 @@ def test_the_force_is_limited_at_the_hands_side() -> None:
 def test_no_client_waits_for_a_force_check_that_is_slow_to_make() -> None:
     def force(description: HandDescription) -> Callable[[HandState], float]:
         del description
-        time.sleep(1.5)  # as long as it may take to compile
+        time.sleep(0.5)  # longer than a client is patient, as compiling may take
         return lambda state: 0.0
 
     hands = Hands()
-    with served(hands, contact_force=force) as server, GuardedHand(RemoteDriver(server.address)) as hand:
+    with (
+        served(hands, contact_force=force) as server,
+        GuardedHand(RemoteDriver(server.address, silence_s=0.25)) as hand,
+    ):
         drive(hand, 2)
     assert hands.last.stopped_at is not None
 
@@ -213,9 +200,7 @@ def test_a_driver_that_hangs_there_is_stopped_there() -> None:
 
 def test_stop_comes_through_while_another_call_waits() -> None:
     hands = Hands(lambda: FakeHand(hang={"observe": 0.25}, after=0))
-    with served(hands) as server:
-        driver = RemoteDriver(server.address)
-        driver.connect()
+    with served(hands) as server, RemoteDriver(server.address) as driver:
         timer = threading.Timer(0.05, driver.stop)
         start = time.monotonic()
         timer.start()
@@ -223,7 +208,6 @@ def test_stop_comes_through_while_another_call_waits() -> None:
         assert hands.last.stopped_at is not None
         assert hands.last.stopped_at - start < 0.05 + SLACK_S
         timer.join(PATIENCE_S)
-        driver.close()
 
 
 def test_a_client_that_falls_silent_loses_the_hand() -> None:
@@ -237,11 +221,13 @@ def test_a_client_that_falls_silent_loses_the_hand() -> None:
         with pytest.raises(HandError, match="another client has the hand") as caught:
             other.connect()
         assert caught.value.kind == "refused"
-        time.sleep(SERVE.watchdog_s + SLACK_S + SERVE.watchdog_s / 4)
         first = hands.last
+        while first.calls[-1] != "close" and time.monotonic() - start < PATIENCE_S:
+            time.sleep(0.01)
         assert first.stopped_at is not None
         assert first.stopped_at - start < SERVE.watchdog_s + SLACK_S
         assert first.calls[-1] == "close"
+        time.sleep(0.05)  # the session ends after that
         other.connect()
         other.observe()
         assert hands.last is not first
@@ -351,7 +337,8 @@ with HandServer(FakeHand, "tcp://127.0.0.1:*") as server:
 """
 
 
-def test_a_server_that_is_killed() -> None:
+def test_a_server_that_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remote, "STOP_S", 0.1)
     code = SERVER.format(tests=str(Path(__file__).parent))
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
@@ -390,7 +377,7 @@ while True:
 
 def test_a_client_that_is_killed() -> None:
     hands = Hands()
-    with served(hands) as server:
+    with served(hands, replace(SERVE, guard=GuardOptions())) as server:
         code = CLIENT.format(tests=str(Path(__file__).parent), address=server.address)
         process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
         assert process.stdout is not None
@@ -444,12 +431,18 @@ def test_this_computer_needs_no_keys(address: str) -> None:
     assert checked_address(address, keys=False, what="address") == address
 
 
-def test_with_keys_those_who_are_known_come_in_and_others_do_not(tmp_path: Path) -> None:
+@pytest.fixture
+def keys(tmp_path: Path) -> Path:
+    """A folder of keys for a hand and a client."""
     make_keys(tmp_path / "keys")
+    return tmp_path / "keys"
+
+
+def test_with_keys_those_who_are_known_come_in_and_others_do_not(tmp_path: Path, keys: Path) -> None:
     make_keys(tmp_path / "others")
     hands = Hands()
-    with served(hands, keys=hand_keys(tmp_path / "keys" / "hand")) as server:
-        with GuardedHand(RemoteDriver(server.address, keys=tmp_path / "keys" / "client")) as hand:
+    with served(hands, keys=hand_keys(keys / "hand")) as server:
+        with GuardedHand(RemoteDriver(server.address, keys=keys / "client")) as hand:
             drive(hand, 3)
         first = hands.last
         # No keys; keys of somebody else; the right server key, but a client that is not allowed.
@@ -457,18 +450,18 @@ def test_with_keys_those_who_are_known_come_in_and_others_do_not(tmp_path: Path)
         mixed.mkdir()
         for name, folder in (("client.key_secret", "others"), ("hand.key", "keys")):
             (mixed / name).write_bytes((tmp_path / folder / "client" / name).read_bytes())
-        for keys in (None, tmp_path / "others" / "client", mixed):
+        for wrong in (None, tmp_path / "others" / "client", mixed):
             with pytest.raises(HandError, match="none that admits a client") as caught:
-                RemoteDriver(server.address, keys=keys, silence_s=0.3).connect()
+                RemoteDriver(server.address, keys=wrong, silence_s=0.1).connect()
             assert caught.value.kind == "lost"
         assert hands.last is first
         # A client with keys does not talk to a server that cannot show the hand's.
     with served(hands) as server, pytest.raises(HandError, match="none that admits"):
-        RemoteDriver(server.address, keys=tmp_path / "keys" / "client", silence_s=0.3).connect()
+        RemoteDriver(server.address, keys=keys / "client", silence_s=0.1).connect()
 
 
 def test_a_client_that_does_not_wait_for_answers_fills_no_memory() -> None:
-    hands = Hands(lambda: FakeHand(hang={"observe": 0.2}))
+    hands = Hands(lambda: FakeHand(hang={"observe": 0.05}))
     with served(hands) as server:
         driver = RemoteDriver(server.address)
         driver.connect()
@@ -523,7 +516,7 @@ def test_a_message_without_end_stops_the_hand_and_ends(monkeypatch: pytest.Monke
             server.run()
         noticed.set()
     attacker.join(PATIENCE_S)
-    driver.close()
+    driver._shut()  # nobody is there to take leave of
     assert hands.last.stopped_at is not None
 
 
@@ -536,45 +529,32 @@ def test_a_connection_that_says_nothing_holds_no_place(monkeypatch: pytest.Monke
         assert time.monotonic() - start < 2.0
 
 
-def test_keys_are_read_once(tmp_path: Path) -> None:
+def test_keys_are_read_once(keys: Path) -> None:
     """Files added to the folder later are never opened: at a pipe the authenticator would wait for ever."""
-    make_keys(tmp_path / "keys")
-    keys = hand_keys(tmp_path / "keys" / "hand")
-    (tmp_path / "keys" / "hand" / "allowed" / "client.key").unlink()
-    with served(Hands(), keys=keys) as server:
-        driver = RemoteDriver(server.address, keys=tmp_path / "keys" / "client")
-        driver.connect()
-        driver.close()
+    read = hand_keys(keys / "hand")
+    (keys / "hand" / "allowed" / "client.key").unlink()
+    with served(Hands(), keys=read) as server, RemoteDriver(server.address, keys=keys / "client") as driver:
+        driver.observe()
 
 
-def test_keys_are_private_and_kept(tmp_path: Path) -> None:
-    make_keys(tmp_path / "keys")
-    files = sorted(
-        str(p.relative_to(tmp_path / "keys")) for p in (tmp_path / "keys").rglob("*") if p.is_file()
-    )
-    assert files == [
-        ".skincal.json",
-        "README.txt",
-        "client/client.key_secret",
-        "client/hand.key",
-        "hand/allowed/client.key",
-        "hand/hand.key_secret",
-    ]
-    for path in (tmp_path / "keys").rglob("*.key_secret"):
+def test_keys_are_private_and_kept(keys: Path) -> None:
+    files = sorted(str(path.relative_to(keys)) for path in keys.rglob("*") if path.is_file())
+    of_client, of_hand = ["client/client.key_secret", "client/hand.key"], ["hand/allowed/client.key"]
+    assert files == [".skincal.json", "README.txt", *of_client, *of_hand, "hand/hand.key_secret"]
+    for path in keys.rglob("*.key_secret"):
         assert path.stat().st_mode & 0o077 == 0
     with pytest.raises(InputError, match="existing folder"):
-        make_keys(tmp_path / "keys")
-    secret = client_keys(tmp_path / "keys" / "client").secret.decode()
-    assert all(secret not in p.read_text() for p in (tmp_path / "keys").rglob("*.key"))
+        make_keys(keys)
+    secret = client_keys(keys / "client").secret.decode()
+    assert all(secret not in path.read_text() for path in keys.rglob("*.key"))
 
 
-def test_key_folders_that_are_wrong(tmp_path: Path) -> None:
-    make_keys(tmp_path / "keys")
+def test_key_folders_that_are_wrong(keys: Path) -> None:
     with pytest.raises(InputError, match=r"client\.key_secret: expected a key file"):
-        client_keys(tmp_path / "keys" / "hand")
-    (tmp_path / "keys" / "hand" / "allowed" / "client.key").unlink()
+        client_keys(keys / "hand")
+    (keys / "hand" / "allowed" / "client.key").unlink()
     with pytest.raises(InputError, match="expected at least one public key of a client"):
-        hand_keys(tmp_path / "keys" / "hand")
+        hand_keys(keys / "hand")
 
 
 def test_an_address_that_is_taken() -> None:
@@ -610,13 +590,14 @@ def _moved(driver: RemoteDriver) -> None:
 
 @pytest.mark.parametrize("last", [lambda driver: None, RemoteDriver.observe, _moved, _stop, _refused])
 def test_the_hand_is_free_again_whatever_its_client_did_last(last: Callable[[RemoteDriver], object]) -> None:
-    with served(Hands()) as server:
+    options = replace(SERVE, watchdog_s=0.2)
+    with served(Hands(), options) as server:
         dead = RemoteDriver(server.address)
         dead.connect()
         last(dead)
         dead._shut()
         start, free = time.monotonic(), False
-        while not free and time.monotonic() - start < SERVE.watchdog_s + 4 * SLACK_S:
+        while not free and time.monotonic() - start < options.watchdog_s + 4 * SLACK_S:
             other = RemoteDriver(server.address)
             try:
                 other.connect()
@@ -660,12 +641,9 @@ BAD_KEYS = {
 
 
 @pytest.mark.parametrize(("change", "text"), BAD_KEYS.values(), ids=BAD_KEYS)
-def test_keys_are_checked_when_they_are_read(
-    change: Callable[[bytes], bytes], text: str, tmp_path: Path
-) -> None:
-    make_keys(tmp_path / "keys")
+def test_keys_are_checked_when_they_are_read(change: Callable[[bytes], bytes], text: str, keys: Path) -> None:
     for side, read in (("client", client_keys), ("hand", hand_keys)):
-        path = tmp_path / "keys" / side / f"{side}.key_secret"
+        path = keys / side / f"{side}.key_secret"
         secret = path.read_bytes().split(b'secret-key = "')[1].split(b'"')[0]
         path.write_bytes(path.read_bytes().replace(secret, change(secret)))
         with pytest.raises(InputError) as caught:
@@ -675,13 +653,12 @@ def test_keys_are_checked_when_they_are_read(
 
 
 @pytest.mark.parametrize("content", [b"", b"public-key", b'public-key = "short"', bytes(100_000)])
-def test_the_keys_of_others_are_checked_too(content: bytes, tmp_path: Path) -> None:
-    make_keys(tmp_path / "keys")
-    for folder, name, read in (
-        (tmp_path / "keys" / "client", "hand.key", client_keys),
-        (tmp_path / "keys" / "hand", "allowed/client.key", hand_keys),
+def test_the_keys_of_others_are_checked_too(content: bytes, keys: Path) -> None:
+    for path, read in (
+        (keys / "client" / "hand.key", client_keys),
+        (keys / "hand" / "allowed" / "client.key", hand_keys),
     ):
-        (folder / name).write_bytes(content)
+        path.write_bytes(content)
         with pytest.raises(InputError) as caught:
-            read(folder)
-        assert str(folder / name) in str(caught.value)
+            read(keys / path.relative_to(keys).parts[0])
+        assert str(path) in str(caught.value)
