@@ -35,7 +35,7 @@ class Blocks:
         chi: (B,) squares that are left, over the noise.
         count: (B,) values.
         press: (B,) row of the press, -1 for rest.
-        moves: for each press the steps of its three own numbers: constant (3,) and by the columns (3, n).
+        moves: (P, 3, n) by how much less each press's three own numbers would be best, by the columns.
         own: curvature (B, k, k) and slope (B, k) by what a press has for itself, its three numbers last.
         drawn: (B, n, S) what ``b`` is in simulated sessions.
         drawn_chi: (B, S) and their squares.
@@ -48,7 +48,7 @@ class Blocks:
     chi: FloatArray
     count: IntArray
     press: IntArray
-    moves: tuple[FloatArray, FloatArray]
+    moves: FloatArray
     own: tuple[FloatArray, FloatArray]
     drawn: FloatArray
     drawn_chi: FloatArray
@@ -230,9 +230,9 @@ def blocks(
     squares = np.concatenate([product[:, -1:, -1], drawn_chi], axis=1)
     squares -= np.einsum("bks,bks->bs", z[..., n:], z[..., n:])
     squares[:, 0] += (m**2) @ lam
-    step = np.linalg.solve(np.swapaxes(chol, 1, 2), z[..., : n + 1]) * unit[..., None]
-    constant, by = np.zeros((len(at), 3)), np.zeros((len(at), 3, n))
-    constant[owner[owner >= 0]], by[owner[owner >= 0]] = step[owner >= 0, -3:, n], step[owner >= 0, -3:, :n]
+    step = np.linalg.solve(np.swapaxes(chol, 1, 2), of_columns) * unit[..., None]
+    by = np.zeros((len(at), 3, n))
+    by[owner[owner >= 0]] = step[owner >= 0, -3:]
     seen, log_sd = w.seen[order], np.where(w.seen, w.log_sd, 0.0)[order]
     count = np.add.reduceat(seen.sum(axis=1), begin[:-1])
     loss = 2 * np.add.reduceat(log_sd.sum(axis=1), begin[:-1]) + np.log1p(square * image**2).sum(axis=1)
@@ -249,7 +249,7 @@ def blocks(
         of_columns,
     )
     return Blocks(
-        by_residual[..., 0] - gone[..., 0], loss + chi + ahead, ahead, chi, count, owner, (constant, by),
+        by_residual[..., 0] - gone[..., 0], loss + chi + ahead, ahead, chi, count, owner, by,
         (g, right[..., n]), drawn - gone[..., 1:], squares[:, 1:], products,
     )  # fmt: skip
 

@@ -68,7 +68,7 @@ def beyond_presses(fitter: Fitter, blocks: Blocks, w: Whitened, step: FloatArray
     pressed = fitter.press >= 0
     press, signal = fitter.press[pressed], w.signal[pressed]
     x = w.columns.times(step)[pressed]
-    x -= np.einsum("njk,nk->nj", w.press[pressed], (blocks.moves[1] @ step)[press])
+    x -= np.einsum("njk,nk->nj", w.press[pressed], (blocks.moves @ step)[press])
     square = np.maximum(_summed(press, signal**2), 1e-12)
     part = (1 - 1 / np.sqrt(1 + fitter.before.image**2 * square)) / square
     return x - signal * (part * _summed(press, signal * x))[press]

@@ -331,16 +331,13 @@ class Fitter:
         limit = _MOST * np.array([1, 1, 1, 1, 1, self.forward.noise.frame])
         return np.append(np.clip(d[: len(limit)], -limit, limit), d[len(limit) :])
 
-    def moved(
-        self, at: Fitted, d: FloatArray, columns: IntArray | None = None, *, alone: bool = True
-    ) -> State:
-        """A state by so much of its columns, no farther than a step may lead, presses with it.
+    def moved(self, at: Fitted, d: FloatArray, columns: IntArray | None = None) -> State:
+        """A state by so much of its columns, no farther than a step may lead; presses follow.
 
         Args:
             at: the linearisation.
             d: steps of base, law and free numbers; with columns, of these.
             columns: of the blocks that the steps belong to, those of the model first; None: the first ones.
-            alone: whether presses also take the step that they would take if nothing else were moved.
         """
         b, s = at.blocks, at.state
         own, rest = self._short(d[: len(at.prior)]), (np.arange(len(d)) if columns is None else columns)
@@ -355,8 +352,7 @@ class Fitter:
             if at.free
             else s.effects
         )
-        constant, by = b.moves
-        move = alone * constant - by[:, :, rest] @ np.append(own, d[len(own) :])
+        move = -b.moves[:, :, rest] @ np.append(own, d[len(own) :])
         move = s.move + np.clip(move, -2 * _REACH, 2 * _REACH)
         move[:, :2] = np.clip(move[:, :2], -self.before.slack_m, self.before.slack_m)
         return replace(
@@ -391,7 +387,7 @@ class Fitter:
 
     def _careful(self, at: Fitted, d: FloatArray) -> tuple[State, Seen, float]:
         """The state that a step leads to, each press gone on from there by steps of its own, and its loss."""
-        state, seen, loss = self.settled(self.moved(at, d, alone=False))
+        state, seen, loss = self.settled(self.moved(at, d))
         prior, pull = self.prior(state, at.free)
         return state, seen, float(loss.sum() + (pull**2 / np.maximum(prior, 1e-300)).sum())
 
@@ -440,10 +436,6 @@ class Fitter:
         move[p] += step / np.maximum(1.0, np.abs(step / _REACH).max(axis=1))[:, None]
         move[:, :2] = np.clip(move[:, :2], -self.before.slack_m, self.before.slack_m)
         return move
-
-    def loss_at(self, state: State) -> float:
-        """Minus twice the logarithm of the likelihood of a state, but for a constant."""
-        return float(self._left(state)[1].loss.sum())
 
     def _left(self, state: State) -> tuple[Seen, Blocks]:
         """What a state reads, and what it leaves."""
