@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import select
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -30,6 +32,19 @@ def captured(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[in
     status = run(*arguments)
     out, err = capsys.readouterr()
     return status, out, err
+
+
+@contextmanager
+def served(*options: str, folder: Path | None = None) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Serve a hand in a process of its own; yield it and its address."""
+    command = "serve-hand", *options, "--bind", "tcp://127.0.0.1:*", "--json"
+    line, pipe = [sys.executable, "-m", "skincal", *command], subprocess.PIPE
+    with subprocess.Popen(line, cwd=folder, stdout=pipe, stderr=pipe, text=True) as process:
+        try:
+            assert process.stdout is not None
+            yield process, json.loads(process.stdout.readline())["address"]
+        finally:
+            process.kill()
 
 
 class Fork:

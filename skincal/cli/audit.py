@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from skincal.cli import options
 from skincal.cli.options import argument, example, option
-from skincal.cli.terminal import answer, first_of, picked, say, warn
-from skincal.errors import input_error
+from skincal.cli.terminal import MOST_LISTED, answer, picked, warn
+from skincal.errors import first_of, input_error
 
 if TYPE_CHECKING:
     from skincal.diagnosis.audit import AuditReport
@@ -53,9 +53,8 @@ def audit(
         with whole_folder(out, force=force, marker=PICTURE) as folder:
             save(audit_figure(report), folder / PICTURE)
     picture = None if out is None else out / PICTURE
-    answer(as_json, _as_json(report, picture), *_lines(report, unit))
-    if picture is not None and not as_json:
-        say(f"picture: {picture}")
+    then = "" if picture is None else f"picture: {picture}"
+    answer(as_json, _as_json(report, picture), *_lines(report, unit), then=then)
 
 
 def _audited(source: Path, calibration: Path | None, hand: str | None, seed: int) -> tuple[AuditReport, str]:
@@ -108,7 +107,9 @@ def _lines(report: AuditReport, unit: str) -> list[str]:
         f"of a hold mean {floor.mean_counts:.3g} {mean}{floor.mean_from})",
     ]
     if report.left_out:
-        lines.append(f"left out, because their force is an outlier: presses {first_of(report.left_out)}")
+        lines.append(
+            f"left out, because their force is an outlier: presses {first_of(report.left_out, MOST_LISTED)}"
+        )
     if not report.calibrated:
         lines.append("pose, E and S are assumed; --calibration CAL takes those of a fit")
     lines += ["", f"{'visible':<17}{'smallest strength':>18}   looks the same as"]

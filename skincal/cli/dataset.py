@@ -10,9 +10,9 @@ import typer
 from skincal.cli import options
 from skincal.cli.options import example, option
 from skincal.cli.terminal import (
+    MOST_LISTED,
     answer,
     findings_json,
-    first_of,
     note,
     picked,
     print_json,
@@ -21,6 +21,7 @@ from skincal.cli.terminal import (
     table,
     warn,
 )
+from skincal.errors import first_of
 
 if TYPE_CHECKING:
     from skincal.dataset import Dataset
@@ -113,9 +114,8 @@ def show(
     # Text from the file is not markup.
     rows = [(f"[bold]{name}[/]", Text(text)) for name, text in _lines(data, summary)]
     # A title of the table would be wrapped at the width of the table.
-    answer(as_json, content, str(dataset), table(("", ""), rows, show_header=False))
-    if not as_json:
-        say(f"picture: {picture}")
+    shown = table(("", ""), rows, show_header=False)
+    answer(as_json, content, str(dataset), shown, then=f"picture: {picture}")
 
 
 def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
@@ -161,8 +161,9 @@ def _lines(data: Dataset, summary: Summary) -> list[tuple[str, str]]:
     if summary.session_s is not None:
         lines.append(("session", f"{summary.session_s:.4g} s"))
     for name, values in summary.labels.items():
-        lines.append((name, first_of([f"{value}: {count}" for value, count in values.items()])))
+        counts = [f"{value}: {count}" for value, count in values.items()]
+        lines.append((name, first_of(counts, MOST_LISTED)))
     for name, taxels in (("silent", summary.silent), ("dead", summary.dead)):
         if taxels:
-            lines.append((f"{name} taxels", first_of(taxels)))
+            lines.append((f"{name} taxels", first_of(taxels, MOST_LISTED)))
     return [*lines, *([("assumed", ", ".join(meta.assumed))] if meta.assumed else [])]

@@ -6,7 +6,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from skincal.cli import options
 from skincal.cli.collect import Rig
-from skincal.cli.interrupt import AGAIN
+from skincal.cli.interrupt import AGAIN, moving
 from skincal.cli.options import command_line, example, option
-from skincal.cli.terminal import answer, plain, say, say_calibration, warn
+from skincal.cli.terminal import answer, calibration_line, plain, say, warn
 from skincal.errors import input_error
 
 if TYPE_CHECKING:
@@ -78,15 +78,12 @@ def diagnose(
     data, cal = read_dataset(dataset), read_calibration(calibration)
     rounds, settled = None, None
     if collect:
-        from skincal.cli.collect import Rig
-
         rig = Rig.of(driver, seed, effect, None, hand, driver_option, beyond_limits=beyond_limits)
         rounds = Rounds.of(out, data, rig)
     warnings = (*data.warnings, *cal.warnings)
     warn(warnings)
     sessions = CONSTANTS.null_sessions * (5 if thorough else 1)
     if rounds is not None:
-        from skincal.cli.interrupt import moving
         from skincal.diagnosis.settle import settle
 
         # No bar for the stages: the hand's own is shown while it presses.
@@ -120,9 +117,7 @@ def diagnose(
         write_calibration(found.calibration, out, force=force, beside=write_extras)
         if rounds is not None:
             rounds.done()
-    answer(as_json, content, *([] if as_json else verdict_lines(found)))
-    if not as_json:
-        say_calibration(out, report)
+    answer(as_json, content, *([] if as_json else verdict_lines(found)), then=calibration_line(out, report))
 
 
 @contextmanager
@@ -191,8 +186,9 @@ class Rounds:
             "dataset": dataset.sha256, "driver": driver, "seed": rig.seed,
             "options": {k: str(v) for k, v in sorted(options.items())},
         }  # fmt: skip
-        _check_same(folder, key)
-        return cls(folder, key, rig)
+        own = cls(folder, key, rig)
+        own._check_same()
+        return own
 
     def press(self, dataset: Dataset, plan: Plan, number: int) -> Dataset:
         """Make the presses of a round, unless they were made before an interruption; return all presses so far."""
@@ -226,16 +222,13 @@ class Rounds:
         count = len(list(self.folder.glob("round-*")))
         return f"{count} rounds of presses are saved in {self.folder}; {AGAIN}."
 
-
-def _check_same(folder: Path, key: dict[str, Any]) -> None:
-    """Check that an interrupted run, if there is one, is the same one."""
-    file = folder / _KEY
-    if not file.is_file():
-        return
-    try:
-        before = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError:
-        before = None
-    if before != json.loads(json.dumps(key)):
-        fix = f"Give the command that was interrupted, or delete {folder} to start over."
-        raise input_error(str(folder), "rounds of this command", "those of another one", fix)
+    def _check_same(self) -> None:
+        """Check that an interrupted run, if there is one, is the same one."""
+        file, before = self.folder / _KEY, None
+        if not file.is_file():
+            return
+        with suppress(ValueError):
+            before = json.loads(file.read_text(encoding="utf-8"))
+        if before != json.loads(json.dumps(self.key)):
+            fix = f"Give the command that was interrupted, or delete {self.folder} to start over."
+            raise input_error(str(self.folder), "rounds of this command", "those of another one", fix)

@@ -127,7 +127,15 @@ def evaluate(
     entries = [_entry(one, trial, predicted=predicted) for one in found]
     content = {"task": str(trial.task), "on": on.value, "policies": entries}
     if out is not None:
-        _write(found, trial, used, content, out, gif=gif, force=force)
+        from skincal.files import whole_folder
+        from skincal.report.evaluation import write_figures, write_film, write_runs
+
+        with whole_folder(out, force=force, marker=MARKER) as folder:
+            (folder / MARKER).write_text(json.dumps(plain(content), indent=1), encoding="utf-8")
+            write_runs(found, folder / "runs.csv")
+            write_figures(found, trial, folder)
+            for one in found if gif else ():
+                write_film(one.policy, trial, folder / f"{one.name}.gif", ranges=used)
     answer(as_json, content, *([] if as_json else [_table(found, trial, predicted=predicted)]))
 
 
@@ -203,39 +211,16 @@ def _runs(
         environment.close()
 
 
-def _write(
-    found: list[Evaluated],
-    trial: Trial,
-    ranges: Ranges | None,
-    content: dict[str, Any],
-    out: Path,
-    *,
-    gif: bool,
-    force: bool,
-) -> None:
-    from skincal.files import whole_folder
-    from skincal.report.evaluation import write_figures, write_runs
-
-    with whole_folder(out, force=force, marker=MARKER) as temporary:
-        (temporary / MARKER).write_text(json.dumps(plain(content), indent=1), encoding="utf-8")
-        write_runs(found, temporary / "runs.csv")
-        write_figures(found, trial, temporary)
-        if gif:
-            from skincal.report.evaluation import write_film
-
-            for one in found:
-                write_film(one.policy, trial, temporary / f"{one.name}.gif", ranges=ranges)
-
-
 def _entry(one: Evaluated, trial: Trial, *, predicted: bool) -> dict[str, Any]:
     from skincal.train.scores import fare, rolling
 
-    entry: dict[str, Any] = {"file": one.policy.file, "policy": str(one.policy.description.policy)}
-    entry |= picked(
-        one.score, "episodes drops time_s error_m error_settled_m error_end_m success error_low_m"
-    )
-    entry |= picked(one.score, "error_high_m error_settled_interval_m reward")
-    entry["time_s"] = [round(float(t), 6) for t in one.score.time_s]
+    names = "episodes drops time_s error_m error_settled_m error_end_m success error_low_m error_high_m"
+    entry: dict[str, Any] = {
+        "file": one.policy.file,
+        "policy": str(one.policy.description.policy),
+        **picked(one.score, f"{names} error_settled_interval_m reward"),
+        "time_s": [round(float(t), 6) for t in one.score.time_s],
+    }
     if predicted:
         entry["prediction"] = asdict(fare(one.runs))
     if trial.task is Task.bolt:

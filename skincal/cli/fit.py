@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from importlib import import_module
 from math import isfinite
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 from skincal.cli import options
 from skincal.cli.interrupt import AGAIN, resumable
 from skincal.cli.options import Pair, command_line, example, option
-from skincal.cli.terminal import answer, say, say_calibration, table, warn
+from skincal.cli.terminal import answer, calibration_line, say, table, warn
 from skincal.errors import input_error
 from skincal.fitting.fit_options import PAPER_BOUND_COUNTS2, STEPS, FitOptions, GridSteps
 from skincal.progress import stage_bars
@@ -130,14 +131,23 @@ def fit(
         box, steps, known = None, None, None
         if uniform_pressure(data):
             if effects is not None:
-                raise _no_effects_here(effects, dataset)
+                expected = (
+                    f"a dataset of presses; under uniform pressure, as in {dataset}, a fit finds scales"
+                )
+                fix = "leave --effects out; `skincal diagnose` searches for the effects of such a session"
+                raise input_error("--effects", f"{expected} and nothing else", effects, fix)
             say(UNIFORM)
         else:
             known = None if effects is None else _with_effects(effects, data)
             way = choose_way(data, cast("Method", method))
             if way.method != "fast":
                 say(f"{PRESS_BY_PRESS}: {way.why}")
-            steps = _steps(STEPS[way.method], y_step_mm, arc_step_mm, alpha_step_deg, e_count)
+            given = {
+                "across_m": (arc_step_mm, 1e-3), "y_m": (y_step_mm, 1e-3),
+                "alpha_rad": (alpha_step_deg, rad(1.0)), "elasticities": (e_count, 1),
+            }  # fmt: skip
+            own = {name: value * unit for name, (value, unit) in given.items() if value is not None}
+            steps = replace(STEPS[way.method], **own)
             box = search_box(data, y_range_mm, x_range_mm, beta_range_deg, alpha_range_deg, e_range_mpa_per_m)
         settings = FitOptions(
             active_counts=active_counts, min_active=min_active, bound_counts2=bound_counts2, level=level, draws=draws,
@@ -171,23 +181,10 @@ def fit(
         if found.resumed:
             say(f"{found.resumed} turn{'s' * (found.resumed > 1)} of the grid taken from an interrupted run")
     rmse = f"{found.calibration.loss.mse_counts2**0.5:.3g} {data.meta.sensor.unit_label} per taxel"
-    answer(
-        as_json, _as_json(found.calibration, out), f"{presses}, rmse {rmse}", _parameters(found.calibration)
-    )
-    if not as_json:
-        if about:
-            say(about)
-        for finding in found.calibration.findings:
-            say(f"{finding.severity}: {finding.text} {finding.advice}".rstrip())
-        say_calibration(out, report)
-
-
-def _no_effects_here(effects: Path, dataset: Path) -> Exception:
-    expected = (
-        f"a dataset of presses; under uniform pressure, as in {dataset}, a fit finds scales and nothing else"
-    )
-    fix = "leave --effects out; `skincal diagnose` searches for the effects of such a session"
-    return input_error("--effects", expected, effects, fix)
+    cal = found.calibration
+    findings = [f"{one.severity}: {one.text} {one.advice}".rstrip() for one in cal.findings]
+    then = "\n".join([*([about] if about else []), *findings, calibration_line(out, report)])
+    answer(as_json, _as_json(cal, out), f"{presses}, rmse {rmse}", _parameters(cal), then=then)
 
 
 def _with_effects(folder: Path, data: Dataset) -> Calibration:
@@ -201,17 +198,6 @@ def _with_effects(folder: Path, data: Dataset) -> Calibration:
         raise input_error(f"--effects: {folder}", expected, "one without; leave --effects out")
     check_same_sensor(found, data)
     return found
-
-
-def _steps(
-    default: GridSteps, y_mm: float | None, arc_mm: float | None, alpha_deg: float | None, e_count: int | None
-) -> GridSteps:
-    return GridSteps(
-        default.across_m if arc_mm is None else arc_mm * 1e-3,
-        default.y_m if y_mm is None else y_mm * 1e-3,
-        default.alpha_rad if alpha_deg is None else rad(alpha_deg),
-        default.elasticities if e_count is None else e_count,
-    )
 
 
 def _bound(text: str) -> float | None:

@@ -216,6 +216,5 @@ def keys(
         {"hand": out / "hand", "client": out / "client"},
         f"{out}/hand    stays on the hand's computer: skincal serve-hand --keys {out}/hand",
         f"{out}/client  goes to the client's computer: --driver remote --driver-option keys={out}/client",
+        then="Whoever has client/ can move the hand: copy it over a private channel.",
     )
-    if not as_json:
-        say("Whoever has client/ can move the hand: copy it over a private channel.")

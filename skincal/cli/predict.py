@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from skincal.cli import options
 from skincal.cli.options import example, option
-from skincal.cli.terminal import print_json, say, warn
+from skincal.cli.terminal import answer, warn
 from skincal.progress import stage_bars
 
 if TYPE_CHECKING:
@@ -52,10 +52,7 @@ def predict(
     formats = _format(data, "presses", "csv"), _format(data, "frames", "parquet")
     write_dataset(found.dataset, out, presses_as=formats[0], frames_as=formats[1], force=force)
     warn(found.warnings)
-    if as_json:
-        print_json(_as_json(out, found))
-    else:
-        say("\n".join([*_lines(found), f"dataset: {out}"]))
+    answer(as_json, _as_json(out, found), then="\n".join([*_lines(found), f"dataset: {out}"]))
 
 
 def _format(data: Dataset, stem: str, otherwise: Format) -> Format:

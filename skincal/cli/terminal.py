@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-def answer(as_json: bool, content: Mapping[str, Any], *shown: object) -> None:
-    """Print the result of a verb on standard output."""
+def answer(as_json: bool, content: Mapping[str, Any], *shown: object, then: str = "") -> None:
+    """Print the result of a verb on standard output; ``then`` follows for a person, on standard error."""
     if as_json:
         print_json(content)
         return
@@ -32,6 +32,8 @@ def answer(as_json: bool, content: Mapping[str, Any], *shown: object) -> None:
             from rich.console import Console
 
             Console().print(part)
+    if then:
+        say(then)
 
 
 def table(
@@ -148,12 +150,10 @@ def note(texts: Iterable[str]) -> None:
         say(f"skincal: note: {text}")
 
 
-def first_of(items: Sequence[object], most: int = 8) -> str:
-    """Return a list in one line, cut after so many."""
-    more = f" and {len(items) - most} more" if len(items) > most else ""
-    return ", ".join(map(str, items[:most])) + more
+MOST_LISTED = 8
+"""Items of a list that are printed in a line."""
 
 
-def say_calibration(out: Path, report: bool) -> None:
-    """Print where a calibration and its report were written."""
-    say(f"calibration: {out}" + (f"   report: {out / 'report.html'}" if report else ""))
+def calibration_line(out: Path, report: bool) -> str:
+    """Return where a calibration and its report were written."""
+    return f"calibration: {out}" + (f"   report: {out / 'report.html'}" if report else "")

@@ -47,10 +47,10 @@ def dataset_figure(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) ->
     name = dataset.folder.name if dataset.folder else "dataset"
     figure = new_figure(11.5, 8.5, f"{name}: {len(dataset.presses)} presses")
     grid = figure.add_gridspec(3, 3, width_ratios=(1.0, 1.0, 0.95), height_ratios=(1, 1, 0.9))
-    _draw_patch(figure, figure.add_subplot(grid[:2, :2]), dataset, active.sum(axis=1))
+    number, unit = active.sum(axis=1), dataset.meta.sensor.unit_label
+    _draw_patch(figure, figure.add_subplot(grid[:2, :2]), dataset, number)
     _draw_forces(figure.add_subplot(grid[0, 2]), dataset.presses.force_n)
-    unit = dataset.meta.sensor.unit_label
-    _draw_numbers(figure.add_subplot(grid[1, 2]), active.sum(axis=1), threshold_counts, unit)
+    _draw_numbers(figure.add_subplot(grid[1, 2]), number, threshold_counts, unit)
     _draw_session(figure.add_subplot(grid[2, :2]), dataset)
     _draw_taxels(figure, figure.add_subplot(grid[2, 2]), dataset, active)
     return figure
@@ -71,17 +71,14 @@ def _draw_patch(figure: Figure, axes: Axes, dataset: Dataset, number: NDArray[np
     axes.margins(0.06)
     equal_axes_mm(axes, "u", "v")
     axes.set_title("Presses on the patch", pad=22)
-    notes = [_nominal(dataset), *_notes(given, near, uv)]
+    mount = dataset.meta.mount
+    across = f"x {1e3 * mount.x_m:g} mm" if mount.x_m is not None else f"beta {mount.beta_deg:g}°"
+    pose = f"at its nominal pose: y {1e3 * mount.y_m:g} mm, {across}, alpha {mount.alpha_deg:g}°"
+    notes = [pose, *_notes(given, near, uv)]
     axes.annotate("; ".join(notes), (0, 1), (0, 6), "axes fraction", "offset points", fontsize=8, va="bottom")
     if near.any():
         _draw_presses(figure, axes, uv[near], dataset.presses.force_n[near], number[near])
     axes.autoscale_view()
-
-
-def _nominal(dataset: Dataset) -> str:
-    mount = dataset.meta.mount
-    across = f"x {1e3 * mount.x_m:g} mm" if mount.x_m is not None else f"beta {mount.beta_deg:g}°"
-    return f"at its nominal pose: y {1e3 * mount.y_m:g} mm, {across}, alpha {mount.alpha_deg:g}°"
 
 
 def _notes(given: BoolArray, near: BoolArray, uv: FloatArray) -> list[str]:
@@ -117,10 +114,14 @@ def _draw_presses(
 
 
 def _explain_areas(axes: Axes, force: FloatArray, pt2_per_n: float) -> None:
+    """Explain the areas by marks of up to three round forces over the range of the data."""
+    highest = float(np.percentile(force, 95))
+    ticks = MaxNLocator(nbins=4, steps=[1, 2, 5, 10]).tick_values(0, highest)
     look: Any = {"linestyle": "", "marker": "o", "markerfacecolor": "white", "markeredgecolor": BLACK}
     handles = [
         Line2D([], [], markersize=max(f * pt2_per_n, 4) ** 0.5, markeredgewidth=0.5, label=f"{f:g} N", **look)
-        for f in _round_forces(force)
+        for f in ticks
+        if 0 < f <= highest
     ]
     legend_below(axes, len(handles), handles=handles, title="force", alignment="left")
 
@@ -131,13 +132,6 @@ def _colours(most: int) -> tuple[Colormap, Normalize]:
         return colours, Normalize(0, most)
     steps = ListedColormap(colours(np.linspace(0.05, 1, most + 1)))
     return steps, BoundaryNorm(np.arange(most + 2) - 0.5, most + 1)
-
-
-def _round_forces(force: FloatArray) -> list[float]:
-    """Return three round forces over the range of the data, for the legend."""
-    highest = float(np.percentile(force, 95))
-    ticks = MaxNLocator(nbins=4, steps=[1, 2, 5, 10]).tick_values(0, highest)
-    return [float(t) for t in ticks if 0 < t <= highest]
 
 
 def _draw_forces(axes: Axes, force: FloatArray) -> None:

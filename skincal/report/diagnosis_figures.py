@@ -96,7 +96,9 @@ def where_figure(found: Diagnosis, dataset: Dataset) -> Figure:
         maps.append(np.sqrt(np.nanmean(residual**2, axis=0)))
     norm = Normalize(0, max(float(np.nanmax(maps[0])), 1.5))
     for axes, (title, _), values in zip(panels, models, maps, strict=False):
-        draw_taxels(axes, dataset.layout(), np.arange(len(values)), values, norm, SEQUENTIAL)
+        draw_taxels(axes, dataset.layout(), values, norm, SEQUENTIAL)
+        axes.set(aspect="equal", xticks=[], yticks=[])
+        axes.spines[:].set_visible(False)
         axes.set_title(f"{title}: residual over noise")
     if len(models) < 2:
         panels[1].set_axis_off()

@@ -140,23 +140,15 @@ def _draw_runs(axes: Axes, runs: Runs) -> None:
 FILM_COLOURS = 128
 
 
-def write_film(
-    policy: Policy,
-    trial: Trial,
-    path: Path,
-    *,
-    number: int = 0,
-    ranges: Ranges | None = None,
-    force: bool = False,
-) -> None:
-    """Write a GIF of one run of a trial, in real time."""
+def write_film(policy: Policy, trial: Trial, path: Path, *, ranges: Ranges | None = None) -> None:
+    """Write a GIF of the first run of a trial, in real time."""
     environment = environment_for(policy, trial, ranges, render_mode="rgb_array")
     try:
-        frames = [Image.fromarray(environment.render()) for _ in episode(policy, environment, trial, number)]  # type: ignore[arg-type]
+        frames = [Image.fromarray(environment.render()) for _ in episode(policy, environment, trial, 0)]  # type: ignore[arg-type]
     finally:
         environment.close()
     first, *rest = (frame.quantize(FILM_COLOURS, dither=Image.Dither.NONE) for frame in frames)
-    with whole_file(path, force=force) as temporary:
+    with whole_file(path) as temporary:
         first.save(temporary, save_all=True, append_images=rest, duration=round(1e3 / POLICY_HZ), loop=0)
 
 

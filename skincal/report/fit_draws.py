@@ -14,17 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from skincal.fitting.result import FitResult
 from skincal.fitting.types import Floats
 from skincal.report.fit_quantities import Quantity, label_panel, quantities
-from skincal.report.style import (
-    BLUE,
-    DIVERGING,
-    GREY,
-    OPEN,
-    ORANGE,
-    RED,
-    few_logarithmic_ticks,
-    new_figure,
-    styled,
-)
+from skincal.report.style import BLUE, DIVERGING, GREY, OPEN, ORANGE, RED, log_scale, new_figure, styled
 
 BINS = 40
 MOST_DOTS = 1500
@@ -88,8 +78,7 @@ def _draw_pair(axes: Axes, col: Quantity, row: Quantity) -> None:
     _mark(axes.axvline, col)
     _mark(axes.axhline, row)
     axes.plot(col.best, row.best, "o", markersize=8, **OPEN)
-    axes.set_xlim(*_limits(col))
-    axes.set_ylim(*_limits(row))
+    axes.set(xlim=_limits(col), ylim=_limits(row))
 
 
 def _mark(line: Any, of: Quantity) -> None:
@@ -119,8 +108,7 @@ def _spans_decades(of: Quantity, low: float, high: float) -> bool:
 
 
 def _write_correlation(axes: Axes, one: Floats, other: Floats) -> None:
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
     if np.ptp(one) == 0 or np.ptp(other) == 0:
         return
@@ -131,9 +119,8 @@ def _write_correlation(axes: Axes, one: Floats, other: Floats) -> None:
 
 
 def _few_ticks(axes: Axes, along: str, of: Quantity) -> None:
-    axis = axes.xaxis if along == "x" else axes.yaxis
     if _spans_decades(of, *_limits(of)):
-        axes.set(**{f"{along}scale": "log"})
-        few_logarithmic_ticks(axis)
+        log_scale(axes, along)
     else:
+        axis = axes.xaxis if along == "x" else axes.yaxis
         axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))

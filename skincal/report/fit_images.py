@@ -14,13 +14,12 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
 from skincal.dataset import Dataset
 from skincal.fitting.result import FitResult
 from skincal.fitting.types import Floats
 from skincal.model import TaxelLayout
-from skincal.report.fit_presses import chosen_presses, left_out
+from skincal.report.fit_presses import ShownPress, chosen_presses, left_out, used_presses
 from skincal.report.style import BLACK, DIVERGING, GREEN, GREY, RED, new_figure, styled
 
 ALL_UP_TO = 48
@@ -33,21 +32,6 @@ COLOURS = "YlGnBu"
 UNREAD = "#D0D0D0"
 
 
-@dataclass(frozen=True, eq=False)
-class _Pair:
-    """A press to show: its images (J,) [counts], NaN where not read, and its labels."""
-
-    words: str
-    mark: str
-    good: bool
-    observed: Floats
-    simulated: Floats
-
-    @property
-    def difference(self) -> Floats:
-        return self.simulated - self.observed
-
-
 @styled
 def images_figure(result: FitResult, dataset: Dataset) -> Figure:
     """Draw three maps per press: the measured image, the simulated one at the best point, and the difference.
@@ -56,27 +40,28 @@ def images_figure(result: FitResult, dataset: Dataset) -> Figure:
     frames bad ones.
     """
     chosen = chosen_presses(result.presses.rmse_counts, ALL_UP_TO)
-    used = _used_pairs(result, dataset, chosen)
-    pairs = _left_out_pairs(result, dataset) + used
-    tiles = _Tiles.of(result.problem.rig.layout, len(pairs))
-    counts = Normalize(0.0, max((float(np.nanmax([p.observed, p.simulated])) for p in pairs), default=1.0))
+    used = used_presses(result, chosen)
+    presses = left_out(result, dataset) + used
+    shown = [(press.observed, press.simulated, press.simulated - press.observed) for press in presses]
+    tiles = _Tiles.of(result.problem.rig.layout, len(presses))
+    counts = Normalize(0.0, max((float(np.nanmax(images[:2])) for images in shown), default=1.0))
     # Outliers do not set this scale: nothing else would be visible next to them.
-    most = max((float(np.nanmax(np.abs(p.difference), initial=0.0)) for p in used), default=0.1)
+    clear = shown[len(presses) - len(used) :]
+    most = max((float(np.nanmax(np.abs(images[2]), initial=0.0)) for images in clear), default=0.1)
     differences = Normalize(-max(most, 0.1), max(most, 0.1))
     count = len(result.problem)
     part = f"{len(chosen)} of {count} presses" if len(chosen) < count else "all presses used"
     figure = new_figure(*tiles.size_in, f"Measured | simulated | simulated − measured ({part}, worst first)")
     grid = figure.add_gridspec(2, 2, height_ratios=(0.12, tiles.size_in[1] - 0.12), hspace=0.02)
     axes = figure.add_subplot(grid[1, :])
-    shown = [(pair.observed, pair.simulated, pair.difference) for pair in pairs]
     for numbers, norm, colours in (((0, 1), counts, COLOURS), ((2,), differences, DIVERGING)):
-        maps = [(place, number) for place in range(len(pairs)) for number in numbers]
+        maps = [(place, number) for place in range(len(presses)) for number in numbers]
         values = [shown[place][number] for place, number in maps]
         axes.add_collection(tiles.maps(maps, values, norm, colours), autolim=False)
-    for place, pair in enumerate(pairs):
-        _frame(axes, tiles, place, pair)
-    axes.set_xlim(0, tiles.width)
-    axes.set_ylim(-tiles.height, 0)
+    for place, press in enumerate(presses):
+        words = f"press {dataset.presses.press[press.row]}, {dataset.presses.force_n[press.row]:.3g} N"
+        _frame(axes, tiles, place, press, words)
+    axes.set(xlim=(0, tiles.width), ylim=(-tiles.height, 0))
     axes.set_aspect("equal", anchor="N")
     axes.set_axis_off()
     for column, norm, colours, label in (
@@ -86,26 +71,6 @@ def images_figure(result: FitResult, dataset: Dataset) -> Figure:
         bar = figure.add_subplot(grid[0, column])
         figure.colorbar(ScalarMappable(norm, colours), cax=bar, orientation="horizontal", label=label)
     return figure
-
-
-def _used_pairs(result: FitResult, dataset: Dataset, chosen: NDArray[np.int64]) -> list[_Pair]:
-    problem, presses = result.problem, result.presses
-    observed = np.where(problem.weight > 0, presses.observed, np.nan)
-    pairs: list[_Pair] = []
-    for k in chosen:
-        good, rmse = bool(presses.good[k]), f"rmse {presses.rmse_counts[k]:.2g}"
-        words = f"press {dataset.presses.press[problem.rows[k]]}, {problem.force_n[k]:.3g} N"
-        pairs.append(_Pair(words, rmse if good else f"bad: {rmse}", good, observed[k], presses.simulated[k]))
-    return pairs
-
-
-def _left_out_pairs(result: FitResult, dataset: Dataset) -> list[_Pair]:
-    pairs: list[_Pair] = []
-    for press in left_out(result, dataset):
-        words = f"press {dataset.presses.press[press.row]}, {dataset.presses.force_n[press.row]:.3g} N"
-        mark = f"left out: rmse {press.rmse_counts:.2g}"
-        pairs.append(_Pair(words, mark, False, press.observed, press.simulated))
-    return pairs
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,12 +141,12 @@ class _Tiles:
         return look
 
 
-def _frame(axes: Axes, tiles: _Tiles, place: int, pair: _Pair) -> None:
+def _frame(axes: Axes, tiles: _Tiles, place: int, press: ShownPress, words: str) -> None:
     left, bottom = tiles.corner(place)
-    pad, colour, width = 0.07, GREEN if pair.good else RED, 1.4 if pair.good else 2.6
+    pad, colour, width = 0.07, GREEN if press.good else RED, 1.4 if press.good else 2.6
     corner, size = (left - pad, bottom - pad), (tiles.tile_width + 2 * pad, tiles.map_height + 2 * pad)
     axes.add_patch(Rectangle(corner, *size, fill=False, edgecolor=colour, linewidth=width))
     top, right = bottom + tiles.map_height + pad + 0.05, left + tiles.tile_width + pad
     look: Any = {"fontsize": 7, "va": "bottom", "in_layout": False}
-    axes.text(left - pad, top, pair.words, color=BLACK, **look)
-    axes.text(right, top, pair.mark, color=GREY if pair.good else RED, ha="right", **look)
+    axes.text(left - pad, top, words, color=BLACK, **look)
+    axes.text(right, top, press.mark, color=GREY if press.good else RED, ha="right", **look)

@@ -1,4 +1,4 @@
-"""The presses of a fit: which were used, where they lie on the patch, which to show, and what outliers look like."""
+"""The presses of a fit: where they were measured on the patch, which to show, and what outliers look like."""
 
 from __future__ import annotations
 
@@ -23,41 +23,13 @@ MOST = 8
 """Most presses that were left out to simulate; a larger number are not outliers."""
 
 
-@dataclass(frozen=True, eq=False)
-class PressView:
-    """All presses of the session (N) and the used ones (K), in patch coordinates of the best pose.
-
-    Attributes:
-        press: (N,) numbers of the presses.
-        used: (K,) rows of the presses that were used.
-        unused: (N - K,) rows of the others.
-        measured_uv_m: (N, 2) measured contact positions [m]; NaN where not measured.
-        estimated_uv_m: (K, 2) estimated contact positions [m].
-    """
-
-    press: IntArray
-    used: IntArray
-    unused: IntArray
-    measured_uv_m: Floats
-    estimated_uv_m: Floats
-
-    @classmethod
-    def of(cls, result: FitResult, dataset: Dataset) -> PressView:
-        """Return the presses of a fit of a dataset."""
-        rows = np.asarray(result.problem.rows, dtype=np.int64)
-        others = np.setdiff1d(np.arange(len(dataset.presses)), rows)
-        surface, pose = result.problem.rig.surface, best_pose(result)
-        measured = patch_coordinates(surface, pose, dataset.presses.position_m)
-        return cls(dataset.presses.press, rows, others, measured, result.presses.uv_m)
-
-
-def best_pose(result: FitResult) -> SensorPose:
-    """Return the best pose of the patch."""
-    best, radius = result.best, result.problem.rig.arc_radius_m
-    across = best["across_m"]
-    if radius is not None:
-        return SensorPose(best["y_m"], best["alpha_rad"], beta_rad=across / radius)
-    return SensorPose(best["y_m"], best["alpha_rad"], x_m=across)
+def measured_uv_m(result: FitResult, dataset: Dataset) -> Floats:
+    """Return the measured contact positions (N, 2) on the patch at its best pose [m]; NaN where not measured."""
+    rig, across_m = result.problem.rig, result.best["across_m"]
+    radius_m = rig.arc_radius_m
+    across = {"x_m": across_m} if radius_m is None else {"beta_rad": across_m / radius_m}
+    pose = SensorPose(result.best["y_m"], result.best["alpha_rad"], **across)
+    return patch_coordinates(rig.surface, pose, dataset.presses.position_m)
 
 
 def why_unused(result: FitResult) -> list[tuple[str, int]]:
@@ -83,23 +55,40 @@ def chosen_presses(rmse_counts: Floats, most: int, few: int = 30) -> IntArray:
 
 
 @dataclass(frozen=True, eq=False)
-class LeftOut:
-    """A press that was left out, though enough taxels were active.
+class ShownPress:
+    """The images of a press.
 
     Attributes:
+        row: of the press in the dataset.
         observed: (J,) observed values above rest; NaN where not read [counts].
         simulated: (J,) simulated values at the best position within its slack [counts].
         rmse_counts: root mean square difference over the taxels that were read [counts].
+        mark: how it matches, in words.
+        good: whether it matches.
     """
 
     row: int
     observed: Floats
     simulated: Floats
     rmse_counts: float
+    mark: str
+    good: bool = False
 
 
-def left_out(result: FitResult, dataset: Dataset) -> list[LeftOut]:
-    """Return the presses that were left out, the worst first; at most ``MOST`` of them."""
+def used_presses(result: FitResult, chosen: IntArray) -> list[ShownPress]:
+    """Return some of the presses that were used, by their index among those."""
+    problem, presses = result.problem, result.presses
+    observed = np.where(problem.weight > 0, presses.observed, np.nan)
+    found: list[ShownPress] = []
+    for k in chosen.tolist():
+        rmse, good = float(presses.rmse_counts[k]), bool(presses.good[k])
+        mark = f"rmse {rmse:.2g}" if good else f"bad: rmse {rmse:.2g}"
+        found.append(ShownPress(int(problem.rows[k]), observed[k], presses.simulated[k], rmse, mark, good))
+    return found
+
+
+def left_out(result: FitResult, dataset: Dataset) -> list[ShownPress]:
+    """Return presses that were left out, though enough taxels were active: the worst first, at most ``MOST``."""
     problem = result.problem
     least = int(problem.active[problem.rows].min(initial=len(problem.active)))
     known = np.isfinite(dataset.presses.position_m).all(axis=1) & (dataset.presses.force_n > 0)
@@ -113,6 +102,7 @@ def left_out(result: FitResult, dataset: Dataset) -> list[LeftOut]:
     simulated = Touches.of_presses(on, dataset).taken(rows).moved(slack_m).values()
     rmse = np.sqrt(np.nanmean((simulated - values[rows]) ** 2, axis=1))
     found = [
-        LeftOut(int(row), values[row], *own) for row, *own in zip(rows, simulated, rmse.tolist(), strict=True)
+        ShownPress(row, values[row], image, error, f"left out: rmse {error:.2g}")
+        for row, image, error in zip(rows.tolist(), simulated, rmse.tolist(), strict=True)
     ]
     return sorted(found, key=lambda press: -press.rmse_counts)

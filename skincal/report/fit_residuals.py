@@ -14,9 +14,9 @@ from skincal.dataset import Dataset
 from skincal.dataset.summary import session_times_s
 from skincal.fitting.result import FitResult
 from skincal.fitting.types import Floats
-from skincal.model.arrays import BoolArray, as_floats
+from skincal.model.arrays import BoolArray
 from skincal.report.style import BLACK, BLUE, DIVERGING, GREY, ORANGE, RED, equal_axes_mm, new_figure, styled
-from skincal.report.taxel_map import taxel_boxes
+from skincal.report.taxel_map import draw_taxels
 
 TOUCHED_COUNTS, TOUCHED_SIGMAS = 1.0, 4.0
 """A taxel is included if it reads, or should read, this many counts and this many times its noise."""
@@ -70,8 +70,7 @@ def residuals_figure(result: FitResult, dataset: Dataset) -> Figure:
         (places[0], mean, Normalize(-most, most), DIVERGING, "Mean by taxel [counts]"),
         (places[1], rms, Normalize(0.0, top), "YlGnBu", "rms by taxel [counts]"),
     ):
-        layout = problem.rig.layout
-        boxes = taxel_boxes(axes, layout, np.arange(layout.taxels), as_floats(values), norm, colours)
+        boxes = draw_taxels(axes, problem.rig.layout, values, norm, colours)
         equal_axes_mm(axes, "u", "v")
         axes.set_title(title)
         figure.colorbar(boxes, ax=axes, shrink=0.8, pad=0.02)

@@ -15,7 +15,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 from skincal.dataset import Dataset
 from skincal.fitting.result import FitResult
 from skincal.fitting.types import Floats
-from skincal.report.fit_presses import PressView
+from skincal.report.fit_presses import measured_uv_m
 from skincal.report.style import (
     BAD,
     BLACK,
@@ -41,19 +41,19 @@ _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 @styled
 def slack_figure(result: FitResult, dataset: Dataset) -> Figure:
     """Draw the slack of every press: on the patch, and all slacks from one point."""
-    view = PressView.of(result, dataset)
+    used, measured = result.problem.rows, 1e3 * measured_uv_m(result, dataset)
+    estimated = 1e3 * result.presses.uv_m
     figure = new_figure(11, 6.4, "Contact positions: measured, and estimated within their slack")
     patch, slack = figure.subplots(1, 2, width_ratios=(1.25, 1))
-    others = 1e3 * view.measured_uv_m[view.unused]
+    others = np.delete(measured, used, axis=0)
     others = others[near_patch(others, 1e3 * result.problem.rig.layout.bounds_m)]
-    _draw_patch(patch, result, view, others)
+    _draw_patch(patch, result, measured[used], estimated, others)
     _draw_slack(slack, result)
-    if len(view.used) <= MOST_NAMED:
+    if len(used) <= MOST_NAMED:
         lay_out(figure)  # labels need the places of the panels
-        names = [str(number) for number in view.press[view.used]]
-        start, end = 1e3 * view.measured_uv_m[view.used], 1e3 * view.estimated_uv_m
-        on_lines = [start + part * (end - start) for part in np.linspace(0.0, 0.9, 8)]
-        _name_presses(patch, names, end, np.concatenate([*on_lines, others]))
+        names = [str(number) for number in dataset.presses.press[used]]
+        on_lines = [measured[used] + part * (estimated - measured[used]) for part in np.linspace(0.0, 0.9, 8)]
+        _name_presses(patch, names, estimated, np.concatenate([*on_lines, others]))
         moved = 1e3 * result.presses.slack_m
         _name_presses(slack, names, moved, moved.mean(axis=0, keepdims=True))
     return figure
@@ -66,9 +66,9 @@ def _name_presses(axes: Axes, names: list[str], points: Floats, keep_clear: Floa
         axes.text(1.0, 1.0, words, transform=axes.transAxes, ha="right", va="bottom", fontsize=7, color=GREY)
 
 
-def _draw_patch(axes: Axes, result: FitResult, view: PressView, others: Floats) -> None:
+def _draw_patch(axes: Axes, result: FitResult, measured: Floats, estimated: Floats, others: Floats) -> None:
+    """Draw presses from measured to estimated position (K, 2), and the measured ones that were not used [mm]."""
     draw_outlines(axes, result.problem.rig.layout)
-    measured, estimated = 1e3 * view.measured_uv_m[view.used], 1e3 * view.estimated_uv_m
     good = result.presses.good
     lines = list(np.stack([measured, estimated], axis=1))
     axes.add_collection(LineCollection(lines, colors=RED, linewidths=0.9))
@@ -156,7 +156,8 @@ def name_points(axes: Axes, names: Sequence[str], points: Floats, *, keep_clear:
     left_out = 0
     for name, point, here in zip(names, points, at, strict=True):
         for offset, box in _candidates(here, name):
-            if not _covers(box, taken):
+            apart = (box[:2] >= taken[:, 2:]) | (box[2:] <= taken[:, :2])
+            if apart.any(axis=1).all():
                 taken = np.concatenate([taken, box[None]])
                 _write(axes, name, point, offset)
                 break
@@ -180,22 +181,9 @@ def _candidates(here: Floats, name: str) -> Iterator[tuple[Floats, Floats]]:
             yield offset, np.concatenate([here + offset - half, here + offset + half])
 
 
-def _covers(box: Floats, taken: Floats) -> bool:
-    apart = (box[:2] >= taken[:, 2:]) | (box[2:] <= taken[:, :2])
-    return not bool(apart.any(axis=1).all())
-
-
 def _write(axes: Axes, name: str, point: Floats, offset: Floats) -> None:
     line: Any = {"arrowstyle": "-", "color": GREY, "linewidth": 0.4, "shrinkA": 0.0, "shrinkB": 2.0}
     far = float(np.abs(offset).max()) > _FAR_PT + 0.5 * SIZE_PT * _WIDE * len(name)
-    axes.annotate(
-        name,
-        (float(point[0]), float(point[1])),
-        (float(offset[0]), float(offset[1])),
-        textcoords="offset points",
-        fontsize=SIZE_PT,
-        color=BLACK,
-        ha="center",
-        va="center",
-        arrowprops=line if far else None,
-    ).set_in_layout(False)
+    look: Any = {"fontsize": SIZE_PT, "color": BLACK, "ha": "center", "va": "center", "in_layout": False}
+    places = tuple(point.tolist()), tuple(offset.tolist())
+    axes.annotate(name, *places, textcoords="offset points", arrowprops=line if far else None, **look)

@@ -11,11 +11,10 @@ from matplotlib.figure import Figure
 
 from skincal.calibrate import UniformOutcome
 from skincal.dataset import Dataset
-from skincal.model.arrays import as_floats
 from skincal.report.fit_quantities import with_digits
 from skincal.report.page import picture, write_page
 from skincal.report.style import BLACK, BLUE, GREY, ORANGE, equal_axes_mm, new_figure, styled
-from skincal.report.taxel_map import taxel_boxes
+from skincal.report.taxel_map import draw_taxels
 
 _MOST_LINES = 60
 
@@ -23,10 +22,7 @@ _MOST_LINES = 60
 def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str | Path) -> None:
     """Write ``report.html`` and its figures (``scales.png``, ``answers.png``) into a folder."""
     folder, calibration, unit = Path(folder), outcome.calibration, dataset.meta.sensor.unit
-    figures = [
-        picture(scales_figure(outcome), "scales", folder, unit),
-        picture(answers_figure(outcome, dataset), "answers", folder, unit),
-    ]
+    figures = {"scales": scales_figure(outcome), "answers": answers_figure(outcome, dataset)}
     low, high = calibration.intervals["scale_per_n"]
     responding = outcome.scales.told
     write_page(
@@ -34,7 +30,7 @@ def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str 
         folder,
         dataset,
         calibration,
-        figures=figures,
+        figures=[picture(figure, stem, folder, unit) for stem, figure in figures.items()],
         responding=int(responding.sum()),
         taxels=len(responding),
         median=with_digits(outcome.scales.common_per_n, 3),
@@ -49,18 +45,16 @@ def scales_figure(outcome: UniformOutcome) -> Figure:
     scales, layout = outcome.scales, outcome.calibration.layout()
     own = scales.scale_per_n[scales.told]
     figure = new_figure(11, 5.2, "Scale of each taxel [counts/N]")
-    grid = figure.add_gridspec(1, 2)
-    axes = figure.add_subplot(grid[0])
+    axes, distribution = figure.subplots(1, 2)
     low, high = np.quantile(own, [0.02, 0.98])
     norm = Normalize(float(low), max(float(high), float(low) + 1e-9))
-    boxes = taxel_boxes(axes, layout, np.flatnonzero(scales.told), as_floats(own), norm, "YlGnBu")
+    boxes = draw_taxels(axes, layout, np.where(scales.told, scales.scale_per_n, np.nan), norm, "YlGnBu")
     equal_axes_mm(axes, "u", "v")
     figure.colorbar(boxes, ax=axes, extend="both")
-    axes = figure.add_subplot(grid[1])
-    axes.hist(own, bins=min(40, max(5, len(own) // 4)), color=BLUE)
-    axes.axvline(scales.common_per_n, color=BLACK, linewidth=1.0, label="common scale (median)")
-    axes.set(xlabel="scale [counts/N]", ylabel="taxels")
-    axes.legend()
+    distribution.hist(own, bins=min(40, max(5, len(own) // 4)), color=BLUE)
+    distribution.axvline(scales.common_per_n, color=BLACK, linewidth=1.0, label="common scale (median)")
+    distribution.set(xlabel="scale [counts/N]", ylabel="taxels")
+    distribution.legend()
     return figure
 
 
@@ -73,9 +67,8 @@ def answers_figure(outcome: UniformOutcome, dataset: Dataset) -> Figure:
     branch = dataset.presses.column("branch")
     down = np.zeros(len(outcome.values), dtype=np.bool_) if branch is None else branch.astype(str) == "down"
     figure = new_figure(11, 5.2, "Responses to uniform pressure")
-    grid = figure.add_gridspec(1, 2)
     values = np.where(outcome.use, outcome.values, np.nan)
-    left, right = (figure.add_subplot(grid[k]) for k in (0, 1))
+    left, right = figure.subplots(1, 2)
     _lines(left, outcome.loads_n, values, taxels, down)
     load = np.linspace(0.0, float(np.nanmax(outcome.loads_n)), 2)
     left.plot(load, scales.common_per_n * load, color=BLACK, linewidth=1.2, label="median scale")

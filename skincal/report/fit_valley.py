@@ -23,7 +23,17 @@ from skincal.fitting.fit_options import PAPER_BOUND_COUNTS2
 from skincal.fitting.result import FitResult
 from skincal.fitting.types import Floats
 from skincal.report.fit_quantities import Quantity, label_panel, quantities
-from skincal.report.style import BLACK, BLUE, OPEN, ORANGE, RED, few_logarithmic_ticks, new_figure, styled
+from skincal.report.style import (
+    BLACK,
+    BLUE,
+    OPEN,
+    ORANGE,
+    RED,
+    few_logarithmic_ticks,
+    log_scale,
+    new_figure,
+    styled,
+)
 
 COLOURS = "viridis_r"
 """Colour map that is yellow where the loss is low, so that black marks stand out."""
@@ -111,18 +121,12 @@ def _draw_profile(axes: Axes, of: _Axis, least: Floats, result: FitResult) -> No
     if of.quantity.identified:
         axes.axvspan(of.quantity.low, of.quantity.high, color=ORANGE, alpha=0.35, linewidth=0)
     axes.axvline(of.quantity.best, color=BLACK, linewidth=0.8)
-    axes.set_yscale("log")
-    few_logarithmic_ticks(axes.yaxis)
+    log_scale(axes, "y")
     axes.margins(x=0.0)
-    _scale(axes, of)
+    if of.quantity.logarithmic:
+        log_scale(axes, "x")
     note = "" if of.quantity.identified else ": not identified"
     axes.set_title(f"along {of.quantity.label}{note}", fontsize=9)
-
-
-def _scale(axes: Axes, col: _Axis) -> None:
-    if col.quantity.logarithmic:
-        axes.set_xscale("log")
-        few_logarithmic_ticks(axes.xaxis)
 
 
 def _draw_pair(axes: Axes, col: _Axis, row: _Axis, least: Floats, levels: Floats, result: FitResult) -> None:
@@ -136,12 +140,10 @@ def _draw_pair(axes: Axes, col: _Axis, row: _Axis, least: Floats, levels: Floats
     dots = slice(None, None, max(1, len(result.draws) // MOST_DOTS))
     axes.plot(x.draws[dots], y.draws[dots], ".", color=BLACK, markersize=2, markeredgewidth=0)
     axes.plot(x.best, y.best, "o", markersize=10, **OPEN)
-    axes.set_xlim(col.values[0], col.values[-1])
-    axes.set_ylim(row.values[0], row.values[-1])
-    if y.logarithmic:
-        axes.set_yscale("log")
-        few_logarithmic_ticks(axes.yaxis)
-    _scale(axes, col)
+    axes.set(xlim=col.values[[0, -1]], ylim=row.values[[0, -1]])
+    for quantity, along in ((x, "x"), (y, "y")):
+        if quantity.logarithmic:
+            log_scale(axes, along)
 
 
 def _explain(figure: Figure, grid: GridSpec, levels: Floats, result: FitResult) -> None:

@@ -142,6 +142,12 @@ def equal_axes_mm(axes: Axes, x_label: str, y_label: str) -> None:
     axes.set_ylabel(f"{y_label} [mm]")
 
 
+def log_scale(axes: Axes, along: str) -> None:
+    """Make one axis logarithmic, with few ticks."""
+    axes.set(**{f"{along}scale": "log"})
+    few_logarithmic_ticks(axes.xaxis if along == "x" else axes.yaxis)
+
+
 def few_logarithmic_ticks(axis: Axis) -> None:
     """Put ticks at 1, 2 and 5 of every decade of a logarithmic axis, as plain numbers."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from skincal.model import TaxelLayout
-from skincal.model.arrays import BoolArray, FloatArray, IntArray
+from skincal.model.arrays import BoolArray, FloatArray
 from skincal.report.style import BLACK, GREY, LIGHT
 
 MOST_LABELLED = 36
@@ -37,40 +37,25 @@ def near_patch(uv: NDArray[np.floating[Any]], bounds: FloatArray) -> BoolArray:
 
 
 def draw_taxels(
-    axes: Axes, layout: TaxelLayout, taxels: IntArray, values: FloatArray, norm: Normalize, colours: str
-) -> PolyCollection:
-    """Draw a map without axes; see :func:`taxel_boxes`."""
-    boxes = taxel_boxes(axes, layout, taxels, values, norm, colours)
-    axes.set_aspect("equal")
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.spines[:].set_visible(False)
-    return boxes
-
-
-def taxel_boxes(
-    axes: Axes, layout: TaxelLayout, taxels: IntArray, values: FloatArray, norm: Normalize, colours: str
+    axes: Axes, layout: TaxelLayout, values: NDArray[np.floating[Any]], norm: Normalize, colours: str
 ) -> PolyCollection:
     """Draw taxels as coloured boxes [mm], with their values where there are not too many.
 
     Args:
         axes: axes to draw on.
-        layout: layout of all taxels.
-        taxels: (J,) taxels with a value; others are light grey.
-        values: (J,) NaN without a value.
+        layout: layout of the taxels.
+        values: (J,) NaN without a value, which is light grey.
         norm: normalisation of the colours.
         colours: name of the colour map.
     """
-    shown = np.full(layout.taxels, np.nan)
-    shown[taxels] = values
     centres, half = 1e3 * layout.centres_m, 1e3 * layout.sizes_m / 2
     corners = centres[:, None] + half[:, None] * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     cmap = mpl.colormaps[colours].with_extremes(bad=LIGHT)
     boxes = PolyCollection(list(corners), norm=norm, cmap=cmap, edgecolors=GREY, linewidths=0.4)
-    boxes.set_array(np.ma.masked_invalid(shown))
+    boxes.set_array(np.ma.masked_invalid(values))
     axes.add_collection(boxes)
     if layout.taxels <= MOST_LABELLED:
-        for centre, value in zip(centres, shown, strict=True):
+        for centre, value in zip(centres, values, strict=True):
             if np.isfinite(value):
                 _label(axes, centre, value, float(norm(value)), colours)
     axes.autoscale_view()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import commands
 import pytest
-from calibrations import make_calibration, on_a_plane
+from calibrations import on_a_plane
 from diagnosis.diagnose_data import still
 
 from skincal.calibration import write_calibration
@@ -38,9 +38,8 @@ def test_table_says_what_is_seen_and_why_not(static: Path, capsys: pytest.Captur
     assert "no frames: only the mean of each hold was recorded" in out
 
 
-def test_json_and_picture(static: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    write_calibration(make_calibration(), tmp_path / "cal")
-    asked = (static, "--calibration", tmp_path / "cal", "--json", "--out", tmp_path / "out")
+def test_json_and_picture(static: Path, cal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    asked = (static, "--calibration", cal, "--json", "--out", tmp_path / "out")
     assert run(*asked) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["calibrated"] and not found["planned"]

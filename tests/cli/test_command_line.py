@@ -64,9 +64,7 @@ def test_help_imports_neither_what_is_heavy_nor_what_only_draws_boxes() -> None:
 def test_no_line_of_the_list_of_verbs_is_cut(
     path: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit):
-        main([*path, "--help"])
-    commands = capsys.readouterr().out.partition("Commands:")[2]
+    commands = captured(capsys, *path, "--help")[1].partition("Commands:")[2]
     assert commands
     assert "..." not in commands
 
@@ -75,11 +73,9 @@ def test_no_line_of_the_list_of_verbs_is_cut(
 def test_every_verb_has_an_example_and_help(
     path: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main([*path, "--help"])
-    assert ended.value.code == 0
-    shown = " ".join(capsys.readouterr().out.split())
-    assert "Example" in shown
+    status, out, _ = captured(capsys, *path, "--help")
+    shown = " ".join(out.split())
+    assert status == 0 and "Example" in shown
     assert f"skincal {' '.join(path)}" in shown.split("Example", 1)[1]
     for parameter in VERBS[path].params:
         if parameter.param_type_name == "option":
@@ -87,10 +83,7 @@ def test_every_verb_has_an_example_and_help(
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["--version"])
-    assert ended.value.code == 0
-    assert capsys.readouterr().out == f"skincal {__version__}\n"
+    assert captured(capsys, "--version") == (0, f"skincal {__version__}\n", "")
 
 
 def test_a_shell_completes_verbs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,21 +93,15 @@ def test_a_shell_completes_verbs(capsys: pytest.CaptureFixture[str], monkeypatch
         ("COMP_CWORD", "1"),
     ):
         monkeypatch.setenv(name, value)
-    with pytest.raises(SystemExit):
-        main([])
-    assert capsys.readouterr().out.split() == ["diagnose"]
+    assert captured(capsys)[1].split() == ["diagnose"]
 
 
 @pytest.mark.parametrize(
     "arguments", [["nonsense"], ["dataset", "chek"], ["dataset", "check"], ["dataset", "check", "--no"]]
 )
 def test_a_wrong_command_line_is_status_two(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(arguments)
-    assert ended.value.code == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert "Traceback" not in err
+    status, out, err = captured(capsys, *arguments)
+    assert (status, out) == (2, "") and "Traceback" not in err
 
 
 CHATTY = """
@@ -142,20 +129,10 @@ def test_standard_output_is_json_whatever_a_driver_prints(tmp_path: Path) -> Non
     assert all(text in done.stderr for text in ("imported", "connected", "a library writes", "process ends"))
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "eval marble marble-desired-1 --episodes 9999999999999999999999",
-        "eval marble marble-desired-1 --duration-s inf", "eval marble marble-desired-1 --duration-s 1e300",
-        "deploy marble marble-desired-1 --out o --duration-s inf", "fit d --out o --workers 1000000000000",
-        "fit d --out o --e-count 99999999999999999999999", "train marble --out o --seed 1000000000000",
-    ],
-)  # fmt: skip
-def test_numbers_beyond_all_bounds(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(command.split())
-    assert ended.value.code == 2
-    assert "Invalid value" in capsys.readouterr().err
+@pytest.mark.parametrize("words", ["fit d --out o --workers", "train marble --out o --seed"])
+def test_numbers_beyond_the_bounds_of_an_option(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    status, _, err = captured(capsys, *words.split(), 1000000000000)
+    assert status == 2 and "Invalid value" in err
 
 
 def numeric_options() -> Iterator[Any]:
@@ -262,10 +239,9 @@ def test_progress_leaves_standard_output_alone(capsys: pytest.CaptureFixture[str
 def test_of_many_mistakes_some_are_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan = tmp_path / "plan.csv"
     plan.write_text("u_m,v_m,force_n\n" + "0,0,hard\n" * 40)
-    with pytest.raises(SystemExit) as left:
-        main(["audit", str(plan)])
-    assert left.value.code == 2
-    lines = capsys.readouterr().err.splitlines()
+    status, _, err = captured(capsys, "audit", plan)
+    lines = err.splitlines()
+    assert status == 2
     assert len(lines) == 12 and "[line 2] force_n" in lines[0]
     assert lines[-1] == "… and 29 more; --debug shows all of them"
 
@@ -276,24 +252,32 @@ def test_settings_of_numba_in_the_working_folder_are_refused(
     """They say where compiled code is loaded from, and may come with a dataset."""
     (tmp_path / ".numba_config.yaml").write_text("cache_dir: ./code\n")
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as ended:
-        main(["hand", "list"])
-    assert ended.value.code == 2
-    assert "numba" in capsys.readouterr().err
+    status, _, err = captured(capsys, "hand", "list")
+    assert status == 2 and "numba" in err
 
 
-@pytest.mark.parametrize("raised", [asyncio.CancelledError("of a driver's library"), SystemExit(0)], ids=repr)
+@pytest.mark.parametrize(
+    ("raised", "said"),
+    [
+        (asyncio.CancelledError("of a driver's library"), "CancelledError"),
+        (SystemExit(0), "SystemExit"),
+        # As where memory is limited.
+        (
+            ImportError("x.so: failed to map segment", name="x"),
+            "a library cannot be loaded: x.so: failed to map segment",
+        ),
+    ],
+    ids=repr,
+)
 def test_any_exception_ends_without_a_traceback(
-    raised: BaseException, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    raised: BaseException, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fail(**_: object) -> None:
         raise raised
 
     monkeypatch.setattr("skincal.cli.main.app", fail)
-    with pytest.raises(SystemExit) as ended:
-        main(["hand", "list"])
-    assert ended.value.code == 1
-    assert type(raised).__name__ in capsys.readouterr().err
+    status, _, err = captured(capsys, "hand", "list")
+    assert status == 1 and said in err and "Traceback" not in err
 
 
 @pytest.mark.parametrize(
@@ -315,18 +299,6 @@ def test_a_umask_that_takes_the_owners_rights(tmp_path: Path):
     subprocess.run([sys.executable, "-P", "-c", code], cwd=tmp_path, capture_output=True, check=True)
     assert (tmp_path / "keys").stat().st_mode & 0o777 == 0o700
     assert [path.name for path in tmp_path.iterdir()] == ["keys"]
-
-
-def test_a_library_that_cannot_be_loaded(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    """As where memory is limited."""
-
-    def fail(*_: Any, **__: Any) -> None:
-        raise ImportError("x.so: failed to map segment", name="x")
-
-    monkeypatch.setattr("skincal.cli.main.app", fail)
-    with pytest.raises(SystemExit, match="1"):
-        main(["hand", "list"])
-    assert "a library cannot be loaded: x.so: failed to map segment" in capsys.readouterr().err
 
 
 def test_a_working_folder_that_is_gone(tmp_path: Path):

@@ -2,7 +2,6 @@
 
 import json
 from functools import partial
-from pathlib import Path
 from typing import get_args
 
 import commands
@@ -12,13 +11,6 @@ from calibrations import INTERVALS, make_calibration
 from skincal.calibration import Effect, write_calibration
 from skincal.ranges import PRESETS, preset, read_ranges
 from skincal.tasks import PresetName
-
-
-@pytest.fixture
-def cal(tmp_path: Path) -> Path:
-    write_calibration(make_calibration(), tmp_path / "cal")
-    return tmp_path / "cal"
-
 
 run = partial(commands.run, "export-dr")
 

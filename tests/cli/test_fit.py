@@ -45,6 +45,16 @@ def _is_what_the_contract_says(out: Path, told: dict[str, Any]) -> None:
         (["--bound", "wide"], "--bound: expected `noise`, `paper` or a positive number"),
         (["--y-range-mm", "30", "20"], "range of y: expected low below high"),
         (["--e-range-mpa-per-m", "-3", "20"], "range of E: expected positive values"),
+        (["--e-range-mpa-per-m", "1e8", "2e9"], "got 1e+08 and 2e+09. Are they in Pa/m? Divide by 1e6."),
+        (
+            ["--x-range-mm", "-1", "1"],
+            "--x-range-mm: expected no such range on a cylinder; got one. Give --beta-range-deg",
+        ),
+        (
+            ["--y-range-mm", "0.0195", "0.0275"],
+            "--y-range-mm: expected low and high [mm] ([mount] has 19.5 to 27.5); got 0.0195 and 0.0275. "
+            "Are they in metres? Multiply by 1000.",
+        ),
     ],
 )
 def test_a_wrong_option_is_status_2(
@@ -93,67 +103,37 @@ def test_a_fit_that_fails_after_its_grid_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("turns", [0, 2])
-def test_a_full_disk_keeps_what_was_evaluated_and_says_so(
+@pytest.mark.parametrize(
+    ("error", "turns", "kept", "said"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device", "cal"), 0, False, "No space left"),
+        (OSError(errno.ENOSPC, "No space left on device", "cal"), 2, True, "No space left"),
+        (np.linalg.LinAlgError("it would come again"), 1, False, "internal error"),
+    ],
+)
+def test_a_fit_that_ends_early_keeps_what_helps(
     session: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
+    error: Exception,
     turns: int,
+    kept: bool,
+    said: str,
 ) -> None:
     def fails(*_: object, checkpoint: Path, **__: object) -> None:
         checkpoint.mkdir()
         (checkpoint / ".turn-009.npz.part").write_bytes(b"cut sho")
         for turn in range(turns):
             (checkpoint / f"turn-{turn:03d}.npz").write_bytes(b"")
-        raise OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "cal"))
+        raise error
 
     monkeypatch.setattr("skincal.calibrate.calibrate", fails)
     status, _, err = captured(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK)
-    kept = tmp_path / ".cal.fit"
-    assert status == 1 and "No space left" in err
-    assert kept.exists() == (turns > 0)
-    assert (f"The grid so far is saved in {kept}; give the same command again to continue" in err) == (
-        turns > 0
-    )
-
-
-def test_a_fault_that_would_come_again_keeps_nothing(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fails(*_: object, checkpoint: Path, **__: object) -> None:
-        checkpoint.mkdir()
-        (checkpoint / "turn-000.npz").write_bytes(b"")
-        raise np.linalg.LinAlgError("singular")
-
-    monkeypatch.setattr("skincal.calibrate.calibrate", fails)
-    status, _, err = captured(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK)
-    assert status == 1 and "internal error" in err and "kept" not in err
-    assert not list(tmp_path.iterdir())
-
-
-def test_unused_or_wrongly_scaled_ranges_are_refused(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    wrong = {
-        (
-            "--x-range-mm",
-            "-1",
-            "1",
-        ): "--x-range-mm: expected no such range on a cylinder; got one. Give --beta-range-deg",
-        ("--e-range-mpa-per-m", "1e8", "2e9"): "got 1e+08 and 2e+09. Are they in Pa/m? Divide by 1e6.",
-        (
-            "--y-range-mm",
-            "0.0195",
-            "0.0275",
-        ): "--y-range-mm: expected low and high [mm] ([mount] has 19.5 to 27.5); "
-        "got 0.0195 and 0.0275. Are they in metres? Multiply by 1000.",
-    }
-    for options, text in wrong.items():
-        status, _, err = captured(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *options)
-        assert status == 2
-        assert text in err
-    assert not list(tmp_path.glob(".cal*"))
+    folder = tmp_path / ".cal.fit"
+    assert status == 1 and said in err
+    assert [*tmp_path.iterdir()] == [folder] * kept
+    assert (f"The grid so far is saved in {folder}; give the same command again to continue" in err) == kept
 
 
 def test_an_interrupted_fit_goes_on_where_it_was(

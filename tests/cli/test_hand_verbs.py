@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-from commands import Run
+from commands import Run, served
 
 import skincal.robot
 from skincal.hand import create_driver
@@ -120,39 +118,19 @@ def test_keys_are_made_once(run: Run, tmp_path: Path) -> None:
 def test_serve_hand_with_keys(run: Run, tmp_path: Path) -> None:
     main_keys = tmp_path / "keys"
     assert run("hand", "keys", "--out", main_keys)[0] == 0
-    command = [
-        "serve-hand",
-        "--driver",
-        "sim",
-        "--driver-option",
-        "seed=4",
-        "--bind",
-        "tcp://127.0.0.1:*",
-        "--json",
-    ]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "skincal", *command, "--keys", str(main_keys / "hand")],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    assert process.stderr is not None
-    try:
-        address = json.loads(process.stdout.readline())["address"]
+    with served("--driver", "sim", "--driver-option", "seed=4", "--keys", str(main_keys / "hand")) as (
+        process,
+        address,
+    ):
         with GuardedHand(
             create_driver("remote", address=address, keys=str(main_keys / "client"), silence_s="30")
         ) as hand:
             for _ in range(20):
                 hand.act(hand.nearest(hand.observe().q_desired_rad))
-        os.kill(process.pid, signal.SIGTERM)
-        assert process.wait(60) == 0
-        assert "sim: ended after 1 clients" in process.stderr.read()
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
-        process.stderr.close()
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert "sim: ended after 1 clients" in err
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,8 @@ import importlib
 import signal
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +22,11 @@ from skincal.hand.guard import GuardedHand
 HANDLERS = (signal.SIGINT, signal.SIGALRM, *REQUESTS)
 
 
-def _module(folder: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nloaded = True\n"
-    (folder / f"{name}.py").write_text(text, encoding="utf-8")
-    monkeypatch.syspath_prepend(folder)
-
-
 def test_an_interrupt_waits_until_a_module_is_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = [signal.getsignal(number) for number in HANDLERS]
-    _module(tmp_path, "interrupted_import", monkeypatch)
+    text = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nloaded = True\n"
+    (tmp_path / "interrupted_import.py").write_text(text, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(KeyboardInterrupt), interruptible():
         importlib.import_module("interrupted_import")
         time.sleep(5)
@@ -47,48 +45,43 @@ def test_what_a_library_makes_of_an_interrupt_is_one(capsys: pytest.CaptureFixtu
     assert capsys.readouterr().err == "skincal: interrupted. Half of it is saved.\n"
 
 
-def test_an_interrupt_that_somebody_else_handles_is_left_to_them() -> None:
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+@contextmanager
+def handled(number: int, handler: Any) -> Iterator[None]:
+    """Have a signal handled so meanwhile, and check that it is afterwards."""
+    before = signal.signal(number, handler)
     try:
-        with interruptible():
-            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.parametrize("number", REQUESTS)
-def test_who_asks_to_end_interrupts(number: signal.Signals) -> None:
-    before = signal.signal(number, signal.SIG_DFL)  # nohup ignores SIGHUP, and what it starts does, too
-    try:
-        with pytest.raises(KeyboardInterrupt), interruptible():
-            signal.raise_signal(number)
-            time.sleep(5)
-        assert signal.getsignal(number) is signal.SIG_DFL
+        yield
+        assert signal.getsignal(number) is handler
     finally:
         signal.signal(number, before)
 
 
+def test_an_interrupt_that_somebody_else_handles_is_left_to_them() -> None:
+    with handled(signal.SIGINT, signal.SIG_IGN), interruptible():
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+@pytest.mark.parametrize("number", REQUESTS)
+def test_who_asks_to_end_interrupts(number: signal.Signals) -> None:
+    # nohup ignores SIGHUP, and what it starts does, too
+    with handled(number, signal.SIG_DFL), pytest.raises(KeyboardInterrupt), interruptible():
+        signal.raise_signal(number)
+        time.sleep(5)
+
+
 def test_a_terminal_that_may_go_away_may() -> None:
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        with interruptible():
-            signal.raise_signal(signal.SIGHUP)
-            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGHUP, before)
+    with handled(signal.SIGHUP, signal.SIG_IGN), interruptible():
+        signal.raise_signal(signal.SIGHUP)
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGQUIT])
 def test_background_of_a_script_keeps_no_hand_moving(number: int) -> None:
     """A shell without job control has its background commands ignore both."""
-    before = signal.signal(number, signal.SIG_IGN)
-    try:
+    with handled(number, signal.SIG_IGN):
         with pytest.raises(SystemExit) as left, moving():
             signal.raise_signal(number)
         assert left.value.code == 130
-        assert signal.getsignal(number) is signal.SIG_IGN
-    finally:
-        signal.signal(number, before)
 
 
 def test_an_interrupted_verb_says_so_and_exits_with_130(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -13,13 +14,6 @@ from calibrations import make_calibration
 
 from skincal.calibration import Effect, write_calibration
 from skincal.dataset import read_dataset, write_dataset
-
-
-@pytest.fixture
-def cal(tmp_path: Path) -> Path:
-    write_calibration(make_calibration(), tmp_path / "cal")
-    return tmp_path / "cal"
-
 
 run = partial(commands.run, "predict")
 
@@ -58,10 +52,7 @@ def test_json(cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFix
 
 
 def test_without_frames(cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    dataset = read_dataset(folder)
-    from dataclasses import replace
-
-    write_dataset(replace(dataset, frames=None), tmp_path / "static", presses_as="parquet")
+    write_dataset(replace(read_dataset(folder), frames=None), tmp_path / "static", presses_as="parquet")
     assert run(cal, tmp_path / "static", "--out", tmp_path / "out", "--json") == 0
     answer = json.loads(capsys.readouterr().out)
     assert (answer["frames"], answer["frames_rmse_counts"], answer["slack_rms_m"]) == (0, None, None)
@@ -72,14 +63,10 @@ def test_without_frames(cal: Path, folder: Path, tmp_path: Path, capsys: pytest.
     ]
 
 
-def test_another_sensor(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_sensor(cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = (folder / "dataset.toml").read_text().replace("radius_m = 0.0115", "radius_m = 0.0125")
     (folder / "dataset.toml").write_text(text)
-    presses = folder / "presses.csv"
-    lines = presses.read_text().splitlines()
-    presses.write_text("\n".join(lines) + "\n")
-    write_calibration(make_calibration(), tmp_path / "cal")
-    assert run(tmp_path / "cal", folder, "--out", tmp_path / "out") == 2
+    assert run(cal, folder, "--out", tmp_path / "out") == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert "[surface] radius_m: expected 0.0115 m, as calibrated; got 0.0125 m" in err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ from commands import run
 
 pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
 
-from skincal.ranges import preset, write_ranges
+from skincal.ranges import Parameter, preset, read_ranges, write_ranges
+from skincal.ranges.plain import digest
 from skincal.train import Description, Network, PolicyKind, Task, read_policy, write_policy
 
 ROUND = 60
@@ -27,6 +29,12 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("runs") / "run"
     assert train(out, "--steps", ROUND, "--seed", 4) == 0
     return out
+
+
+@pytest.fixture
+def copied(trained: Path, tmp_path: Path) -> Path:
+    """A run that a test may change."""
+    return Path(shutil.copytree(trained, tmp_path / "run"))
 
 
 def test_what_a_run_leaves_behind(trained):
@@ -52,28 +60,20 @@ def test_a_run_stays_what_it_is_when_defaults_change(trained, tmp_path, monkeypa
     environment.close()
 
 
-def test_json_and_going_on(trained, tmp_path, capsys):
-    import shutil
-
-    out = tmp_path / "run"
-    shutil.copytree(trained, out)
-    assert run("train", "marble", "--out", out, "--resume", "--steps", 2 * ROUND, "--json") == 0
+def test_json_and_going_on(copied, capsys):
+    assert run("train", "marble", "--out", copied, "--resume", "--steps", 2 * ROUND, "--json") == 0
     shown, _ = capsys.readouterr()
     answer = json.loads(shown)
     assert answer["steps"] == 2 * ROUND
-    assert answer["policy"] == str(out / "policy.onnx")
+    assert answer["policy"] == str(copied / "policy.onnx")
     assert answer["kind"] == "tactile"
     assert answer["last_error_m"] > 0
-    assert len((out / "curve.csv").read_text().splitlines()) == 3
+    assert len((copied / "curve.csv").read_text().splitlines()) == 3
 
 
-def test_a_run_that_begins_anew_says_so(trained, tmp_path, capsys):
-    import shutil
-
-    out = tmp_path / "run"
-    shutil.copytree(trained, out)
-    shutil.rmtree(out / "checkpoint")
-    assert run("train", "marble", "--out", out, "--resume", "--steps", ROUND) == 0
+def test_a_run_that_begins_anew_says_so(copied, capsys):
+    shutil.rmtree(copied / "checkpoint")
+    assert run("train", "marble", "--out", copied, "--resume", "--steps", ROUND) == 0
     assert "no checkpoint; the run starts over at step 0" in capsys.readouterr().err
 
 
@@ -107,8 +107,6 @@ def test_ranges_that_lack_a_parameter(tmp_path, capsys):
 
 
 def test_ranges_of_ones_own_are_kept_with_the_run(tmp_path):
-    from skincal.ranges import Parameter, read_ranges
-
     ranges = preset("iros24").replace({"object.marble.radius_m": Parameter.constant(0.005)})
     write_ranges(ranges, tmp_path / "own.toml")
     assert (
@@ -118,14 +116,7 @@ def test_ranges_of_ones_own_are_kept_with_the_run(tmp_path):
     assert read_ranges(tmp_path / "run" / "ranges.toml") == ranges
     about = read_policy(tmp_path / "run" / "policy.onnx").description
     assert about.size == 5 * 6 + 4
-    assert about.ranges_sha256 != _hash(preset("iros24"))
-    assert about.ranges_sha256 == _hash(ranges)
-
-
-def _hash(ranges: object) -> str:
-    from skincal.ranges.plain import digest
-
-    return digest(ranges)  # type: ignore[arg-type]
+    assert about.ranges_sha256 == digest(ranges) != digest(preset("iros24"))
 
 
 def test_evaluation_as_json(trained, tmp_path, capsys):

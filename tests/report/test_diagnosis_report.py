@@ -10,7 +10,7 @@ from report.diagnosis_cases import diagnosed
 
 from skincal.cli.terminal import plain
 from skincal.diagnosis.summary import summary
-from skincal.report.diagnosis import write_diagnosis_report
+from skincal.report.diagnosis import FIGURES, write_diagnosis_report
 from skincal.report.diagnosis_words import headline, tone, verdict_lines
 
 
@@ -21,12 +21,9 @@ def test_the_page_holds_its_pictures_and_the_verdict(kind: str, tmp_path: Path):
     write_diagnosis_report(found, data, tmp_path, told)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert headline(found) in page
-    assert {"hysteresis": "refitted to all presses", "none": "are required", "static": "no frames"}[
-        kind
-    ] in page
-    assert {"gap.png", "signature.png", "where.png", "candidates.png", "audit.png"} <= {
-        p.name for p in tmp_path.iterdir()
-    }
+    said = {"hysteresis": "refitted to all presses", "none": "are required", "static": "no frames"}
+    assert said[kind] in page
+    assert {f"{stem}.png" for stem in (*FIGURES, "audit")} <= {p.name for p in tmp_path.iterdir()}
     assert json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8")) == told
     json.dumps(told, allow_nan=False)
 

@@ -17,16 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from skincal.calibration import Calibration, Effect, Finding, Loss, ModelParameters, Provenance
-from skincal.dataset import (
-    Dataset,
-    DatasetMeta,
-    IndenterSpec,
-    MountSpec,
-    PositionSpec,
-    Presses,
-    SensorSpec,
-    SurfaceSpec,
-)
+from skincal.dataset import Dataset, MountSpec, PositionSpec, Presses, SurfaceSpec
 from skincal.dataset.placement import patch_coordinates
 from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.grid import MacroGrid
@@ -36,17 +27,16 @@ from skincal.fitting.result import FitFinding, FitResult, GridResult, PressFit, 
 from skincal.fitting.straight import Bend
 from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters
 from skincal.report.fit import FIGURES, write_fit_report
-from skincal.report.fit_draws import draws_figure
 from skincal.report.fit_images import images_figure
-from skincal.report.fit_presses import PressView, chosen_presses, left_out, why_unused
+from skincal.report.fit_presses import chosen_presses, left_out, measured_uv_m, why_unused
 from skincal.report.fit_quantities import quantities, with_digits
-from skincal.report.fit_residuals import Residuals, residuals_figure, scatter_figure
+from skincal.report.fit_residuals import Residuals, residuals_figure
 from skincal.report.fit_slack import slack_figure
 from skincal.report.fit_valley import valley_figure
 from skincal.report.style import GREEN, RED
 from skincal.workers.processes import mapper
+from tests.conftest import RADIUS_M, make_session
 
-RADIUS_M = 0.0115
 BEST = {
     "across_m": 0.4e-3,
     "y_m": 0.0241,
@@ -64,14 +54,10 @@ def make_fit(kind: str = "cylinder", presses: int = 14, seed: int = 3) -> Fitted
     """A session of the model itself, and the result that a good fit of it has; the grid is a smooth bowl."""
     generator = np.random.default_rng(seed)
     plane = kind == "plane"
-    meta = DatasetMeta(
-        sensor=SensorSpec(4, 4, (0.0025, 0.0025), (0.004, 0.004), value_min=0, value_max=255, integer=True),
-        surface=SurfaceSpec("plane") if plane else SurfaceSpec("cylinder", RADIUS_M),
-        indenter=IndenterSpec("sphere", 0.006),
-        mount=MountSpec(0.0235, 0.0, (0.0195, 0.0275), (-20.0, 20.0), **_mount(plane)),
-        position=PositionSpec(0.001, 0.002),
-        source='rig <script>alert("2")</script>',
-    )
+    meta = replace(make_session().meta, source='rig <script>alert("2")</script>')
+    if plane:
+        mount = MountSpec(0.0235, 0.0, (0.0195, 0.0275), (-20.0, 20.0), x_m=0.0, x_range_m=(-0.0024, 0.0024))
+        meta = replace(meta, surface=SurfaceSpec("plane"), mount=mount)
     slack = generator.normal(0.0, 0.5e-3, (presses, 2))
     true = BEST["across_m"], BEST["y_m"]
     across, along = (centre + generator.uniform(-5e-3, 5e-3, presses) for centre in true)
@@ -90,19 +76,13 @@ def make_fit(kind: str = "cylinder", presses: int = 14, seed: int = 3) -> Fitted
     simulated = values[problem.rows]
     rmse = np.sqrt(((simulated - problem.values) ** 2).mean(axis=1))
     fit = PressFit(
-        slack[problem.rows],
-        uv[problem.rows],
-        problem.values,
-        simulated,
-        rmse,
-        np.ones(len(problem), dtype=bool),
-        np.zeros(len(problem)),
-    )
-    names = ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m", "scale_per_n")
-    draws = np.stack([generator.normal(BEST[n], HALF[n] / 2.3, 500) for n in names], axis=1)
+        slack[problem.rows], uv[problem.rows], problem.values, simulated, rmse,
+        np.ones(len(problem), dtype=bool), np.zeros(len(problem)),
+    )  # fmt: skip
+    draws = np.stack([generator.normal(BEST[n], HALF[n] / 2.3, 500) for n in BEST], axis=1)
     result = FitResult(
         best=BEST,
-        intervals={n: (BEST[n] - HALF[n], BEST[n] + HALF[n]) for n in names},
+        intervals={n: (BEST[n] - HALF[n], BEST[n] + HALF[n]) for n in BEST},
         mse_counts2=float((rmse**2).mean()),
         valley_mse_counts2=0.09,
         bound="noise",
@@ -127,16 +107,10 @@ def make_fit(kind: str = "cylinder", presses: int = 14, seed: int = 3) -> Fitted
     return result, dataset, _calibration(dataset, plane)
 
 
-def _mount(plane: bool) -> dict[str, object]:
-    if plane:
-        return {"x_m": 0.0, "x_range_m": (-0.0024, 0.0024)}
-    return {"beta_deg": 0.0, "beta_range_deg": (-12.0, 12.0)}
-
-
 def _pose(plane: bool) -> SensorPose:
-    if plane:
-        return SensorPose(BEST["y_m"], BEST["alpha_rad"], x_m=BEST["across_m"])
-    return SensorPose(BEST["y_m"], BEST["alpha_rad"], beta_rad=BEST["across_m"] / RADIUS_M)
+    across_m = BEST["across_m"]
+    across = {"x_m": across_m} if plane else {"beta_rad": across_m / RADIUS_M}
+    return SensorPose(BEST["y_m"], BEST["alpha_rad"], **across)
 
 
 def _points(shell: Dataset, across: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -381,11 +355,10 @@ def test_numbers_have_as_many_digits_as_are_known(value: float, width: float, te
 def test_presses_lie_where_the_pose_puts_them(fitted: Fitted) -> None:
     """Turning the measured slack into the patch's axes takes the measured to the estimated position."""
     result, dataset, _ = fitted
-    view = PressView.of(result, dataset)
     cos, sin = np.cos(BEST["alpha_rad"]), np.sin(BEST["alpha_rad"])
     turned = result.presses.slack_m @ np.array([[cos, -sin], [sin, cos]])
-    np.testing.assert_allclose(view.measured_uv_m[view.used] + turned, view.estimated_uv_m, atol=1e-9)
-    assert sorted([*view.used, *view.unused]) == list(range(len(dataset.presses)))
+    measured = measured_uv_m(result, dataset)[result.problem.rows]
+    np.testing.assert_allclose(measured + turned, result.presses.uv_m, atol=1e-9)
 
 
 def test_worst_and_best_are_among_those_shown() -> None:
@@ -461,9 +434,7 @@ def test_levels_in_the_valley_are_of_the_loss_that_is_drawn(fitted: Fitted) -> N
 
 def test_frames_tell_good_from_bad(fitted: Fitted) -> None:
     result, dataset, _ = fitted
-    good = result.presses.good.copy()
-    good[[0, 3]] = False
-    figure = images_figure(replace(result, presses=replace(result.presses, good=good)), dataset)
+    figure = images_figure(with_bad(result, 0, 3), dataset)
     colours = [
         p.get_edgecolor()
         for axes in figure.axes
@@ -471,7 +442,7 @@ def test_frames_tell_good_from_bad(fitted: Fitted) -> None:
         if isinstance(p, Rectangle) and not p.get_fill()
     ]
     assert colours.count(to_rgba(RED)) == 2
-    assert colours.count(to_rgba(GREEN)) == len(good) - 2
+    assert colours.count(to_rgba(GREEN)) == len(result.problem) - 2
     words = [text.get_text() for axes in figure.axes for text in axes.texts]
     assert sum(word.startswith("bad: ") for word in words) == 2
     assert (
@@ -482,10 +453,7 @@ def test_frames_tell_good_from_bad(fitted: Fitted) -> None:
 def test_glitches_are_shown_with_what_the_skin_says(fitted: Fitted) -> None:
     result, dataset, _ = fitted
     worst = int(np.argmax(result.problem.force_n))
-    keep = np.arange(len(result.problem)) != worst
-    fit = PressFit(*(array[keep] for array in vars(result.presses).values()))
-    problem = result.problem.subset(keep, "glitch: odd")
-    without = replace(result, problem=problem, presses=fit)
+    without = part(result, np.arange(len(result.problem)) != worst, "glitch: odd")
     (press,) = left_out(without, dataset)
     assert press.row == result.problem.rows[worst]
     np.testing.assert_allclose(press.simulated, result.presses.simulated[worst], atol=1.5)
@@ -526,10 +494,21 @@ def test_slack_is_drawn_from_measured_to_estimated(fitted: Fitted) -> None:
     np.testing.assert_allclose(ends, 1e3 * result.presses.uv_m)
 
 
-def one_bad(result: FitResult) -> FitResult:
-    good = result.presses.good.copy()
-    good[0] = False
+def with_bad(result: FitResult, *bad: int) -> FitResult:
+    """Some presses match badly."""
+    good = ~np.isin(np.arange(len(result.problem)), bad)
     return replace(result, presses=replace(result.presses, good=good))
+
+
+def one_bad_and_unread(result: FitResult) -> FitResult:
+    dead = np.arange(16) == 5
+    return replace(with_bad(result, 0), problem=result.problem.without_taxels(dead), dead_taxels=dead)
+
+
+def part(result: FitResult, keep: np.ndarray, why: str) -> FitResult:
+    """Only some presses were used."""
+    fit = PressFit(*(array[keep] for array in vars(result.presses).values()))
+    return replace(result, problem=result.problem.subset(keep, why), presses=fit)
 
 
 def fixed_bound(result: FitResult) -> FitResult:
@@ -565,23 +544,12 @@ def nothing_searched(result: FitResult) -> FitResult:
 
 
 def few_presses(result: FitResult) -> FitResult:
-    keep = np.arange(len(result.problem)) < 3
-    fit = PressFit(*(array[keep] for array in vars(result.presses).values()))
-    return replace(result, problem=result.problem.subset(keep, "left out"), presses=fit)
-
-
-def unread(result: FitResult) -> FitResult:
-    dead = np.arange(16) == 5
-    return replace(result, problem=result.problem.without_taxels(dead), dead_taxels=dead)
+    return part(result, np.arange(len(result.problem)) < 3, "left out")
 
 
 def unknown_positions(result: FitResult) -> FitResult:
     rig = replace(result.problem.rig, position_sigma_m=np.inf, slack_m=np.inf)
     return replace(result, problem=replace(result.problem, rig=rig))
-
-
-def one_bad_and_unread(result: FitResult) -> FitResult:
-    return unread(one_bad(result))
 
 
 CHANGES: dict[Callable[[FitResult], FitResult], str] = {
@@ -616,28 +584,17 @@ def test_odd_results_are_drawn_and_described_too(
 
 def test_a_fit_on_a_plane_is_drawn_and_described(words: Words) -> None:
     result, dataset, calibration = make_fit("plane")
-    for draw in (valley_figure, draws_figure):
-        labels = [axes.get_xlabel() for axes in draw(result).axes]
-        assert "x [mm]" in labels
-        assert "beta [°]" not in labels
+    for stem in ("valley", "draws"):
+        labels = [axes.get_xlabel() for axes in FIGURES[stem](result, dataset).axes]
+        assert "x [mm]" in labels and "beta [°]" not in labels
     slack_figure(result, dataset).draw_without_rendering()
     page = words(result, dataset, calibration)
     assert "x [mm]" in page and "beta" not in page
 
 
-@pytest.mark.parametrize(
-    "draw",
-    [
-        lambda r, _: draws_figure(r),
-        slack_figure,
-        residuals_figure,
-        lambda r, _: scatter_figure(r),
-        lambda r, _: valley_figure(r),
-    ],
-    ids=["draws", "slack", "residuals", "scatter", "valley"],
-)
-def test_panels_do_not_overlap(fitted: Fitted, draw: Callable[[FitResult, Dataset], Figure]) -> None:
-    figure = draw(fitted[0], fitted[1])
+@pytest.mark.parametrize("stem", sorted({*FIGURES} - {"images"}))
+def test_panels_do_not_overlap(fitted: Fitted, stem: str) -> None:
+    figure = FIGURES[stem](fitted[0], fitted[1])
     figure.draw_without_rendering()
     boxes = [axes.get_tightbbox() for axes in figure.axes if axes.get_visible() and axes.get_xlabel()]
     for i, one in enumerate(boxes):

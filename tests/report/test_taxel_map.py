@@ -17,5 +17,5 @@ from skincal.report.taxel_map import draw_taxels
 def test_values_are_white_on_dark_colours_alone(colours: str, white: list[int]) -> None:
     axes = new_figure(3, 3).subplots()
     layout, values = TaxelLayout.grid(2, 2, taxel_size_m=2e-3, pitch_m=3e-3), np.array([0.0, 1.0, 3.0, 4.0])
-    draw_taxels(axes, layout, np.arange(4), values, Normalize(0.0, 4.0), colours)
+    draw_taxels(axes, layout, values, Normalize(0.0, 4.0), colours)
     assert [k for k, text in enumerate(axes.texts) if text.get_color() == "white"] == white
