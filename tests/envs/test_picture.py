@@ -68,8 +68,7 @@ def test_the_board_has_the_colours_of_the_image() -> None:
     shown = PictureState(env._grasp.centre_m, LAYOUT, image, np.zeros(2), np.zeros(2))
     before, board = env.render(), Board(env._scene, shown)
     board.show(shown)
-    engine, client = env._scene.engine, env._scene.client
-    seen = [engine.getVisualShapeData(tile, physicsClientId=client)[0][7] for tile in board._tiles]
+    seen = [env._scene.engine.getVisualShapeData(tile)[0][7] for tile in board._tiles]
     assert np.array(seen)[:, :3] == pytest.approx(colours(image / 100.0) / 255.0, abs=1e-6)
     # It stands in the view, and the physics does not feel it.
     assert np.any(env.render()[:, :WIDTH] != before[:, :WIDTH])
