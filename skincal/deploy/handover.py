@@ -10,7 +10,6 @@ from skincal.envs.postures import Postures
 from skincal.errors import WorkError
 from skincal.hand.driver import HandState
 from skincal.model.arrays import FloatArray, as_floats
-from skincal.robot import Kinematics
 
 _TOUCHED = 3
 """So many states in a row tell of contact: one may be noise."""
@@ -23,9 +22,9 @@ class PinchForces:
     the thumb's round end.
     """
 
-    def __init__(self, pinch: Pinch, kinematics: Kinematics) -> None:
+    def __init__(self, pinch: Pinch) -> None:
         self._out, self._foot, self._end = pinch.facing
-        self._kinematics = kinematics
+        self._kinematics = pinch.kinematics
         self.tare_nm = np.zeros(pinch.joints)
 
     def vectors_n(self, state: HandState) -> tuple[FloatArray, FloatArray, FloatArray]:

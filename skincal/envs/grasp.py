@@ -13,7 +13,6 @@ from skincal.envs.postures import Postures
 from skincal.envs.scene import PHYSICS_HZ, Scene
 from skincal.envs.scene_state import Grip, Placed
 from skincal.model.arrays import FloatArray
-from skincal.robot import Kinematics
 from skincal.sim.drives import DriveParameters
 
 
@@ -50,10 +49,10 @@ _LOOK_STEPS = 4
 class Grasp:
     """Lets a hand take an object."""
 
-    def __init__(self, pinch: Pinch, kinematics: Kinematics, nominal: Values, options: GraspOptions) -> None:
+    def __init__(self, pinch: Pinch, nominal: Values, options: GraspOptions) -> None:
         self._pinch = pinch
-        self._kinematics = kinematics
-        self._postures = Postures.of(pinch, kinematics)
+        self._kinematics = pinch.kinematics
+        self._postures = Postures.of(pinch)
         self._options = options
         self._first = pinch.joints_of(slice(0, 2))
         self._last = pinch.joints_of(slice(2, 3))
@@ -164,7 +163,6 @@ class Grasp:
         elasticity = number(values, "skin.elasticity_pa_per_m")
         return Grip(
             angles_rad=angles_rad,
-            command_rad=angles_rad,
             drives=self._drives(values),
             objects=objects,
             finger_friction=number(values, "finger.lateral_friction"),

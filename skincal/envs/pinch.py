@@ -19,7 +19,7 @@ from skincal.dataset.schema import Table, load_toml, read_table
 from skincal.dataset.schema_errors import Violation, report
 from skincal.model import SensorPose, Surface
 from skincal.model.arrays import FloatArray
-from skincal.robot import DEFAULT_HAND, HandDescription, read_hand
+from skincal.robot import DEFAULT_HAND, HandDescription, Kinematics, read_hand
 from skincal.robot.urdf import MOVING, Urdf, read_urdf
 
 FILE, FORMAT = "pinch.toml", "skincal-pinch/1"
@@ -85,6 +85,11 @@ class Pinch:
     def surface(self) -> Surface:
         """The surface of the finger with the skin."""
         return surface_of(self.description.meta.surface, {})
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """The kinematics of both fingers."""
+        return Kinematics(self.description)
 
     @property
     def pose(self) -> SensorPose:

@@ -11,7 +11,8 @@ from calibrations import make_calibration
 
 import skincal.envs  # noqa: F401  # registers the tasks
 from skincal.envs.bodies import Bolt
-from skincal.envs.tactile import PatchMould
+from skincal.envs.pinch import read_pinch
+from skincal.envs.tactile import TactileSkin
 from skincal.model import (
     Contacts,
     Converter,
@@ -79,9 +80,9 @@ def test_taxels_that_nothing_touches_read_their_offset() -> None:
 
 
 def test_patches_of_other_poses_are_those_that_the_model_builds() -> None:
-    mould = PatchMould(FINGER, LAYOUT)
+    felt = TactileSkin(read_pinch(), 0.25e-3)
     for pose in (SensorPose(0.0215, 0.25, -0.2), SensorPose(0.0255, -0.2, 0.15)):
-        ours, theirs = mould.at(pose), Patch.build(FINGER, LAYOUT, pose)
+        ours, theirs = felt.patch(pose), Patch.build(FINGER, LAYOUT, pose)
         assert np.array_equal(ours.points_m, theirs.points_m) and np.array_equal(ours.taxel, theirs.taxel)
         out = np.array([np.sin(0.1), 0.0, np.cos(0.1)])
         contacts = Contacts((0.0115 * out + [0, 0.024, 0])[None], out[None], np.array([2.0]))
