@@ -37,7 +37,6 @@ TRUTH_FORMAT = "skincal-reference-truth/1"
 _RELEASE_S = 0.25
 """The person lets go when both fingers have touched the object for so long [s]."""
 _SOLVER_ITERATIONS = 50
-_RESOLUTION_M = 0.25e-3
 
 
 class ReferenceHand(HandDriver):
@@ -93,7 +92,7 @@ class ReferenceHand(HandDriver):
         self._seed, self._orientation_deg = seed, orientation_deg
         self._steps, self._truth_path = PHYSICS_HZ // rate_hz, truth_path
         self._pinch = read_pinch(hand)
-        self._skin = TactileSkin(self._pinch, _RESOLUTION_M)
+        self._skin = TactileSkin(self._pinch)
         self._drawer = Drawer(ranges_for(task, ranges), task, self._pinch, self._skin.taxels)
         self._grasp = Grasp(self._pinch, self._drawer.nominal, GraspOptions())
         truth_rng, effect_rng = np.random.default_rng([seed, 0]).spawn(2)

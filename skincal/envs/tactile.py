@@ -18,6 +18,8 @@ from skincal.envs.pinch import Pinch
 from skincal.model import ContactLaw, Contacts, Patch, SensorPose, Skin, SkinParameters
 from skincal.model.arrays import FloatArray
 
+RESOLUTION_M = 0.25e-3
+"""Longest edge of a tactile point's cell, unless another is asked for [m]."""
 SESSION_S = 600.0
 """A session has gone on for so long at most when an episode begins; what drifts has drifted by then [s]."""
 _LOADING_M_PER_S = 0.01
@@ -50,7 +52,7 @@ class SkinContact:
 class TactileSkin:
     """Makes tactile images, one after the other; begin an episode with :meth:`begin`."""
 
-    def __init__(self, pinch: Pinch, resolution_m: float) -> None:
+    def __init__(self, pinch: Pinch, resolution_m: float = RESOLUTION_M) -> None:
         meta = pinch.description.meta
         self._surface = pinch.surface
         self._converter = converter_of(meta.sensor)

@@ -74,7 +74,6 @@ _HOLDING = 10
 """Images from one force to the next."""
 _RESTING = 10
 """Images of which the level at rest is the mean."""
-_RESOLUTION_M = 0.25e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +107,7 @@ def draw_touches(
     progress: Callable[[int], None] = lambda _: None,
 ) -> Touches:
     """Let a marble wander over the skins of drawn hands, at forces that change."""
-    skin = TactileSkin(pinch, _RESOLUTION_M)
+    skin = TactileSkin(pinch)
     drawer = Drawer(ranges, "marble", pinch, skin.taxels)
     images, places = np.zeros((hands, each, skin.taxels)), np.zeros((hands, each, 2))
     for hand in range(hands):

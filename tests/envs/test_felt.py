@@ -80,7 +80,7 @@ def test_taxels_that_nothing_touches_read_their_offset() -> None:
 
 
 def test_patches_of_other_poses_are_those_that_the_model_builds() -> None:
-    felt = TactileSkin(read_pinch(), 0.25e-3)
+    felt = TactileSkin(read_pinch())
     for pose in (SensorPose(0.0215, 0.25, -0.2), SensorPose(0.0255, -0.2, 0.15)):
         ours, theirs = felt.patch(pose), Patch.build(FINGER, LAYOUT, pose)
         assert np.array_equal(ours.points_m, theirs.points_m) and np.array_equal(ours.taxel, theirs.taxel)

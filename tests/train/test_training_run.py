@@ -20,8 +20,7 @@ from skincal.errors import InputError
 from skincal.files import alone
 from skincal.ranges import preset
 from skincal.train import Network, Policy, Settings, begin, maker, read_curve, read_policy, read_run, train
-from skincal.train.environments import segment_seed
-from skincal.train.settings import rounds_of
+from skincal.train.settings import part_seed, rounds_of
 
 JAX = pytest.param(
     "sbx",
@@ -182,7 +181,7 @@ def test_seeds_matter_and_repeat(tmp_path, copied):
     a, b, c = (np.concatenate([x.ravel() for x in last_network(tmp_path / n)]) for n in "abc")
     assert np.array_equal(a, b)
     assert not np.allclose(a, c)
-    assert segment_seed(1, 0) not in {segment_seed(1, 1), segment_seed(2, 0)}
+    assert part_seed(1, 0) not in {part_seed(1, 1), part_seed(2, 0)}
 
 
 @pytest.mark.parametrize("backend", ["sb3", "ppo", JAX])
