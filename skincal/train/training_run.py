@@ -24,6 +24,7 @@ from skincal.ranges.plain import digest
 from skincal.tasks import BackendName
 from skincal.train.checkpoint import (
     ARRAYS,
+    BEGINNING,
     STATE,
     Progress,
     fork_checkpoint,
@@ -197,7 +198,7 @@ class _Course:
         self.learner, self.report = learner, report
         self.last: Round | None = None
         there = (folder / CHECKPOINT).is_dir()
-        self.progress = load_checkpoint(learner, folder / CHECKPOINT) if there else Progress()
+        self.progress = load_checkpoint(learner, folder / CHECKPOINT) if there else BEGINNING
         if work.start:
             start = read_policy(folder / START)
             learner.go_on_from(None if there else start.network, start.description.steps)
