@@ -51,7 +51,6 @@ class Grasp:
 
     def __init__(self, pinch: Pinch, nominal: Values, options: GraspOptions) -> None:
         self._pinch = pinch
-        self._kinematics = pinch.kinematics
         self._postures = Postures.of(pinch)
         self._options = options
         self._first = pinch.joints_of(slice(0, 2))
@@ -107,7 +106,7 @@ class Grasp:
     def _middle(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the point midway between the two tips as they would hold the object, and the fingertip's rotation."""
         out, centre, thumb_end = self._pinch.facing
-        skin, thumb = self._kinematics.frames(q_rad)
+        skin, thumb = self._pinch.kinematics.frames(q_rad)
         foot, end = skin.to_root(centre)[0], thumb.to_root(thumb_end)[0]
         face = end - self._pinch.thumb.radius_m * (skin.rotations[0] @ out)
         return (foot + face) / 2, skin.rotations[0]
@@ -140,7 +139,7 @@ class Grasp:
         each other instead would push them sideways as well, as the joints do not yield alike in all directions.
         """
         measured = scene.drives.motor_rad + offset_rad
-        torque = self._torque(measured)
+        torque = self._pinch.torques_nm(measured, self._options.squeeze_n)
         goal = measured + (torque + self._friction * np.sign(torque)) / self._stiffness
         pieces = max(1, round(self._options.squeeze_s * PHYSICS_HZ / _LOOK_STEPS))
         for i in range(pieces):
@@ -148,14 +147,6 @@ class Grasp:
             scene.drives.target_rad = command - offset_rad
             scene.run(_LOOK_STEPS)
         return goal
-
-    def _torque(self, q_rad: FloatArray) -> FloatArray:
-        """Return torques (n,) with which the tips press on each other along the skin's normal [N m]."""
-        out, centre, thumb_end = self._pinch.facing
-        skin, thumb = self._kinematics.frames(q_rad)
-        force = -self._options.squeeze_n * (skin.rotations[0] @ out)
-        foot, end = skin.to_root(centre), thumb.to_root(thumb_end)
-        return self._kinematics.torques(skin, thumb, foot, end, force)
 
     def _grip(self, values: Values, angles_rad: FloatArray, objects: tuple[Placed, ...]) -> Grip:
         body = objects[0].body

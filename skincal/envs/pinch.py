@@ -113,6 +113,13 @@ class Pinch:
         centre, out = self.surface.wrap(self.pose, np.zeros((1, 2)))
         return out[0], centre, np.array([[0.0, self.thumb.length_m, 0.0]])
 
+    def torques_nm(self, q_rad: FloatArray, force_n: float) -> FloatArray:
+        """Return torques (n,) with which the tips press on each other along the skin's normal [N m]."""
+        out, centre, thumb_end = self.facing
+        skin, thumb = self.kinematics.frames(q_rad)
+        force = -force_n * (skin.rotations[0] @ out)
+        return self.kinematics.torques(skin, thumb, skin.to_root(centre), thumb.to_root(thumb_end), force)
+
     def joints_of(self, which: slice) -> NDArray[np.int64]:
         """Return columns of some joints of each finger, finger by finger."""
         fingers = (self.description.indenter_finger, self.description.skin_finger)
