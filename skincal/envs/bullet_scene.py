@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import shutil
 import tempfile
 import weakref
 from collections.abc import Sequence
+from functools import partial
+from inspect import isbuiltin
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +32,8 @@ class BulletScene(Scene):
         with quiet():
             # The module for the loop of physics steps, which is faster with arguments by position.
             self._module: Any = load_engine()
-            client = importlib.import_module("pybullet_utils.bullet_client").BulletClient
-            self.engine: Any = client(self._module.GUI if window else self._module.DIRECT)
-        self.client: int = self.engine._client
+            self.client: int = self._module.connect(self._module.GUI if window else self._module.DIRECT)
+        self.engine: Any = _Client(self._module, self.client)
         if self.client < 0:
             raise WorkError(
                 "environment: PyBullet gives no further client. Close environments no longer used."
@@ -199,6 +199,19 @@ class BulletScene(Scene):
     def _frame(self, origin_m: Sequence[float], turn: Sequence[float]) -> Frame:
         rotation = np.array(self.engine.getMatrixFromQuaternion(turn)).reshape(3, 3)
         return Frame(np.array(origin_m), rotation)
+
+
+class _Client:
+    """PyBullet with the number of one client filled in, as by ``pybullet_utils``; a function is bound once, at first use."""
+
+    def __init__(self, module: Any, number: int) -> None:
+        self._module, self._number = module, number
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._module, name)
+        bound = partial(found, physicsClientId=self._number) if isbuiltin(found) else found
+        setattr(self, name, bound)
+        return bound
 
 
 def _point(row: Sequence[Any]) -> Point:
