@@ -202,7 +202,7 @@ class BulletScene(Scene):
 
 
 class _Client:
-    """PyBullet with the number of one client filled in, as by ``pybullet_utils``; a function is bound once, at first use."""
+    """PyBullet with one client's number filled in; a function is bound once, when it is first asked for."""
 
     def __init__(self, module: Any, number: int) -> None:
         self._module, self._number = module, number
