@@ -12,9 +12,7 @@ from skincal.deploy.record import Record
 from skincal.envs.pinch import Pinch
 from skincal.envs.sensing import Sensor
 from skincal.model.arrays import FloatArray
-from skincal.robot import Kinematics
 from skincal.train.estimator import Estimator
-from skincal.units import rad
 
 IMAGE_S = 0.3
 """Images are averaged over so much time before places are told from them: noise bends what is told of one image [s]."""
@@ -61,11 +59,9 @@ def _rolled(record: Record, pinch: Pinch, width_m: float) -> FloatArray:
 
     Rolling between two surfaces it goes half as far as they move against each other.
     """
-    radius, mount = pinch.radius_m, pinch.description.meta.mount
-    sensor = Sensor(radius, mount.y_m, rad(mount.beta_deg or 0.0), rad(mount.alpha_deg))
-    skin, thumb = Kinematics(pinch.description).frames(
-        np.array([state.q_desired_rad for state in record.states])
-    )
+    radius = pinch.radius_m
+    sensor = Sensor(radius, pinch.pose)
+    skin, thumb = pinch.kinematics.frames(np.array([state.q_desired_rad for state in record.states]))
     ends = thumb.to_root(np.array([[0.0, pinch.thumb.length_m, 0.0]]))
     bases = skin.to_root(np.zeros((1, 3)))
     far, half = pinch.thumb.radius_m, width_m / 2

@@ -10,7 +10,6 @@ from skincal.envs.postures import Postures
 from skincal.errors import WorkError
 from skincal.hand.driver import HandState
 from skincal.model.arrays import FloatArray, as_floats
-from skincal.robot import Kinematics
 
 _TOUCHED = 3
 """So many states in a row tell of contact: one may be noise."""
@@ -23,9 +22,9 @@ class PinchForces:
     the thumb's round end.
     """
 
-    def __init__(self, pinch: Pinch, kinematics: Kinematics) -> None:
+    def __init__(self, pinch: Pinch) -> None:
         self._out, self._foot, self._end = pinch.facing
-        self._kinematics = kinematics
+        self._pinch, self._kinematics = pinch, pinch.kinematics
         self.tare_nm = np.zeros(pinch.joints)
 
     def vectors_n(self, state: HandState) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -50,10 +49,8 @@ class PinchForces:
 
     def torques_nm(self, state: HandState, force_n: float) -> FloatArray:
         """Return torques (n,) with which both fingers press on each other along the skin's normal [N m]."""
-        chains = self._kinematics
-        skin, thumb = chains.frames(chains.link_angles(state.q_rad, state.tau_nm - self.tare_nm))
-        force = -force_n * (skin.rotations[0] @ self._out)
-        return chains.torques(skin, thumb, skin.to_root(self._foot), thumb.to_root(self._end), force)
+        q_rad = self._kinematics.link_angles(state.q_rad, state.tau_nm - self.tare_nm)
+        return self._pinch.torques_nm(q_rad, force_n)
 
 
 def _force(jacobian: FloatArray, torque_nm: FloatArray) -> FloatArray:

@@ -21,7 +21,6 @@ from skincal.hand.driver import HandDriver
 from skincal.hand.guard import GuardedHand
 from skincal.hand.guard_options import GuardOptions
 from skincal.model.arrays import FloatArray
-from skincal.robot import Kinematics
 from skincal.train.policy_file import Policy
 
 
@@ -102,8 +101,7 @@ def deploy(
     if policy.description.actions != joints:
         expected = f"a policy that moves {joints} joints, as the hand has"
         raise input_error(policy.file, expected, f"one for {policy.description.actions}")
-    kinematics = Kinematics(pinch.description)
-    postures, forces = Postures.of(pinch, kinematics), PinchForces(pinch, kinematics)
+    postures, forces = Postures.of(pinch), PinchForces(pinch)
     loop: _PolicyLoop | None = None
     try:
         with GuardedHand(driver, guard, clock=clock, contact_force=forces.largest_n) as hand:

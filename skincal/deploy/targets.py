@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.envs.trajectories import CIRCLE_RADIUS_M, FIXED, POLICY_HZ
+from skincal.envs.trajectories import CIRCLE_RADIUS_M, FIXED, POLICY_HZ, planned
 from skincal.errors import input_error
 from skincal.model.arrays import FloatArray, as_floats
 
@@ -35,13 +35,10 @@ def marble_targets(trajectory: str | ArrayLike, duration_s: float) -> FloatArray
         InputError: no such trajectory.
     """
     steps = max(1, round(duration_s * POLICY_HZ)) + 1
-    if isinstance(trajectory, str):
-        if trajectory not in FIXED:
-            expected = f"one of {', '.join(FIXED)}, or a file"
-            raise input_error("--trajectory", expected, f'"{trajectory}"')
-        return FIXED[trajectory](steps)
-    given = np.asarray(trajectory, dtype=np.float64)[:steps]
-    return np.concatenate([given, np.repeat(given[-1:], steps - len(given), axis=0)])
+    if isinstance(trajectory, str) and trajectory not in FIXED:
+        expected = f"one of {', '.join(FIXED)}, or a file"
+        raise input_error("--trajectory", expected, f'"{trajectory}"')
+    return planned(trajectory, steps)
 
 
 def letters(

@@ -8,22 +8,39 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from skincal.tasks import JOINT_OFFSETS
+from skincal.tasks import ENVIRONMENT_IDS, JOINT_OFFSETS, Task
 
 if TYPE_CHECKING:
     from skincal.envs.bolt import BoltRollEnv
     from skincal.envs.grasp import GraspOptions
     from skincal.envs.marble import MarbleRollEnv
     from skincal.envs.pellets import PelletSeparateEnv
-    from skincal.envs.registration import ENVIRONMENTS, register_environments
     from skincal.envs.rewards import RewardScales
     from skincal.envs.roll import RollEnv
     from skincal.envs.task_options import EpisodeOptions, TaskOptions
     from skincal.envs.trajectories import ORIENTATIONS_DEG
 
-if find_spec("gymnasium") is not None:
-    from skincal.envs.registration import register_environments
+ENVIRONMENTS = {
+    ENVIRONMENT_IDS[Task.marble]: "skincal.envs.marble:MarbleRollEnv",
+    ENVIRONMENT_IDS[Task.bolt]: "skincal.envs.bolt:BoltRollEnv",
+    ENVIRONMENT_IDS[Task.pellets]: "skincal.envs.pellets:PelletSeparateEnv",
+}
+"""Entry points by name."""
 
+
+def register_environments() -> None:
+    """Register all tasks with Gymnasium; may be called twice."""
+    try:
+        registration: Any = import_module("gymnasium.envs.registration")
+    except ModuleNotFoundError as error:
+        text = "skincal.envs needs Gymnasium: pip install 'skincal[policy]'"
+        raise ModuleNotFoundError(text, name=error.name) from error
+    for name, entry in ENVIRONMENTS.items():
+        if name not in registration.registry:
+            registration.register(id=name, entry_point=entry)
+
+
+if find_spec("gymnasium") is not None:
     register_environments()
 
 _HOMES = {
@@ -31,7 +48,6 @@ _HOMES = {
     "grasp": "GraspOptions",
     "marble": "MarbleRollEnv",
     "pellets": "PelletSeparateEnv",
-    "registration": "ENVIRONMENTS register_environments",
     "rewards": "RewardScales",
     "roll": "RollEnv",
     "task_options": "EpisodeOptions TaskOptions",

@@ -51,8 +51,8 @@ class Body(ABC):
         """Return what it is made of, as it collides."""
 
     @abstractmethod
-    def look(self, engine: Any, client: int) -> int:
-        """Return a visual shape in a PyBullet client."""
+    def look(self, engine: Any) -> int:
+        """Return a visual shape in a client of PyBullet."""
 
     @property
     @abstractmethod
@@ -94,10 +94,8 @@ class Marble(Body):
     def parts(self) -> tuple[Part, ...]:
         return (Part(self.radius_m),)
 
-    def look(self, engine: Any, client: int) -> int:
-        return engine.createVisualShape(
-            engine.GEOM_SPHERE, radius=self.radius_m, rgbaColor=_MARBLE_COLOUR, physicsClientId=client
-        )
+    def look(self, engine: Any) -> int:
+        return engine.createVisualShape(engine.GEOM_SPHERE, radius=self.radius_m, rgbaColor=_MARBLE_COLOUR)
 
     @property
     def inertia_kg_m2(self) -> tuple[float, float, float]:
@@ -199,14 +197,13 @@ class Bolt(Body):
             Part(self.head_radius_m, self.head_m, self.shank_m + self.head_m / 2 - self.behind_m),
         )
 
-    def look(self, engine: Any, client: int) -> int:
+    def look(self, engine: Any) -> int:
         vertices, faces = self.mesh()
         return engine.createVisualShape(
             engine.GEOM_MESH,
             vertices=vertices.tolist(),
             indices=faces.ravel().tolist(),
             rgbaColor=_BOLT_COLOUR,
-            physicsClientId=client,
         )
 
     def mesh(self) -> tuple[FloatArray, NDArray[np.int64]]:

@@ -7,6 +7,8 @@ import shutil
 import tempfile
 import weakref
 from collections.abc import Sequence
+from functools import partial
+from inspect import isbuiltin
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +30,10 @@ class BulletScene(Scene):
 
     def __init__(self, pinch: Pinch, iterations: int, *, window: bool = False, visible: bool = False) -> None:
         with quiet():
-            self.engine: Any = load_engine()
-            self.client: int = self.engine.connect(self.engine.GUI if window else self.engine.DIRECT)
+            # The module for the loop of physics steps, which is faster with arguments by position.
+            self._module: Any = load_engine()
+            self.client: int = self._module.connect(self._module.GUI if window else self._module.DIRECT)
+        self.engine: Any = _Client(self._module, self.client)
         if self.client < 0:
             raise WorkError(
                 "environment: PyBullet gives no further client. Close environments no longer used."
@@ -41,18 +45,16 @@ class BulletScene(Scene):
         self._urdf.write_text(pinch_urdf(pinch, visible=visible), encoding="utf-8")
         self._visible = visible
         self.window = window
-        self._still = [0.0] * pinch.joints
 
     def begin(self, grip: Grip) -> None:
-        engine, client = self.engine, self.client
-        engine.resetSimulation(physicsClientId=client)
+        engine = self.engine
+        engine.resetSimulation()
         engine.setPhysicsEngineParameter(
             fixedTimeStep=1.0 / PHYSICS_HZ,
             numSolverIterations=self._iterations,
             deterministicOverlappingPairs=1,
-            physicsClientId=client,
         )
-        engine.setGravity(0, 0, 0, physicsClientId=client)
+        engine.setGravity(0, 0, 0)
         self._load_fingers(grip)
         self.bodies = [self._load_body(placed, grip) for placed in grip.objects]
         self._begin_drives(grip)
@@ -60,32 +62,27 @@ class BulletScene(Scene):
         self.held = True
 
     def _load_fingers(self, grip: Grip) -> None:
-        engine, client = self.engine, self.client
+        engine = self.engine
         flags = engine.URDF_USE_INERTIA_FROM_FILE | engine.URDF_USE_SELF_COLLISION
         with quiet():
-            self.fingers: int = engine.loadURDF(
-                str(self._urdf), useFixedBase=True, flags=flags, physicsClientId=client
-            )
-        count: int = engine.getNumJoints(self.fingers, physicsClientId=client)
-        rows = [engine.getJointInfo(self.fingers, i, physicsClientId=client) for i in range(count)]
+            self.fingers: int = engine.loadURDF(str(self._urdf), useFixedBase=True, flags=flags)
+        count: int = engine.getNumJoints(self.fingers)
+        rows = [engine.getJointInfo(self.fingers, i) for i in range(count)]
         joints = {row[1].decode(): row[0] for row in rows}
         links = {row[12].decode(): row[0] for row in rows}
         description = self._pinch.description
         self._joints = [joints[name] for name in description.joints]
         self._tip_links = (links[description.skin_finger.tip_link], links[self._pinch.thumb.tip_link])
         for joint, angle in zip(self._joints, grip.angles_rad.tolist(), strict=True):
-            engine.resetJointState(self.fingers, joint, angle, 0.0, physicsClientId=client)
+            engine.resetJointState(self.fingers, joint, angle, 0.0)
         # PyBullet's own motors would hold the joints.
-        engine.setJointMotorControlArray(
-            self.fingers, self._joints, engine.VELOCITY_CONTROL, forces=self._still, physicsClientId=client
-        )
+        still = [0.0] * self._pinch.joints
+        engine.setJointMotorControlArray(self.fingers, self._joints, engine.VELOCITY_CONTROL, forces=still)
         for link in range(-1, count):
-            engine.changeDynamics(
-                self.fingers, link, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client
-            )
-            if not engine.getCollisionShapeData(self.fingers, link, physicsClientId=client):
+            engine.changeDynamics(self.fingers, link, linearDamping=0, angularDamping=0, jointDamping=0)
+            if not engine.getCollisionShapeData(self.fingers, link):
                 # Nothing of it can touch: the engine need not look.
-                engine.setCollisionFilterGroupMask(self.fingers, link, 0, 0, physicsClientId=client)
+                engine.setCollisionFilterGroupMask(self.fingers, link, 0, 0)
         for link in self._tip_links:
             self._soften(self.fingers, link, grip, grip.finger_friction, 0.0, 0.0)
 
@@ -95,19 +92,13 @@ class BulletScene(Scene):
         return self.bodies[0]
 
     def _load_body(self, placed: Placed, grip: Grip) -> int:
-        engine, client, body = self.engine, self.client, placed.body
+        engine, body = self.engine, placed.body
         made: int = engine.createMultiBody(
-            body.mass_kg, self._shape(body), body.look(engine, client) if self._visible else -1,
-            placed.position_m.tolist(), quaternion(placed.rotation), physicsClientId=client,
+            body.mass_kg, self._shape(body), body.look(engine) if self._visible else -1,
+            placed.position_m.tolist(), quaternion(placed.rotation),
         )  # fmt: skip
-        engine.changeDynamics(
-            made,
-            -1,
-            linearDamping=0,
-            angularDamping=0,
-            localInertiaDiagonal=body.inertia_kg_m2,
-            physicsClientId=client,
-        )
+        inertia = body.inertia_kg_m2
+        engine.changeDynamics(made, -1, linearDamping=0, angularDamping=0, localInertiaDiagonal=inertia)
         self._soften(made, -1, grip, grip.lateral_friction, grip.spinning_friction, grip.rolling_friction)
         return made
 
@@ -124,23 +115,20 @@ class BulletScene(Scene):
             restitution=0,
             contactStiffness=2 * grip.stiffness_n_per_m,
             contactDamping=grip.damping_ns_per_m / 2,
-            physicsClientId=self.client,
         )
 
     def _hold(self, body: int, placed: Placed) -> int:
         engine = self.engine
         return engine.createConstraint(
             body, -1, -1, -1, engine.JOINT_FIXED, [0, 0, 0], [0, 0, 0], placed.position_m.tolist(),
-            [0, 0, 0, 1], quaternion(placed.rotation), physicsClientId=self.client,
+            [0, 0, 0, 1], quaternion(placed.rotation),
         )  # fmt: skip
 
     def _shape(self, body: Body) -> int:
         """Return a collision shape of round parts, each along +x of the body's frame."""
-        engine, client, parts = self.engine, self.client, body.parts
+        engine, parts = self.engine, body.parts
         if len(parts) == 1 and parts[0].length_m is None:
-            return engine.createCollisionShape(
-                engine.GEOM_SPHERE, radius=parts[0].radius_m, physicsClientId=client
-            )
+            return engine.createCollisionShape(engine.GEOM_SPHERE, radius=parts[0].radius_m)
         turn = engine.getQuaternionFromEuler([0, math.pi / 2, 0])
         return engine.createCollisionShapeArray(
             shapeTypes=[engine.GEOM_CYLINDER] * len(parts),
@@ -148,17 +136,16 @@ class BulletScene(Scene):
             lengths=[part.length_m for part in parts],
             collisionFramePositions=[[part.at_m, 0, 0] for part in parts],
             collisionFrameOrientations=[turn] * len(parts),
-            physicsClientId=client,
         )
 
     def release(self) -> None:
         for constraint in self._constraints:
-            self.engine.removeConstraint(constraint, physicsClientId=self.client)
+            self.engine.removeConstraint(constraint)
         self.held = False
 
     def run(self, steps: int) -> None:
         """See :meth:`Scene.run`. PyBullet reads arguments by position faster than by name."""
-        engine, client, fingers, bodies = self.engine, self.client, self.fingers, self.bodies
+        engine, client, fingers, bodies = self._module, self.client, self.fingers, self.bodies
         joints, force, drive = self._joints, self.force_n, self.drives.step
         states, torques = engine.getJointStates, engine.setJointMotorControlArray
         pose = engine.getBasePositionAndOrientation
@@ -176,47 +163,55 @@ class BulletScene(Scene):
         rows = [
             row
             for body in (self.bodies if which is None else [self.bodies[which]])
-            for row in self.engine.getContactPoints(self.fingers, body, physicsClientId=self.client) or ()
+            for row in self.engine.getContactPoints(self.fingers, body) or ()
         ]
         skin, thumb = ([_point(row) for row in rows if row[3] == link] for link in self._tip_links)
         return merged(skin, LARGEST_FORCE_N), merged(thumb, LARGEST_FORCE_N)
 
     def joints(self) -> tuple[FloatArray, FloatArray]:
-        rows = self.engine.getJointStates(self.fingers, self._joints, self.client)
+        rows = self.engine.getJointStates(self.fingers, self._joints)
         q, dq, _forces, _torques = zip(*rows, strict=True)
         return np.array(q), np.array(dq)
 
     def tips(self) -> tuple[Frame, Frame]:
-        skin, thumb = self.engine.getLinkStates(
-            self.fingers, self._tip_links, computeForwardKinematics=1, physicsClientId=self.client
-        )
+        skin, thumb = self.engine.getLinkStates(self.fingers, self._tip_links, computeForwardKinematics=1)
         return self._frame(skin[4], skin[5]), self._frame(thumb[4], thumb[5])
 
     def object_frame(self, which: int = 0) -> Frame:
-        place = self.engine.getBasePositionAndOrientation
-        return self._frame(*place(self.bodies[which], self.client))
+        return self._frame(*self.engine.getBasePositionAndOrientation(self.bodies[which]))
 
     def object_motion(self, which: int = 0) -> tuple[FloatArray, FloatArray]:
-        linear, angular = self.engine.getBaseVelocity(self.bodies[which], physicsClientId=self.client)
+        linear, angular = self.engine.getBaseVelocity(self.bodies[which])
         return np.array(linear), np.array(angular)
 
     def gap_m(self) -> float:
         near = self.engine.getClosestPoints
-        rows = [
-            row for body in self.bodies for row in near(self.fingers, body, 0.05, physicsClientId=self.client)
-        ]
+        rows = [row for body in self.bodies for row in near(self.fingers, body, 0.05)]
         return min((row[8] for row in rows if row[3] in self._tip_links), default=0.05)
 
     def close(self) -> None:
-        client, self.client = self.client, -1
-        if client >= 0:
-            if self.engine.isConnected(client):
-                self.engine.disconnect(client)
+        if self.client >= 0:
+            self.client = -1
+            if self.engine.isConnected():
+                self.engine.disconnect()
             self._tidy()
 
     def _frame(self, origin_m: Sequence[float], turn: Sequence[float]) -> Frame:
         rotation = np.array(self.engine.getMatrixFromQuaternion(turn)).reshape(3, 3)
         return Frame(np.array(origin_m), rotation)
+
+
+class _Client:
+    """PyBullet with one client's number filled in; a function is bound once, when it is first asked for."""
+
+    def __init__(self, module: Any, number: int) -> None:
+        self._module, self._number = module, number
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._module, name)
+        bound = partial(found, physicsClientId=self._number) if isbuiltin(found) else found
+        setattr(self, name, bound)
+        return bound
 
 
 def _point(row: Sequence[Any]) -> Point:

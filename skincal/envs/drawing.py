@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -16,6 +16,7 @@ from skincal.errors import InputError, Problem, input_error
 from skincal.model.arrays import FloatArray
 from skincal.ranges import NAMES, PRESETS, Ranges
 from skincal.ranges.names import EFFECTS_PREFIX, find
+from skincal.ranges.parameter import Mode
 from skincal.ranges.sampling import Draw, Draws
 
 Value = Draw
@@ -24,6 +25,8 @@ Values = dict[str, Value]
 
 RIG_EFFECTS: Final = tuple(name for name, effect in EFFECTS.items() if effect.of_rig)
 """Effects of the rig that measured, not of the skin: where the true contact is known they have no place."""
+
+NONE_GIVEN: Final[Mapping[str, ArrayLike]] = MappingProxyType({})
 
 
 class Drawer:
@@ -35,26 +38,19 @@ class Drawer:
 
     def __init__(self, ranges: Ranges, kind: ObjectName, pinch: Pinch, taxels: int) -> None:
         self.ranges = ranges
-        self._kind: ObjectName = kind
         self._joints, self._taxels = pinch.joints, taxels
         self._defaults = _defaults(kind, pinch, taxels)
-        self._check_sizes()
+        rng = np.random.default_rng(0)
+        try:
+            # Lists of the ranges have a number for each joint and taxel, or a draw fails.
+            self._draw(rng, "step", self._draw(rng, "episode"))
+        except ValueError as error:
+            raise input_error("ranges", "one number, or one for each", error) from error
         self._nominal = self._defaults | self._middles()
         self.names = tuple(self._nominal)
 
-    def _check_sizes(self) -> None:
-        """Lists of the ranges have a number for each joint and taxel, or a draw fails."""
-        rng = np.random.default_rng(0)
-        try:
-            self._step_draws(rng, self._episode_draws(rng))
-        except ValueError as error:
-            raise input_error("ranges", "one number, or one for each", error) from error
-
-    def _episode_draws(self, rng: np.random.Generator) -> Draws:
-        return self.ranges.draw(rng, "episode", joints=self._joints, taxels=self._taxels)
-
-    def _step_draws(self, rng: np.random.Generator, episode: Draws) -> Draws:
-        return self.ranges.draw(rng, "step", joints=self._joints, taxels=self._taxels, episode=episode)
+    def _draw(self, rng: np.random.Generator, mode: Mode, episode: Draws | None = None) -> Draws:
+        return self.ranges.draw(rng, mode, joints=self._joints, taxels=self._taxels, episode=episode)
 
     @property
     def ignored(self) -> tuple[str, ...]:
@@ -69,7 +65,10 @@ class Drawer:
         return dict(self._nominal)
 
     def episode(
-        self, rng: np.random.Generator, randomize: Sequence[str] | None, given: Mapping[str, ArrayLike]
+        self,
+        rng: np.random.Generator,
+        randomize: Sequence[str] | None = None,
+        given: Mapping[str, ArrayLike] = NONE_GIVEN,
     ) -> tuple[Values, Draws]:
         """Return values of an episode.
 
@@ -81,7 +80,7 @@ class Drawer:
         Returns:
             All values, those drawn per step being nominal ones; and the draws themselves, which the steps need.
         """
-        sample = self._episode_draws(rng)
+        sample = self._draw(rng, "episode")
         drawn = {path: value for path, value in sample.items() if path in self._nominal}
         values = self._nominal | {path: v for path, v in drawn.items() if is_chosen(path, randomize)}
         for path, value in given.items():
@@ -92,68 +91,71 @@ class Drawer:
         self,
         rng: np.random.Generator,
         episode: Draws,
-        randomize: Sequence[str] | None,
-        given: Mapping[str, ArrayLike],
+        randomize: Sequence[str] | None = None,
+        given: Mapping[str, ArrayLike] = NONE_GIVEN,
     ) -> Values:
         """Return what is drawn anew in a step: noise and forces; of what is not randomized, the nominal value."""
-        drawn = self._step_draws(rng, episode)
+        drawn = self._draw(rng, "step", episode)
         return {
             path: value if is_chosen(path, randomize) and path not in given else _copy(self._nominal[path])
             for path, value in drawn.items()
             if path in self._nominal
         }
 
-    def check_names(self, names: Sequence[str], place: str) -> None:
-        """Check names of parameters or tables.
+    def check(self, randomize: Sequence[str], given: Mapping[str, ArrayLike]) -> None:
+        """Check names of parameters or tables to be randomized, and values that take the place of draws.
 
         Raises:
-            InputError: one that the task does not have.
+            InputError: names that the task does not have, values that are not finite or beyond what makes sense.
         """
-        for name in names:
-            if not any(_matches(path, name) for path in self.names):
+        found: list[Problem] = []
+        for path, value in given.items():
+            name = find(path)
+            if name is None or path not in self.names:
+                found.append(Problem("options values", f"one of {', '.join(self.names)}", repr(path)))
+                continue
+            array = np.asarray(value, dtype=np.float64)
+            if not (np.isfinite(array).all() and (array >= name.least).all() and (array <= name.most).all()):
+                expected = f"{name.least:g} to {name.most:g} {name.unit}"
+                found.append(Problem(f"options values {path}", expected, str(value)))
+        if found:
+            raise InputError(found)
+        for chosen in randomize:
+            if not any(_matches(path, chosen) for path in self.names):
                 tables = sorted({path.rpartition(".")[0] for path in self.names})
                 expected = f"tables ({', '.join(tables)}) or parameters ({', '.join(self.names)})"
-                raise input_error(place, expected, repr(name))
+                raise input_error("options randomize", expected, repr(chosen))
 
     def _shaped(self, path: str, value: ArrayLike) -> Value:
         nominal = self._nominal[path]
         array = np.asarray(value, dtype=np.float64)
         try:
-            return (
-                float(array)
-                if isinstance(nominal, float | int)
-                else np.broadcast_to(array, np.shape(nominal)).copy()
-            )
+            return _like(nominal, array)
         except (TypeError, ValueError) as error:
             expected = "one number" if isinstance(nominal, float | int) else f"one number, or {nominal.size}"
             raise input_error(f"options values {path}", expected, f"shape {array.shape}") from error
 
     def _middles(self) -> Values:
-        found: Values = {}
-        joint = self.ranges.joint
-        for path, parameter in self.ranges.items():
-            if self._concerns(path):
-                found[path] = self._broadcast(path, parameter.middle())
-        if joint is not None:
-            middle = joint.draws.mean(axis=0)
-            found |= {path: float(v) for path, v in zip(joint.columns, middle, strict=True)}
+        middles = {path: p.middle() for path, p in self.ranges.items() if self._concerns(path)}
+        # Parameters of effects have no default: they are drawn as their figures are.
+        found = {
+            path: _like(self._defaults.get(path, m if m.ndim else 0.0), m) for path, m in middles.items()
+        }
+        if (joint := self.ranges.joint) is not None:
+            found |= dict(zip(joint.columns, joint.draws.mean(axis=0).tolist(), strict=True))
         return found
-
-    def _broadcast(self, path: str, middle: FloatArray) -> Value:
-        """Return the middle in the shape of a draw."""
-        default = self._defaults.get(path)
-        if default is None:
-            return float(middle) if middle.ndim == 0 else middle
-        return (
-            float(middle)
-            if isinstance(default, float | int)
-            else np.broadcast_to(middle, default.shape).copy()
-        )
 
     def _concerns(self, path: str) -> bool:
         if path.startswith(EFFECTS_PREFIX):
             return path.split(".")[2] not in RIG_EFFECTS
         return path in self._defaults
+
+
+def _like(pattern: Value, value: FloatArray) -> Value:
+    """Return a value in the form of another one: as one number, or as an array of its shape."""
+    if isinstance(pattern, float | int):
+        return float(value)
+    return np.broadcast_to(value, pattern.shape).copy()
 
 
 def effects_of(values: Values) -> dict[str, dict[str, Value]]:
@@ -209,26 +211,6 @@ def _copy(value: Value) -> Value:
     return value if isinstance(value, float) else np.array(value)
 
 
-def check_given(given: Mapping[str, ArrayLike], drawer: Drawer) -> None:
-    """Check values that take the place of draws.
-
-    Raises:
-        InputError: unknown names, values that are not finite or beyond what makes sense.
-    """
-    found: list[Problem] = []
-    for path, value in given.items():
-        name = find(path)
-        if name is None or path not in drawer.names:
-            found.append(Problem("options values", f"one of {', '.join(drawer.names)}", repr(path)))
-            continue
-        array = np.asarray(value, dtype=np.float64)
-        if not (np.isfinite(array).all() and (array >= name.least).all() and (array <= name.most).all()):
-            expected = f"{name.least:g} to {name.most:g} {name.unit}"
-            found.append(Problem(f"options values {path}", expected, str(value)))
-    if found:
-        raise InputError(found)
-
-
 def number(values: Values, path: str) -> float:
     """Return a draw that is one number."""
     value = values[path]
@@ -241,8 +223,3 @@ def array(values: Values, path: str) -> FloatArray:
     value = values[path]
     assert not isinstance(value, float | int)
     return value
-
-
-def turn_rad(values: Values, name: str) -> float:
-    """Return an angle of the draws [rad]."""
-    return math.radians(number(values, name))

@@ -13,7 +13,6 @@ from skincal.envs.postures import Postures
 from skincal.envs.scene import PHYSICS_HZ, Scene
 from skincal.envs.scene_state import Grip, Placed
 from skincal.model.arrays import FloatArray
-from skincal.robot import Kinematics
 from skincal.sim.drives import DriveParameters
 
 
@@ -50,10 +49,9 @@ _LOOK_STEPS = 4
 class Grasp:
     """Lets a hand take an object."""
 
-    def __init__(self, pinch: Pinch, kinematics: Kinematics, nominal: Values, options: GraspOptions) -> None:
+    def __init__(self, pinch: Pinch, nominal: Values, options: GraspOptions) -> None:
         self._pinch = pinch
-        self._kinematics = kinematics
-        self._postures = Postures.of(pinch, kinematics)
+        self._postures = Postures.of(pinch)
         self._options = options
         self._first = pinch.joints_of(slice(0, 2))
         self._last = pinch.joints_of(slice(2, 3))
@@ -108,7 +106,7 @@ class Grasp:
     def _middle(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the point midway between the two tips as they would hold the object, and the fingertip's rotation."""
         out, centre, thumb_end = self._pinch.facing
-        skin, thumb = self._kinematics.frames(q_rad)
+        skin, thumb = self._pinch.kinematics.frames(q_rad)
         foot, end = skin.to_root(centre)[0], thumb.to_root(thumb_end)[0]
         face = end - self._pinch.thumb.radius_m * (skin.rotations[0] @ out)
         return (foot + face) / 2, skin.rotations[0]
@@ -141,7 +139,7 @@ class Grasp:
         each other instead would push them sideways as well, as the joints do not yield alike in all directions.
         """
         measured = scene.drives.motor_rad + offset_rad
-        torque = self._torque(measured)
+        torque = self._pinch.torques_nm(measured, self._options.squeeze_n)
         goal = measured + (torque + self._friction * np.sign(torque)) / self._stiffness
         pieces = max(1, round(self._options.squeeze_s * PHYSICS_HZ / _LOOK_STEPS))
         for i in range(pieces):
@@ -150,21 +148,12 @@ class Grasp:
             scene.run(_LOOK_STEPS)
         return goal
 
-    def _torque(self, q_rad: FloatArray) -> FloatArray:
-        """Return torques (n,) with which the tips press on each other along the skin's normal [N m]."""
-        out, centre, thumb_end = self._pinch.facing
-        skin, thumb = self._kinematics.frames(q_rad)
-        force = -self._options.squeeze_n * (skin.rotations[0] @ out)
-        foot, end = skin.to_root(centre), thumb.to_root(thumb_end)
-        return self._kinematics.torques(skin, thumb, foot, end, force)
-
     def _grip(self, values: Values, angles_rad: FloatArray, objects: tuple[Placed, ...]) -> Grip:
         body = objects[0].body
         options, table = self._options, f"object.{body.kind}"
         elasticity = number(values, "skin.elasticity_pa_per_m")
         return Grip(
             angles_rad=angles_rad,
-            command_rad=angles_rad,
             drives=self._drives(values),
             objects=objects,
             finger_friction=number(values, "finger.lateral_friction"),

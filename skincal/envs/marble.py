@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from skincal.envs.roll import RollEnv
 from skincal.envs.task_options import EpisodeOptions
-from skincal.envs.trajectories import FIXED, ROUND_S, TO_SIDE_S, wander
+from skincal.envs.trajectories import ROUND_S, TO_SIDE_S, planned, wander
 from skincal.model.arrays import FloatArray
 
 
@@ -24,7 +22,5 @@ class MarbleRollEnv(RollEnv):
     def _plan(self, asked: EpisodeOptions, steps: int) -> FloatArray:
         # Drawn in any case, so that what is drawn later does not depend on the trajectory.
         drawn = wander(self.np_random, steps, self.options.box_half_m)
-        if not isinstance(asked.trajectory, str):
-            given = asked.trajectory[:steps]
-            return np.concatenate([given, np.repeat(given[-1:], steps - len(given), axis=0)])
-        return drawn if asked.trajectory == "random" else FIXED[asked.trajectory](steps)
+        is_random = isinstance(asked.trajectory, str) and asked.trajectory == "random"
+        return drawn if is_random else planned(asked.trajectory, steps)

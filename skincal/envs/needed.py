@@ -32,15 +32,10 @@ def ranges_for(kind: ObjectName, ranges: Ranges | str | Path | None) -> Ranges:
     return found
 
 
-def expected_names(ranges: Ranges, kind: ObjectName) -> list[str]:
-    """Return what ranges must hold for a task: all that the preset they started from randomizes of it."""
-    name = ranges.provenance.get("preset", "iros24")
-    base = PRESETS.get(name, PRESETS["iros24"])
-    return [path for path in base if not path.startswith("object.") or path.startswith(f"object.{kind}.")]
-
-
 def check_ranges(ranges: Ranges, kind: ObjectName, place: str = "ranges") -> None:
     """Check that ranges hold all parameters of a task, and that they are drawn when the task can use them.
+
+    They must hold all that the preset they started from randomizes of the task.
 
     Raises:
         InputError: naming every one that is missing, and what it is, and all that is drawn at the wrong time.
@@ -48,10 +43,13 @@ def check_ranges(ranges: Ranges, kind: ObjectName, place: str = "ranges") -> Non
     there = {*ranges, *(ranges.joint.columns if ranges.joint else ())}
     if "skin.x_m" in there:
         raise InputError([_flat(place, kind)])
+    base = PRESETS.get(ranges.provenance.get("preset", ""), PRESETS["iros24"])
     found = [
         _missing(path, place)
-        for path in expected_names(ranges, kind)
-        if path not in there and not there.intersection(_ALTERNATIVES.get(path, ()))
+        for path in base
+        if path.startswith((f"object.{kind}.", "finger.", "skin."))
+        and path not in there
+        and not there.intersection(_ALTERNATIVES.get(path, ()))
     ]
     found += [
         Problem(f"{place}, [{path}] mode", "episode: the task does not draw it anew in each step", "step")

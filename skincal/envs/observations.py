@@ -12,7 +12,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skincal.envs.drawing import Values
+from skincal.envs.drawing import EFFECTS_PREFIX, Values
 from skincal.envs.sensing import View
 from skincal.model.arrays import FloatArray
 from skincal.tasks import PolicyKind
@@ -49,17 +49,8 @@ class Layout:
         self.parts = tuple(parts)
         self.low = np.concatenate([np.full(p.size, p.low) for p in parts])
         self.high = np.concatenate([np.full(p.size, p.high) for p in parts])
-        self._slices = tuple(self.slices().items())
-
-    @property
-    def size(self) -> int:
-        """Return how many numbers."""
-        return len(self.low)
-
-    def slices(self) -> dict[str, slice]:
-        """Return where each part stands."""
-        ends = np.cumsum([0, *(p.size for p in self.parts)]).tolist()
-        return {p.name: slice(a, b) for p, a, b in zip(self.parts, ends[:-1], ends[1:], strict=True)}
+        ends = np.cumsum([p.size for p in parts]).tolist()
+        self._slices = [(p.name, slice(end - p.size, end)) for p, end in zip(parts, ends, strict=True)]
 
     def fill(self, values: Mapping[str, Any]) -> FloatArray:
         """Return the array (size,): what lies beyond its bounds is cut off, what is NaN is 0."""
@@ -79,14 +70,16 @@ class ObservationStack:
     def __init__(
         self,
         kind: PolicyKind,
+        nominal: Values,
+        *,
         joints: int,
         taxels: int,
         counts: tuple[float, float],
+        objects: int,
         target: int,
         limit: float,
-        objects: int,
-        critic: Sequence[Part],
-        constant: Sequence[Part],
+        ahead: int,
+        own: int,
     ) -> None:
         parts = {
             "image": Part("image", taxels, *counts),
@@ -97,20 +90,11 @@ class ObservationStack:
         }
         self.now = Layout([parts[name] for name in KINDS[kind]])
         self.task = Layout([Part(name, target, -limit, limit) for name in TASK])
-        self.critic = Layout(critic)
-        self._constant = Layout(constant)
+        self.critic = Layout(state_parts(joints, target, ahead, limit, own))
+        self._constant = Layout(constant_parts(nominal))
         self._stack: deque[FloatArray] = deque(maxlen=STACKED)
-        low = np.concatenate([*[self.now.low] * STACKED, self.task.low])
-        high = np.concatenate([*[self.now.high] * STACKED, self.task.high])
-        self.space = gymnasium.spaces.Dict(
-            {
-                "policy": _box(low, high),
-                "critic": _box(
-                    np.concatenate([self.critic.low, self._constant.low]),
-                    np.concatenate([self.critic.high, self._constant.high]),
-                ),
-            }
-        )
+        policy, critic = _box(*[self.now] * STACKED, self.task), _box(self.critic, self._constant)
+        self.space = gymnasium.spaces.Dict({"policy": policy, "critic": critic})
 
     def layout(self) -> tuple[dict[str, Any], ...]:
         """Return the parts of the policy's observation in their order: ``name``, ``size``, and ``steps_ago``."""
@@ -136,7 +120,8 @@ class ObservationStack:
         }
 
 
-def _box(low: FloatArray, high: FloatArray) -> gymnasium.spaces.Box:
+def _box(*layouts: Layout) -> gymnasium.spaces.Box:
+    low, high = (np.concatenate([getattr(one, end) for one in layouts]) for end in ("low", "high"))
     return gymnasium.spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
 
 
@@ -148,10 +133,14 @@ _LEFT_OUT: Final = (
 
 def constant_parts(nominal: Values) -> list[Part]:
     """Return what an episode was drawn with, in the order of the names."""
-    return [Part(path, int(np.size(nominal[path])), -1e12, 1e12) for path in _constant_names(nominal)]
+    return [
+        Part(path, int(np.size(value)), -1e12, 1e12)
+        for path, value in nominal.items()
+        if not path.startswith(EFFECTS_PREFIX) and not any(word in path for word in _LEFT_OUT)
+    ]
 
 
-def state_parts(joints: int, target: int, ahead: int, limit: float = 0.05, own: int = 0) -> list[Part]:
+def state_parts(joints: int, target: int, ahead: int, limit: float, own: int) -> list[Part]:
     """Return the parts of the true state."""
     parts = [
         Part("angles", joints, -10.0, 10.0),
@@ -209,11 +198,3 @@ def state_values(seen: View, own: Mapping[str, ArrayLike]) -> dict[str, Any]:
         "thumb_normal": thumb_normal,
         "held": float(seen.held),
     }
-
-
-def _constant_names(values: Values) -> list[str]:
-    return [
-        path
-        for path in values
-        if not path.startswith("skin.effects.") and not any(word in path for word in _LEFT_OUT)
-    ]

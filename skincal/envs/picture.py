@@ -76,13 +76,7 @@ def hand_picture(scene: BulletScene, centre_m: FloatArray) -> Picture:
     looking = engine.computeViewMatrix(eye.tolist(), centre_m.tolist(), [0, 0, 1])
     lens = engine.computeProjectionMatrixFOV(30, WIDTH / HEIGHT, 0.01, 1.0)
     _, _, pixels, _, _ = engine.getCameraImage(
-        WIDTH,
-        HEIGHT,
-        looking,
-        lens,
-        lightDirection=[1, -0.5, 1],
-        renderer=engine.ER_TINY_RENDERER,
-        physicsClientId=scene.client,
+        WIDTH, HEIGHT, looking, lens, lightDirection=[1, -0.5, 1], renderer=engine.ER_TINY_RENDERER
     )
     return np.array(pixels, dtype=np.uint8).reshape(HEIGHT, WIDTH, -1)[..., :3]
 
@@ -114,16 +108,12 @@ class Board:
     """The tactile image as a board of coloured tiles beside the hand, for PyBullet's window."""
 
     def __init__(self, scene: BulletScene, shown: PictureState) -> None:
-        engine, client = scene.engine, scene.client
-        self._scene = scene
-        tile = engine.createVisualShape(
-            engine.GEOM_BOX, halfExtents=[0.001, 0.004, 0.004], rgbaColor=[0, 0, 0, 1], physicsClientId=client
-        )
+        engine = self._engine = scene.engine
+        half = [0.001, 0.004, 0.004]
+        tile = engine.createVisualShape(engine.GEOM_BOX, halfExtents=half, rgbaColor=[0, 0, 0, 1])
         places = shown.centre_m + [(0.0, 0.07 + 2.5 * u, 0.02 + 2.5 * v) for u, v in shown.layout.centres_m]
-        self._tiles: list[int] = [
-            engine.createMultiBody(0, -1, tile, place, physicsClientId=client) for place in places.tolist()
-        ]
-        engine.resetDebugVisualizerCamera(0.25, 100, -10, shown.centre_m.tolist(), physicsClientId=client)
+        self._tiles: list[int] = [engine.createMultiBody(0, -1, tile, place) for place in places.tolist()]
+        engine.resetDebugVisualizerCamera(0.25, 100, -10, shown.centre_m.tolist())
         self._next_s = time.monotonic()
 
     def show(self, shown: PictureState) -> None:
@@ -131,8 +121,6 @@ class Board:
         image = shown.image
         share = np.zeros(len(self._tiles)) if image is None else image / FULL_COUNTS
         for tile, colour in zip(self._tiles, colours(share) / 255.0, strict=True):
-            self._scene.engine.changeVisualShape(
-                tile, -1, rgbaColor=[*colour.tolist(), 1.0], physicsClientId=self._scene.client
-            )
+            self._engine.changeVisualShape(tile, -1, rgbaColor=[*colour.tolist(), 1.0])
         self._next_s += 1 / POLICY_HZ
         time.sleep(max(0.0, self._next_s - time.monotonic()))

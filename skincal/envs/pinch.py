@@ -19,7 +19,7 @@ from skincal.dataset.schema import Table, load_toml, read_table
 from skincal.dataset.schema_errors import Violation, report
 from skincal.model import SensorPose, Surface
 from skincal.model.arrays import FloatArray
-from skincal.robot import DEFAULT_HAND, HandDescription, read_hand
+from skincal.robot import DEFAULT_HAND, HandDescription, Kinematics, read_hand
 from skincal.robot.urdf import MOVING, Urdf, read_urdf
 
 FILE, FORMAT = "pinch.toml", "skincal-pinch/1"
@@ -86,6 +86,11 @@ class Pinch:
         """The surface of the finger with the skin."""
         return surface_of(self.description.meta.surface, {})
 
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """The kinematics of both fingers."""
+        return Kinematics(self.description)
+
     @property
     def pose(self) -> SensorPose:
         """The sensor's nominal pose."""
@@ -107,6 +112,13 @@ class Pinch:
         """
         centre, out = self.surface.wrap(self.pose, np.zeros((1, 2)))
         return out[0], centre, np.array([[0.0, self.thumb.length_m, 0.0]])
+
+    def torques_nm(self, q_rad: FloatArray, force_n: float) -> FloatArray:
+        """Return torques (n,) with which the tips press on each other along the skin's normal [N m]."""
+        out, centre, thumb_end = self.facing
+        skin, thumb = self.kinematics.frames(q_rad)
+        force = -force_n * (skin.rotations[0] @ out)
+        return self.kinematics.torques(skin, thumb, skin.to_root(centre), thumb.to_root(thumb_end), force)
 
     def joints_of(self, which: slice) -> NDArray[np.int64]:
         """Return columns of some joints of each finger, finger by finger."""

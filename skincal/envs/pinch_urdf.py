@@ -53,12 +53,11 @@ def _capsule(radius_m: float, length_m: float) -> tuple[str, str]:
 
 def _add_visuals(robot: ElementTree.Element, pinch: Pinch) -> None:
     """Both tips as they collide, and a bone from each joint to the next one."""
-    tip = _link(robot, pinch.description.skin_finger.tip_link)
-    for collision in tip.findall("collision"):
-        tip.extend(_looks(collision, _SKIN_COLOUR))
-    thumb = _link(robot, pinch.thumb.tip_link)
-    for collision in thumb.findall("collision"):
-        thumb.extend(_looks(collision, _BONE_COLOUR))
+    tip = pinch.description.skin_finger.tip_link
+    for name, colour in ((tip, _SKIN_COLOUR), (pinch.thumb.tip_link, _BONE_COLOUR)):
+        link = _link(robot, name)
+        for collision in link.findall("collision"):
+            link.extend(_looks(collision, colour))
     for joint in robot.findall("joint"):
         parent, origin = joint.find("parent"), joint.find("origin")
         place = [float(v) for v in (origin.get("xyz", "0 0 0") if origin is not None else "0 0 0").split()]

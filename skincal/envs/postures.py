@@ -9,7 +9,7 @@ import numpy as np
 from skincal.envs.pinch import Pinch
 from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray
-from skincal.robot import Chain, Kinematics
+from skincal.robot import Chain
 from skincal.robot.chain import TipFrames
 
 _WIDTHS_M = np.arange(-0.024, 0.0441, 0.002)
@@ -34,7 +34,7 @@ class Postures:
     middle_m: FloatArray
 
     @classmethod
-    def of(cls, pinch: Pinch, kinematics: Kinematics) -> Postures:
+    def of(cls, pinch: Pinch) -> Postures:
         """Work out the postures about that of the description.
 
         The finger with the skin faces the middle with the sensor's nominal centre; the centre of the thumb's round end
@@ -43,6 +43,7 @@ class Postures:
         Raises:
             WorkError: the fingers cannot reach them.
         """
+        kinematics = pinch.kinematics
         out, foot, end = pinch.facing
         skin, thumb = kinematics.frames(pinch.angles_rad)
         normal = skin.rotations[0] @ out
@@ -81,16 +82,11 @@ def _reach(chain: Chain, q_rad: FloatArray, point_m: FloatArray, target_m: Float
         if np.linalg.norm(error) < _NEAR_M:
             return q
         jacobian = chain.jacobian(frames, at)[0]
-        step = _step(jacobian, error)
+        # The shortest step towards the target.
+        step: FloatArray = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-12 * np.eye(3), error)
         q[chain.columns] += step * min(1.0, 0.2 / max(float(np.abs(step).max()), 1e-12))
     place = ", ".join(f"{1e3 * v:.1f}" for v in target_m)
     raise WorkError(
         f"pinch grasp: expected a posture from which the tips can close and open; got one that does not reach "
         f"({place}) mm. Choose other angles_deg in pinch.toml."
     )
-
-
-def _step(jacobian: FloatArray, error: FloatArray) -> FloatArray:
-    """Return the shortest step (J,) towards an error (3,)."""
-    square = jacobian @ jacobian.T
-    return jacobian.T @ np.linalg.solve(square + 1e-12 * np.eye(3), error)

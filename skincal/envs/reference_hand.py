@@ -31,14 +31,12 @@ from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
-from skincal.robot import HandDescription, Kinematics
+from skincal.robot import HandDescription
 
 TRUTH_FORMAT = "skincal-reference-truth/1"
-_OBJECTS = tuple(BODIES)
 _RELEASE_S = 0.25
 """The person lets go when both fingers have touched the object for so long [s]."""
 _SOLVER_ITERATIONS = 50
-_RESOLUTION_M = 0.25e-3
 
 
 class ReferenceHand(HandDriver):
@@ -82,27 +80,25 @@ class ReferenceHand(HandDriver):
         engine: Annotated[str, "physics engine: pybullet or mujoco"] = "pybullet",
         real_time: Annotated[bool, "whether its clock keeps pace with ours, as a real hand's does"] = False,
     ) -> None:
-        kind: ObjectName | None = next((name for name in _OBJECTS if name == task), None)
-        if kind is None:
-            raise input_error('driver "reference", option task', " or ".join(_OBJECTS), repr(task))
+        if task not in BODIES:
+            raise input_error('driver "reference", option task', " or ".join(BODIES), repr(task))
         if not 0 < rate_hz <= PHYSICS_HZ or PHYSICS_HZ % rate_hz:
             expected = f"a divisor of the physics' {PHYSICS_HZ} Hz"
             raise input_error('driver "reference", option rate_hz', expected, rate_hz)
         check_engine(engine, 'driver "reference", option engine')
         self._engine, self.real_time = engine, real_time
         self.clock: Any = time if real_time else None
-        self._kind: ObjectName = kind
+        self._kind: ObjectName = task
         self._seed, self._orientation_deg = seed, orientation_deg
         self._steps, self._truth_path = PHYSICS_HZ // rate_hz, truth_path
         self._pinch = read_pinch(hand)
-        self._skin = TactileSkin(self._pinch, _RESOLUTION_M)
-        self._drawer = Drawer(ranges_for(kind, ranges), kind, self._pinch, self._skin.taxels)
-        grasp = GraspOptions()
-        self._grasp = Grasp(self._pinch, Kinematics(self._pinch.description), self._drawer.nominal, grasp)
+        self._skin = TactileSkin(self._pinch)
+        self._drawer = Drawer(ranges_for(task, ranges), task, self._pinch, self._skin.taxels)
+        self._grasp = Grasp(self._pinch, self._drawer.nominal, GraspOptions())
         truth_rng, effect_rng = np.random.default_rng([seed, 0]).spawn(2)
-        self._truth, self._sample = self._drawer.episode(truth_rng, None, {})
+        self._truth, self._sample = self._drawer.episode(truth_rng)
         # Whoever puts an object between the fingers knows its size.
-        radius = f"object.{kind}.radius_m"
+        radius = f"object.{task}.radius_m"
         self._truth |= {radius: self._drawer.nominal[radius]} | self._hidden(effects or {}, effect_rng)
         self._scene: Scene | None = None
         self._moving, self._halted = threading.Lock(), threading.Event()
@@ -176,7 +172,7 @@ class ReferenceHand(HandDriver):
         scene = self._connected
         self._move_on(scene, least=1)
         time_s = self._periods * self.period_s
-        noise = self._drawer.step(self._rng, self._sample, None, {})
+        noise = self._drawer.step(self._rng, self._sample)
         weight = self._body.mass_kg * self._pinch.gravity_m_per_s2
         push = noise.get(f"object.{self._kind}.random_force_n", 0.0)
         scene.force_n = np.broadcast_to(weight + push, 3).tolist()

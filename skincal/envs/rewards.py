@@ -63,11 +63,21 @@ class RewardScales:
         check_options(self, "a finite number, 0 or more", lambda value: 0 <= value < math.inf)
 
 
-@dataclass(frozen=True)
-class RewardInputs:
-    """Inputs of the reward of a step.
+def reward_terms(
+    scales: RewardScales,
+    *,
+    distance_m: float,
+    force_n: float,
+    right_contact: bool,
+    past_joint_rad: float,
+    past_speed: float,
+    past_torque: float,
+    angle_rad: float | None = None,
+) -> dict[str, float]:
+    """Return all terms of a step's reward, penalties negative; the reward is their sum.
 
-    Attributes:
+    Args:
+        scales: weights and widths.
         distance_m: from the contact to the target, on the skin [m]; inf without contact.
         force_n: normal force on the skin [N].
         right_contact: the tip of the thumb and the cylindrical part of the other finger touch.
@@ -76,29 +86,16 @@ class RewardInputs:
         past_torque: the same for torques, in parts of the largest.
         angle_rad: by how much a bolt has turned [rad]; None: it has no angle to keep.
     """
-
-    distance_m: float
-    force_n: float
-    right_contact: bool
-    past_joint_rad: float
-    past_speed: float
-    past_torque: float
-    angle_rad: float | None = None
-
-
-def reward_terms(inputs: RewardInputs, scales: RewardScales) -> dict[str, float]:
-    """Return all terms of a step's reward, penalties negative; the reward is their sum."""
-    s = inputs
     terms = {
-        "position": scales.position * falling(s.distance_m, scales.position_width_m),
-        "force": scales.force * falling(abs(s.force_n - scales.force_n), scales.force_width_n),
-        "grasp": scales.grasp * float(s.right_contact),
+        "position": scales.position * falling(distance_m, scales.position_width_m),
+        "force": scales.force * falling(abs(force_n - scales.force_n), scales.force_width_n),
+        "grasp": scales.grasp * float(right_contact),
     }
-    if s.angle_rad is not None:
-        terms["angle"] = scales.angle * falling(abs(s.angle_rad), scales.angle_width_rad)
-    terms["joint"] = -scales.joint * _past(s.past_joint_rad, scales.joint_margin_rad)
-    terms["speed"] = -scales.speed * _past(s.past_speed, scales.speed_margin)
-    terms["torque"] = -scales.torque * _past(s.past_torque, scales.torque_margin)
+    if angle_rad is not None:
+        terms["angle"] = scales.angle * falling(abs(angle_rad), scales.angle_width_rad)
+    terms["joint"] = -scales.joint * _past(past_joint_rad, scales.joint_margin_rad)
+    terms["speed"] = -scales.speed * _past(past_speed, scales.speed_margin)
+    terms["torque"] = -scales.torque * _past(past_torque, scales.torque_margin)
     return terms
 
 

@@ -14,20 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.envs.bodies import Body, body_of
 from skincal.envs.bullet_scene import BulletScene
-from skincal.envs.drawing import Drawer, Value, Values, array, check_given, is_chosen
+from skincal.envs.drawing import Drawer, Value, Values, array, is_chosen
 from skincal.envs.grasp import Grasp
 from skincal.envs.needed import ObjectName, ranges_for
-from skincal.envs.observations import (
-    KINDS,
-    Observation,
-    ObservationStack,
-    constant_parts,
-    state_parts,
-    state_values,
-)
+from skincal.envs.observations import KINDS, Observation, ObservationStack, state_values
 from skincal.envs.picture import Board, Picture, PictureState, display_there, picture
 from skincal.envs.pinch import Pinch, read_pinch
-from skincal.envs.rewards import RewardInputs, reward_terms
+from skincal.envs.rewards import reward_terms
 from skincal.envs.scene import PHYSICS_HZ, Scene, check_engine, make_scene
 from skincal.envs.sensing import Sensor, View, view
 from skincal.envs.tactile import SkinContact, TactileSkin, drawn_age_s
@@ -36,7 +29,6 @@ from skincal.envs.trajectories import POLICY_HZ
 from skincal.errors import input_error
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
-from skincal.robot import Kinematics
 from skincal.tasks import PolicyKind
 
 AHEAD: tuple[int, ...] = (5, 10)
@@ -99,18 +91,16 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self.render_mode = render_mode
         self.ranges = ranges_for(self.object_name, self.preset if ranges is None else ranges)
         self.pinch: Pinch = read_pinch(hand)
-        self._kinematics = Kinematics(self.pinch.description)
         self.skin = TactileSkin(self.pinch, self.options.resolution_m)
         self._drawer = Drawer(self.ranges, self.object_name, self.pinch, self.skin.taxels)
-        self._grasp = Grasp(self.pinch, self._kinematics, self._drawer.nominal, self.options.grasp)
+        self._grasp = Grasp(self.pinch, self._drawer.nominal, self.options.grasp)
         self._scene: Scene | None = None
         n = self.pinch.joints
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (n,), np.float32)
-        state = state_parts(n, self.target_size, len(AHEAD), self.target_limit, self.own_size)
-        constant = constant_parts(self._drawer.nominal)
         self._observation = ObservationStack(
-            self.policy, n, self.skin.taxels, self.skin.range_counts, self.target_size, self.target_limit,
-            self.objects, state, constant,
+            self.policy, self._drawer.nominal, joints=n, taxels=self.skin.taxels, counts=self.skin.range_counts,
+            objects=self.objects, target=self.target_size, limit=self.target_limit, ahead=len(AHEAD),
+            own=self.own_size,
         )  # fmt: skip
         self.observation_space = cast("gymnasium.Space[Observation]", self._observation.space)
 
@@ -151,8 +141,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """
         super().reset(seed=seed)
         asked = read_options(EpisodeOptions, options or {}, "options")
-        check_given(asked.values, self._drawer)
-        self._drawer.check_names(asked.randomize or (), "options randomize")
+        self._drawer.check(asked.randomize or (), asked.values)
         self._asked = asked
         self._begin(asked)
         self._noise = self._drawer.step(self.np_random, self._sample, asked.randomize, asked.values)
@@ -175,7 +164,9 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         rotation = self._place(values, asked)
         self._aim(self._plan(asked, self._steps + 1 + max(AHEAD)))
         if self._scene is None:
-            self._scene = self._make_scene()
+            window = self.render_mode == "human" and display_there()
+            visible, iterations = self.render_mode is not None, self.options.solver_iterations
+            self._scene = make_scene(self.engine, self.pinch, iterations, window=window, visible=visible)
         places = self._places(values)
         command = self._grasp.take(self._scene, values, self._body_now, rotation, *places)
         self._desired = self._clipped(command)
@@ -193,13 +184,6 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def _duration_s(self, asked: EpisodeOptions) -> float:
         return self.options.duration_s if asked.duration_s is None else asked.duration_s
-
-    def _make_scene(self) -> Scene:
-        window = self.render_mode == "human" and display_there()
-        visible = self.render_mode is not None
-        return make_scene(
-            self.engine, self.pinch, self.options.solver_iterations, window=window, visible=visible
-        )
 
     def _fix_sensor(self, values: Values, asked: EpisodeOptions) -> None:
         """Policies without touch cannot know where the sensor is: for them it stays at the middle of its range."""
@@ -237,7 +221,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._run(scene)
         self._step += 1
         self._look()
-        terms = reward_terms(self._reward_inputs(before), self.options.rewards)
+        terms = self._reward_terms(before)
         terminated = self._dropped()
         truncated = not terminated and self._step >= self._steps
         observation = self._observe()
@@ -290,22 +274,22 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """Return the object's rotation on the sensor [rad]; None: the task has none."""
         return None
 
-    def _reward_inputs(self, before_rad: FloatArray) -> RewardInputs:
+    def _reward_terms(self, before_rad: FloatArray) -> dict[str, float]:
         seen, limits = self._view, self.pinch.description.limits
         margin = self.options.rewards
         speed = np.abs(seen.q_rad - before_rad) * POLICY_HZ / self.options.speed_rad_per_s
         assert self._scene is not None
         torque = np.abs(self._scene.drives.torque_nm) / limits.torque_nm
         past = np.maximum(seen.q_rad - limits.upper_rad, limits.lower_rad - seen.q_rad)
-        angle = self._angle_rad()
-        return RewardInputs(
+        return reward_terms(
+            margin,
             distance_m=self._error_m() if seen.sound else np.inf,
             force_n=seen.skin.force_n if seen.skin else 0.0,
             right_contact=seen.right_contact(self.pinch),
             past_joint_rad=_worst(past) + margin.joint_margin_rad,
             past_speed=_worst(speed) - 1 + margin.speed_margin,
             past_torque=_worst(torque) - 1 + margin.torque_margin,
-            angle_rad=angle,
+            angle_rad=self._angle_rad(),
         )
 
     def _error_m(self) -> float:

@@ -77,7 +77,7 @@ class Scene(ABC):
 
     def _begin_drives(self, grip: Grip) -> None:
         self.drives = Drives(grip.drives, grip.angles_rad, 1.0 / PHYSICS_HZ)
-        self.drives.target_rad = grip.command_rad
+        self.drives.target_rad = grip.angles_rad
         self.force_n = [0.0, 0.0, 0.0]
 
 

@@ -31,8 +31,7 @@ class Grip:
     """Initial state of a scene.
 
     Attributes:
-        angles_rad: (n,) angles of the links [rad].
-        command_rad: (n,) what the drives hold to [rad].
+        angles_rad: (n,) angles of the links, to which the drives hold [rad].
         objects: what is held: one object, or several.
         finger_friction: friction coefficient of the tips; that of a pair is the product.
         lateral_friction: the objects', against sliding.
@@ -42,7 +41,6 @@ class Grip:
     """
 
     angles_rad: FloatArray
-    command_rad: FloatArray
     drives: DriveParameters
     objects: tuple[Placed, ...]
     finger_friction: float

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skincal.envs.bodies import Body
-from skincal.envs.drawing import Values, number, turn_rad
+from skincal.envs.drawing import Values, number
 from skincal.envs.pinch import Pinch
 from skincal.envs.scene import Scene, sound
 from skincal.envs.scene_state import Frame, Touching
@@ -19,47 +19,32 @@ from skincal.model.arrays import FloatArray
 
 @dataclass(frozen=True)
 class Sensor:
-    """Pose of the sensor on the fingertip.
-
-    Attributes:
-        y_m: along the finger [m].
-        alpha_rad: turn about the normal [rad].
-    """
+    """Pose of the sensor on a fingertip of a radius [m]."""
 
     radius_m: float
-    y_m: float
-    beta_rad: float
-    alpha_rad: float
+    pose: SensorPose
 
     @classmethod
     def of(cls, pinch: Pinch, values: Values) -> Sensor:
         """Return the sensor of an episode; offsets of the centre are those from where it would be."""
         radius = pinch.radius_m
-        return cls(
-            radius,
-            number(values, "skin.y_m") + number(values, "skin.y_offset_m"),
-            turn_rad(values, "skin.beta_deg") + number(values, "skin.x_offset_m") / radius,
-            turn_rad(values, "skin.alpha_deg"),
-        )
-
-    @property
-    def pose(self) -> SensorPose:
-        """Pose for the skin model."""
-        return SensorPose(self.y_m, self.alpha_rad, self.beta_rad)
+        alpha_rad, beta_rad = (math.radians(number(values, f"skin.{name}_deg")) for name in ("alpha", "beta"))
+        y_m = number(values, "skin.y_m") + number(values, "skin.y_offset_m")
+        return cls(radius, SensorPose(y_m, alpha_rad, beta_rad + number(values, "skin.x_offset_m") / radius))
 
     def patch_m(self, point_m: FloatArray) -> FloatArray:
         """Return patch coordinates (2,) of the surface's point nearest to a point (3,) of the fingertip frame [m]."""
-        turn = math.remainder(math.atan2(point_m[0], point_m[2]) - self.beta_rad, 2 * math.pi)
-        return self.turned(self.radius_m * turn, point_m[1] - self.y_m)
+        turn = math.remainder(math.atan2(point_m[0], point_m[2]) - self.pose.beta_rad, 2 * math.pi)
+        return self.turned(self.radius_m * turn, point_m[1] - self.pose.y_m)
 
     def direction(self, vector: FloatArray) -> FloatArray:
         """Return the part (2,) of a vector (3,) along the patch's axes, on the tangent plane at its centre."""
-        across = vector[0] * math.cos(self.beta_rad) - vector[2] * math.sin(self.beta_rad)
+        across = vector[0] * math.cos(self.pose.beta_rad) - vector[2] * math.sin(self.pose.beta_rad)
         return self.turned(across, vector[1])
 
     def turned(self, across: float, along: float) -> FloatArray:
         """Return a way round and along the finger, along the patch's axes (2,)."""
-        cos, sin = math.cos(self.alpha_rad), math.sin(self.alpha_rad)
+        cos, sin = math.cos(self.pose.alpha_rad), math.sin(self.pose.alpha_rad)
         return np.array([across * cos + along * sin, along * cos - across * sin])
 
 

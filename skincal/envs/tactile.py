@@ -15,9 +15,11 @@ from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Values, array, effects_of, number
 from skincal.envs.pinch import Pinch
-from skincal.model import ContactLaw, Contacts, Patch, SensorPose, Skin, SkinParameters, Surface, TaxelLayout
+from skincal.model import ContactLaw, Contacts, Patch, SensorPose, Skin, SkinParameters
 from skincal.model.arrays import FloatArray
 
+RESOLUTION_M = 0.25e-3
+"""Longest edge of a tactile point's cell, unless another is asked for [m]."""
 SESSION_S = 600.0
 """A session has gone on for so long at most when an episode begins; what drifts has drifted by then [s]."""
 _LOADING_M_PER_S = 0.01
@@ -50,7 +52,7 @@ class SkinContact:
 class TactileSkin:
     """Makes tactile images, one after the other; begin an episode with :meth:`begin`."""
 
-    def __init__(self, pinch: Pinch, resolution_m: float) -> None:
+    def __init__(self, pinch: Pinch, resolution_m: float = RESOLUTION_M) -> None:
         meta = pinch.description.meta
         self._surface = pinch.surface
         self._converter = converter_of(meta.sensor)
@@ -58,9 +60,18 @@ class TactileSkin:
         self._resolution_m = resolution_m
 
     @cached_property
-    def _mould(self) -> PatchMould:
+    def _cells(self) -> Patch:
         """Made when there is something to feel: policies without touch do without."""
-        return PatchMould(self._surface, self.layout, self._resolution_m)
+        # Always at the same pose: the order of sums must not depend on what was asked for before.
+        return Patch.build(self._surface, self.layout, SensorPose(0.0, 0.0), self._resolution_m, MARGIN_M)
+
+    def patch(self, pose: SensorPose) -> Patch:
+        """Return the patch at a pose: that of :meth:`skincal.model.Patch.build`, made by moving the same cells.
+
+        Its compact tiles are those found at one pose, as neighbours stay neighbours.
+        """
+        assert self._cells.uv_m is not None
+        return self._cells.moved(*self._surface.wrap(pose, self._cells.uv_m))
 
     @property
     def taxels(self) -> int:
@@ -80,7 +91,7 @@ class TactileSkin:
         names = (*LAW, "reference_radius_m")
         law = ContactLaw(**{name: number(values, f"skin.contact_law.{name}") for name in names})
         neutral = law == ContactLaw()
-        self._skin = Skin(self._mould.at(pose), parameters, self._converter, contact=None if neutral else law)
+        self._skin = Skin(self.patch(pose), parameters, self._converter, contact=None if neutral else law)
         self._body = body
         self._offset = array(values, "skin.taxel_offset_counts")
         effects = effects_of(values)
@@ -146,23 +157,3 @@ class TactileSkin:
         if abs(change) < _STEADY_N_PER_S:
             return HOLD
         return LOAD if change > 0 else UNLOAD
-
-
-class PatchMould:
-    """Lays the same cells on a surface at one pose after the other.
-
-    The patches are those of :meth:`skincal.model.Patch.build`; the compact tiles are those found at one pose, as
-    neighbours stay neighbours.
-    """
-
-    def __init__(self, surface: Surface, layout: TaxelLayout, resolution_m: float = 0.25e-3) -> None:
-        self._surface = surface
-        # Always at the same pose: the order of sums must not depend on what was asked for before.
-        self._first = Patch.build(surface, layout, SensorPose(0.0, 0.0), resolution_m, MARGIN_M)
-
-    def at(self, pose: SensorPose) -> Patch:
-        """Return the patch at a pose."""
-        first = self._first
-        assert first.uv_m is not None
-        points, normals = self._surface.wrap(pose, first.uv_m)
-        return first.moved(points, normals)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from skincal.model.arrays import FloatArray
 
@@ -65,3 +66,11 @@ def sine(steps: int, frequency_hz: float) -> FloatArray:
 
 FIXED: Final[dict[str, Callable[[int], FloatArray]]] = {"circle": circle, "still": still}
 """Trajectories of the marble that are always the same, by name."""
+
+
+def planned(trajectory: str | ArrayLike, steps: int) -> FloatArray:
+    """Return targets (steps, 2) [m]: of a name in :data:`FIXED`, or given ones (N, 2) [m], the last of which stays."""
+    if isinstance(trajectory, str):
+        return FIXED[trajectory](steps)
+    given = np.asarray(trajectory, dtype=np.float64)[:steps]
+    return np.concatenate([given, np.repeat(given[-1:], steps - len(given), axis=0)])

@@ -21,13 +21,6 @@ from skincal.ranges.ranges import Ranges
 Plain = dict[str, Any]
 
 
-class _TwiceError(ValueError):
-    """A key that occurs twice in one table; the TOML parser refuses this by itself."""
-
-    def __init__(self, key: object) -> None:
-        super().__init__(f"the key {key} twice in one table")
-
-
 class _YamlLoader(yaml.SafeLoader):
     """YAML loader that is safe, refuses duplicate keys, and reads ``2.36e8`` as a number."""
 
@@ -47,11 +40,12 @@ _YamlLoader.add_implicit_resolver(  # pyright: ignore[reportUnknownMemberType]
 
 
 def _refuse_twice(keys: list[object]) -> None:
+    """Refuse a key that occurs twice in one table; the TOML parser does so by itself."""
     seen: set[object] = set()
     for key in keys:
         with suppress(TypeError):  # a list, which YAML's loader refuses as a key
             if key in seen:
-                raise _TwiceError(key)
+                raise ValueError(f"the key {key} twice in one table")
             seen.add(key)
 
 
@@ -88,12 +82,13 @@ def _load_json(text: str) -> object:
     return parse_json(text, object_pairs_hook=_json_table)
 
 
-_LOAD: Final[dict[str, Callable[[str], object]]] = {
-    ".toml": parse_toml, ".json": _load_json, ".yaml": _load_yaml, ".yml": _load_yaml,
-}  # fmt: skip
-_DUMP: Final[dict[str, Callable[[Plain], str]]] = {
-    ".toml": _dump_toml, ".json": _dump_json, ".yaml": _dump_yaml, ".yml": _dump_yaml,
-}  # fmt: skip
+_FORMATS: Final[dict[str, tuple[Callable[[str], object], Callable[[Plain], str]]]] = {
+    ".toml": (parse_toml, _dump_toml),
+    ".json": (_load_json, _dump_json),
+    ".yaml": (_load_yaml, _dump_yaml),
+    ".yml": (_load_yaml, _dump_yaml),
+}
+"""How a text is read and written, by the suffix."""
 
 
 def file_format(path: str | Path) -> str:
@@ -103,9 +98,9 @@ def file_format(path: str | Path) -> str:
         InputError: the suffix is none of ``.toml``, ``.json``, ``.yaml``, ``.yml``.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in _LOAD:
+    if suffix not in _FORMATS:
         got = f'the suffix "{suffix}"' if suffix else "no suffix"
-        raise input_error(str(path), f"a file name ending in {', '.join(_LOAD)}", got)
+        raise input_error(str(path), f"a file name ending in {', '.join(_FORMATS)}", got)
     return suffix
 
 
@@ -119,9 +114,9 @@ def read_ranges(path: str | Path) -> Ranges:
         InputError: the file cannot be read, or anything in it is wrong; every violation is listed.
     """
     path = Path(path)
-    suffix = file_format(path)
+    load, _ = _FORMATS[file_format(path)]
     try:
-        values = _LOAD[suffix](read_text(path))
+        values = load(read_text(path))
     except OSError as error:
         raise input_error(str(path), "a ranges file", reason(error)) from error
     except UnreadableError as error:
@@ -145,6 +140,6 @@ def write_ranges(ranges: Ranges, path: str | Path, *, force: bool = False) -> No
         InputError: unknown suffix, or the file exists and ``force`` is not given.
         OSError: the disk is full, or not writable.
     """
-    text = _DUMP[file_format(path)](to_plain(ranges))
+    _, dump = _FORMATS[file_format(path)]
     with whole_file(path, force=force, mark=FORMAT) as temporary:
-        temporary.write_text(readable(text), encoding="utf-8")
+        temporary.write_text(readable(dump(to_plain(ranges))), encoding="utf-8")

@@ -19,12 +19,13 @@ fingertip), the range of the mount is used.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from math import isfinite
 from typing import Final
 
 import numpy as np
 
-from skincal.calibration import Calibration, Effect
+from skincal.calibration import Calibration
 from skincal.calibration.parts import LAW
 from skincal.effects import EFFECTS
 from skincal.errors import Problem, WorkError, input_error
@@ -39,6 +40,10 @@ DRAWS: Final = 500
 
 _OFFSETS: Final = {"y_m": "y_offset_m", "x_m": "x_offset_m", "beta_deg": "x_offset_m"}
 """The preset's offset that states the uncertainty of each parameter."""
+
+_SCALE: Final = "scale_per_n"
+_CONSTANT: Final = partial(Parameter.constant, source="calibrated")
+_UNIFORM: Final = partial(Parameter.uniform, source="calibrated")
 
 
 def from_calibration(
@@ -75,26 +80,25 @@ def from_calibration(
     for path in ("skin.beta_deg", "skin.y_m", "skin.alpha_deg") if flat else ("skin.x_m",):
         parameters.pop(path, None)
     for name in calibration.intervals:
-        if (
-            f"skin.{name}" not in NAMES
-        ):  # the level at rest belongs to the session; a task has its own offsets
-            continue
+        if f"skin.{name}" not in NAMES:
+            continue  # the level at rest belongs to the session; a task has its own offsets
         if name == _SCALE and not calibration.identified(name):
             parameters[f"skin.{name}"] = Parameter.uniform(*_assumed_scale(calibration, assumed_scale))
             continue
         _replace(parameters, calibration, name, warnings)
-    _add_scale_offsets(parameters, calibration)
+    parameters |= _scale_offsets(calibration)
     for effect in calibration.effects:
         parameters |= effect_parameters(effect, warnings)
-        _take_the_place(parameters, effect, calibration.sensor.taxels)
+        known = EFFECTS[effect.name]
+        path = known.replaces_range
+        replaces = path in parameters and parameters[path].source == "assumed"
+        if replaces and not known.is_neutral(known.checked(effect.parameters, calibration.sensor.taxels)):
+            parameters[path] = _CONSTANT(0.0)
     parameters |= _contact_law(calibration)
     cloud = joint_draws(calibration, draws) if joint else None
     for column in cloud.columns if cloud else ():
         parameters.pop(_offset_path(column), None)
     return Ranges(parameters, cloud, _provenance(calibration, preset), warnings)
-
-
-_SCALE: Final = "scale_per_n"
 
 
 def _assumed_scale(calibration: Calibration, assumed: tuple[float, float] | None) -> tuple[float, float]:
@@ -141,7 +145,7 @@ def _replace(
     low, high = calibration.intervals[name]
     path = f"skin.{name}"
     if calibration.identified(name):
-        parameters[path] = Parameter.uniform(low, high, source="calibrated")
+        parameters[path] = _UNIFORM(low, high)
         parameters.pop(_offset_path(path), None)
         return
     parameter, stand_in = _stand_in(parameters, calibration, name)
@@ -196,16 +200,16 @@ def _ruled_out(published: Parameter, allowed: tuple[float, float] | None) -> boo
     return high < allowed[0] or low > allowed[1]
 
 
-def _add_scale_offsets(parameters: dict[str, Parameter], calibration: Calibration) -> None:
-    scales = calibration.model.scale_per_taxel_per_n
-    if scales is not None:
-        common = calibration.model.scale_per_n
-        # Keep a taxel that does not respond at zero for every S that is drawn.
-        most = 2 * max(common, *(end for end in calibration.intervals["scale_per_n"] if isfinite(end)))
-        if calibration.draws is not None:
-            most = max(most, float(calibration.draws["scale_per_n"].max()))
-        offsets = tuple(scale - common if scale > 0 else -most for scale in scales)
-        parameters["skin.scale_offset_per_n"] = Parameter.constant(offsets, source="calibrated")
+def _scale_offsets(calibration: Calibration) -> dict[str, Parameter]:
+    """Return the offsets of the taxels' scales, where the calibration has one for each."""
+    scales, common = calibration.model.scale_per_taxel_per_n, calibration.model.scale_per_n
+    if scales is None:
+        return {}
+    # Keep a taxel that does not respond at zero for every S that is drawn.
+    most = 2 * max(common, *(end for end in calibration.intervals[_SCALE] if isfinite(end)))
+    if calibration.draws is not None:
+        most = max(most, float(calibration.draws[_SCALE].max()))
+    return {"skin.scale_offset_per_n": _CONSTANT(tuple(s - common if s > 0 else -most for s in scales))}
 
 
 def _contact_law(calibration: Calibration) -> dict[str, Parameter]:
@@ -218,24 +222,10 @@ def _contact_law(calibration: Calibration) -> dict[str, Parameter]:
         value = float(getattr(fitted.law, name))
         low, high = fitted.intervals.get(name, (value, value))
         known = isfinite(low) and isfinite(high) and low < high
-        found[f"skin.contact_law.{name}"] = (
-            Parameter.uniform(low, high, source="calibrated")
-            if known
-            else Parameter.constant(value, source="calibrated")
-        )
+        found[f"skin.contact_law.{name}"] = _UNIFORM(low, high) if known else _CONSTANT(value)
     if size := fitted.law.reference_radius_m:
-        found["skin.contact_law.reference_radius_m"] = Parameter.constant(size, source="calibrated")
+        found["skin.contact_law.reference_radius_m"] = _CONSTANT(size)
     return found
-
-
-def _take_the_place(parameters: dict[str, Parameter], effect: Effect, taxels: int) -> None:
-    """Replace the preset's spread of the taxels by what the calibration knows of each."""
-    known = EFFECTS[effect.name]
-    path = known.replaces_range
-    if path not in parameters or parameters[path].source != "assumed":
-        return
-    if not known.is_neutral(known.checked(effect.parameters, taxels)):
-        parameters[path] = Parameter.constant(0.0, source="calibrated")
 
 
 def _provenance(calibration: Calibration, preset: str) -> dict[str, str]:

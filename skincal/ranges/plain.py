@@ -16,6 +16,7 @@ from skincal.ranges.names import EFFECTS_PREFIX, TABLES, find
 from skincal.ranges.parameter import DISTRIBUTIONS, Mode, Numbers, Parameter, Source
 from skincal.ranges.ranges import JointDraws, Ranges
 from skincal.ranges.rules import collection_problems, unknown_name
+from skincal.ranges.sampling import nested
 
 FORMAT: Final = "skincal-ranges/1"
 
@@ -61,13 +62,12 @@ def to_plain(ranges: Ranges) -> dict[str, Any]:
     plain: dict[str, Any] = {"format": FORMAT}
     if ranges.provenance:
         plain["provenance"] = dict(ranges.provenance)
-    for path, parameter in ranges.items():
-        _put(plain, path, _plain_parameter(parameter))
-    if ranges.joint is not None:
-        columns = [path.removeprefix("skin.") for path in ranges.joint.columns]
-        table = {"mode": "episode", "source": ranges.joint.source, "columns": columns}
-        _put(plain, _JOINT, table | {"draws": ranges.joint.draws.tolist()})
-    return plain
+    tables = {path: _plain_parameter(parameter) for path, parameter in ranges.items()}
+    if (joint := ranges.joint) is not None:
+        columns = [path.removeprefix("skin.") for path in joint.columns]
+        table = {"mode": "episode", "source": joint.source, "columns": columns}
+        tables[_JOINT] = table | {"draws": joint.draws.tolist()}
+    return plain | nested(tables)
 
 
 def digest(ranges: Ranges) -> str:
@@ -110,13 +110,6 @@ def from_plain(values: Mapping[str, Any], file: str) -> Ranges:
     findings.errors += collection_problems(parameters, f"{file}, ", reported=reported)
     findings.raise_errors()
     return Ranges(parameters, joint, dict(content.provenance))
-
-
-def _put(plain: dict[str, Any], path: str, table: dict[str, Any]) -> None:
-    *outer, name = path.split(".")
-    for key in outer:
-        plain = plain.setdefault(key, {})
-    plain[name] = table
 
 
 def _inside(path: str, value: object, place: str, findings: Findings) -> Iterator[tuple[str, _Tables]]:

@@ -14,7 +14,7 @@ from skincal.model.arrays import FloatArray
 from skincal.ranges.names import NAMES, find, sort_key
 from skincal.ranges.parameter import MODES, Mode, Parameter, Source
 from skincal.ranges.rules import collection_problems, joint_problems
-from skincal.ranges.sampling import Draw, Draws, Sample, draw, flat, nested
+from skincal.ranges.sampling import Draw, Draws, Sample, draw_one, flat, nested
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,8 +178,16 @@ class Ranges(Mapping[str, Parameter]):
         """Draw as :meth:`sample` does, by full names instead of tables; so is ``episode``."""
         if mode not in MODES:
             raise ValueError(f"mode must be one of {', '.join(MODES)}; got {mode!r}")
-        joint = self.joint if mode == "episode" else None
-        return draw(self._drawn[mode], joint, rng, joints=joints, taxels=taxels, episode=episode)
+        together: dict[str, Draw] = {}
+        if mode == "episode" and self.joint is not None:
+            # They come first, so that the others do not depend on how many there are.
+            row = self.joint.draws[int(rng.integers(len(self.joint)))]
+            together = dict(zip(self.joint.columns, row.tolist(), strict=True))
+        drawn = {
+            path: draw_one(path, parameter, rng, joints=joints, taxels=taxels, episode=episode)
+            for path, parameter in self._drawn[mode].items()
+        }
+        return drawn | together
 
 
 def _meaning(path: str) -> str:

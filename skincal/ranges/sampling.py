@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
 from skincal.model.arrays import FloatArray
 from skincal.ranges.names import EFFECTS_PREFIX, Shape, find
 from skincal.ranges.parameter import DISTRIBUTIONS, Parameter
-
-if TYPE_CHECKING:
-    from skincal.ranges.ranges import JointDraws
 
 Draw = float | FloatArray
 Draws = Mapping[str, Draw]
@@ -22,29 +19,10 @@ Sample = dict[str, Any]
 """Nested dictionaries by the tables of the file; the leaves are :data:`Draw`."""
 
 
-def draw(
-    parameters: Mapping[str, Parameter],
-    joint: JointDraws | None,
-    rng: np.random.Generator,
-    *,
-    joints: int,
-    taxels: int,
-    episode: Draws | None,
-) -> dict[str, Draw]:
-    """Draw parameters by full name; see :meth:`skincal.ranges.Ranges.sample`."""
-    # The joint draws come first, so that the others do not depend on how many there are.
-    together = {} if joint is None else _draw_row(joint, rng)
-    drawn: dict[str, Draw] = {}
-    for path, parameter in parameters.items():
-        size = _size(path, parameter.size, joints=joints, taxels=taxels)
-        drawn[path] = _draw_one(path, parameter, rng, size, episode)
-    return drawn | together
-
-
-def nested(draws: Draws) -> Sample:
-    """Return draws in nested dictionaries, by the tables of the file."""
+def nested(values: Mapping[str, Any]) -> Sample:
+    """Return what is told by full names in nested dictionaries, by the tables of the file."""
     sample: Sample = {}
-    for path, value in draws.items():
+    for path, value in values.items():
         *tables, name = path.split(".")
         table = sample
         for key in tables:
@@ -64,31 +42,30 @@ def flat(sample: Sample, prefix: str = "") -> dict[str, Draw]:
     return found
 
 
-def _draw_row(joint: JointDraws, rng: np.random.Generator) -> dict[str, float]:
-    row = joint.draws[int(rng.integers(len(joint.draws)))]
-    return dict(zip(joint.columns, (float(value) for value in row), strict=True))
-
-
-def _draw_one(
-    path: str, parameter: Parameter, rng: np.random.Generator, size: int | None, episode: Draws | None
+def draw_one(
+    path: str,
+    parameter: Parameter,
+    rng: np.random.Generator,
+    *,
+    joints: int,
+    taxels: int,
+    episode: Draws | None,
 ) -> Draw:
+    """Draw a parameter by its full name; see :meth:`skincal.ranges.Ranges.sample`."""
+    size = _size(path, parameter.size, joints=joints, taxels=taxels)
     figures = parameter.arrays
     if parameter.sigma_from is not None:
-        figures = {**figures, "sigma": _sigma(path, parameter.sigma_from, episode)}
+        if episode is None:
+            raise ValueError(
+                f"{path} takes its standard deviation from the episode's draw of {parameter.sigma_from}; "
+                'pass it: sample(rng, "step", episode=ranges.sample(rng, "episode"))'
+            )
+        figures = {**figures, "sigma": np.asarray(episode[parameter.sigma_from], dtype=np.float64)}
     drawn = DISTRIBUTIONS[parameter.distribution].draw(figures, rng, 1 if size is None else size)
     if path.startswith(EFFECTS_PREFIX) and (name := find(path)) is not None:
         # The parameter of an effect has bounds that the skin enforces.
         drawn = np.clip(drawn, name.least, name.most)
     return float(drawn[0]) if size is None else drawn
-
-
-def _sigma(path: str, sigma_from: str, episode: Draws | None) -> FloatArray:
-    if episode is None:
-        raise ValueError(
-            f"{path} takes its standard deviation from the episode's draw of {sigma_from}; "
-            'pass it: sample(rng, "step", episode=ranges.sample(rng, "episode"))'
-        )
-    return np.asarray(episode[sigma_from], dtype=np.float64)
 
 
 @lru_cache(maxsize=1024)

@@ -6,21 +6,24 @@ import json
 import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 
 from skincal.bounded import parse_json, read_arrays, read_text
+from skincal.dataset.findings import Findings
+from skincal.dataset.schema import Table, read_table
 from skincal.errors import input_error, text_of
 from skincal.files import check_input, whole_folder
 from skincal.train.learner import Learner
+from skincal.train.settings import Within
 
 STATE: Final = "state.json"
 ARRAYS: Final = "arrays.npz"
 
 
 @dataclass(frozen=True)
-class Progress:
+class Progress(Table, unknown="keep"):
     """Progress of a run.
 
     Attributes:
@@ -28,21 +31,12 @@ class Progress:
         wall_s: time it took, interruptions left out [s].
     """
 
-    rounds: int = 0
-    steps: int = 0
-    wall_s: float = 0.0
+    rounds: Annotated[int, Within(0, 2**53 - 1)]
+    steps: Annotated[int, Within(0, 2**53 - 1)]
+    wall_s: Annotated[float, Within(0, np.inf)]
 
-    @classmethod
-    def of(cls, table: dict[str, Any]) -> Progress:
-        """Return progress from plain values.
 
-        Raises:
-            LookupError, TypeError, ValueError: a number is missing or out of bounds.
-        """
-        found = cls(int(table["rounds"]), int(table["steps"]), float(table["wall_s"]))
-        if not (0 <= found.rounds < 2**53 and 0 <= found.steps < 2**53 and 0.0 <= found.wall_s < np.inf):
-            raise ValueError(f"{found}")
-        return found
+BEGINNING: Final = Progress(0, 0, 0.0)
 
 
 def save_checkpoint(learner: Learner, progress: Progress, folder: Path) -> None:
@@ -72,7 +66,7 @@ def fork_checkpoint(source: Path, folder: Path) -> None:
     folder.mkdir()
     shutil.copyfile(weights, folder / weights.name)
     np.savez(folder / ARRAYS, **arrays)  # type: ignore[arg-type]
-    state["progress"] = asdict(Progress())
+    state["progress"] = asdict(BEGINNING)
     (folder / STATE).write_text(json.dumps(state), encoding="utf-8")
 
 
@@ -87,7 +81,10 @@ def load_checkpoint(learner: Learner, folder: Path) -> Progress:
         learner.load_weights(check_input(folder / learner.weights_file, folder))
         learner.restore(read_arrays(folder / ARRAYS, folder))
         learner.restore_random(state["random"])
-        return Progress.of(state["progress"])
+        findings = Findings()
+        progress = read_table(Progress, state["progress"], findings, STATE)
+        findings.raise_errors()
+        return progress
     except Exception as error:  # torch, msgpack and the learners have no common class for what they raise
         got = f"one with a fault ({text_of(error, 100)})"
         fix = f"Begin anew with another --out, or remove {folder.parent}."

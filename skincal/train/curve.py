@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import IO, Any, Self
@@ -131,7 +129,7 @@ class Curve:
     def __init__(self, path: Path, steps: int) -> None:
         rows = [row for row in _rows(path) if float(row[0]) <= steps]
         with whole_file(path, force=True) as temporary:
-            temporary.write_text(_text([list(COLUMNS), *rows]), encoding="utf-8")
+            temporary.write_text("".join(map(_line, [COLUMNS, *rows])), encoding="utf-8")
         self._file: IO[str] = path.open("a", encoding="utf-8", newline="")
 
     def __enter__(self) -> Self:
@@ -145,7 +143,7 @@ class Curve:
     def add(self, row: Round) -> None:
         """Append a row."""
         values = astuple(row)
-        self._file.write(_text([[str(values[0]), *(f"{value:.6g}" for value in values[1:])]]))
+        self._file.write(_line([str(values[0]), *(f"{value:.6g}" for value in values[1:])]))
         self._file.flush()
 
     def sync(self) -> None:
@@ -193,7 +191,5 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _text(rows: list[list[str]]) -> str:
-    buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="\n").writerows(rows)
-    return buffer.getvalue()
+def _line(cells: Sequence[str]) -> str:
+    return ",".join(cells) + "\n"

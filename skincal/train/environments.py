@@ -8,7 +8,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 import gymnasium
-import numpy as np
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from skincal.ranges import Ranges
@@ -66,11 +65,6 @@ def end(environments: VecEnv) -> None:
     for remote in environments.remotes:
         remote.close()
     environments.closed = True
-
-
-def segment_seed(seed: int, segment: int) -> int:
-    """Return the seed of the environments in the part of a run between two checkpoints."""
-    return int(np.random.SeedSequence([seed, segment]).generate_state(1)[0] >> 1)
 
 
 def maker(work: Work, ranges: Ranges | None) -> Make:

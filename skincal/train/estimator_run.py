@@ -74,7 +74,6 @@ _HOLDING = 10
 """Images from one force to the next."""
 _RESTING = 10
 """Images of which the level at rest is the mean."""
-_RESOLUTION_M = 0.25e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,17 +107,17 @@ def draw_touches(
     progress: Callable[[int], None] = lambda _: None,
 ) -> Touches:
     """Let a marble wander over the skins of drawn hands, at forces that change."""
-    skin = TactileSkin(pinch, _RESOLUTION_M)
+    skin = TactileSkin(pinch)
     drawer = Drawer(ranges, "marble", pinch, skin.taxels)
     images, places = np.zeros((hands, each, skin.taxels)), np.zeros((hands, each, 2))
     for hand in range(hands):
-        values, sample = drawer.episode(rng, None, {})
+        values, sample = drawer.episode(rng)
         body = body_of("marble", values)
         pose = Sensor.of(pinch, values).pose
         skin.begin(values, pose, body, drawn_age_s(rng))
         # A hand's clock ticks alike at rest and under load: what has memory remembers.
         noise = [
-            np.asarray(drawer.step(rng, sample, None, {}).get("skin.taxel_noise_counts", 0.0))
+            np.asarray(drawer.step(rng, sample).get("skin.taxel_noise_counts", 0.0))
             for _ in range(_RESTING + each)
         ]
         rest = np.mean([skin.image(None, k / POLICY_HZ, noise[k]) for k in range(_RESTING)], axis=0)

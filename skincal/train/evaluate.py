@@ -16,6 +16,7 @@ from skincal.ranges import Ranges
 from skincal.tasks import DURATION_S, ENVIRONMENT_IDS, JOINT_OFFSETS, Task
 from skincal.train.policy_file import Policy
 from skincal.train.scores import Runs
+from skincal.train.settings import part_seed
 
 Environment = gymnasium.Env[Any, Any]
 
@@ -61,7 +62,7 @@ class Trial:
 
     def episode_seed(self, episode: int) -> int:
         """Return the seed of an episode."""
-        return int(np.random.SeedSequence([self.seed, episode]).generate_state(1)[0] >> 1)
+        return part_seed(self.seed, episode)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,19 +142,14 @@ def evaluate(
         runs.orientation_deg[:] = np.resize(ORIENTATIONS_DEG, trial.episodes)
     for number in range(trial.episodes):
         for t, step in enumerate(episode(policy, environment, trial, number)):
-            _add(runs, number, t, step)
+            at, info = (number, t), step.info
+            runs.rewards[number] += step.reward
+            runs.target_m[at] = info["target_m"]
+            if info["drop"]:
+                # In the step that loses the object there is no place of it any more.
+                runs.dropped[number] = True
+                continue
+            runs.error_m[at], runs.object_m[at] = info["error_m"], info["position_m"]
+            runs.angle_error_rad[at] = info.get("orientation_error_rad", np.nan)
         progress(number + 1)
     return runs
-
-
-def _add(runs: Runs, number: int, t: int, step: Step) -> None:
-    """Add a step; in the one that loses the object there is no place of it any more."""
-    info = step.info
-    runs.rewards[number] += step.reward
-    runs.target_m[number, t] = info["target_m"]
-    if info["drop"]:
-        runs.dropped[number] = True
-        return
-    runs.error_m[number, t] = info["error_m"]
-    runs.object_m[number, t] = info["position_m"]
-    runs.angle_error_rad[number, t] = info.get("orientation_error_rad", np.nan)

@@ -183,10 +183,18 @@ class OffPolicyLearner(Learner):
         self._set_actor(list(zip(network.weights, network.biases, strict=True)), float(deviation))
 
     def _memory(self) -> Arrays:
-        return _buffer_arrays(self._buffer)
+        """Return the filled part of the replay buffer, shapes (steps, environments, …)."""
+        buffer = self._buffer
+        filled = buffer.buffer_size if buffer.full else buffer.pos
+        arrays = {f"buffer/{name}": part[:filled] for name, part in _buffer_parts(buffer).items()}
+        return arrays | {"buffer_at": np.array([buffer.pos, int(buffer.full)])}
 
     def _restore_memory(self, arrays: Arrays) -> None:
-        _restore_buffer(self._buffer, arrays)
+        buffer, (position, full) = self._buffer, arrays["buffer_at"]
+        buffer.pos, buffer.full = int(position), bool(full)
+        for name, part in _buffer_parts(buffer).items():
+            kept = arrays[f"buffer/{name}"]
+            part[: len(kept)] = kept
 
     @abstractmethod
     def _set_actor(self, layers: list[tuple[NDArray[Any], NDArray[Any]]], log_deviation: float) -> None:
@@ -230,18 +238,3 @@ def _buffer_parts(buffer: DictReplayBuffer) -> Arrays:
     for key in buffer.observations:
         parts |= {f"before/{key}": buffer.observations[key], f"after/{key}": buffer.next_observations[key]}
     return parts
-
-
-def _buffer_arrays(buffer: DictReplayBuffer) -> Arrays:
-    """Return the filled part of a replay buffer, shapes (steps, environments, …)."""
-    filled = buffer.buffer_size if buffer.full else buffer.pos
-    arrays = {f"buffer/{name}": part[:filled] for name, part in _buffer_parts(buffer).items()}
-    return arrays | {"buffer_at": np.array([buffer.pos, int(buffer.full)])}
-
-
-def _restore_buffer(buffer: DictReplayBuffer, arrays: Arrays) -> None:
-    position, full = arrays["buffer_at"]
-    buffer.pos, buffer.full = int(position), bool(full)
-    for name, part in _buffer_parts(buffer).items():
-        kept = arrays[f"buffer/{name}"]
-        part[: len(kept)] = kept

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any
 
+import numpy as np
+
 from skincal.dataset.keys import Key, Word
 from skincal.dataset.schema import Table
 from skincal.tasks import BackendName, PolicyKind, Task
@@ -123,6 +125,11 @@ class Work(Table, unknown="keep"):
         table = asdict(self)
         table["settings"]["hidden"] = list(self.settings.hidden)
         return {**table, "task": str(self.task), "policy": str(self.policy), "backend": str(self.backend)}
+
+
+def part_seed(seed: int, part: int) -> int:
+    """Return the seed of a part: an episode of an evaluation, or a run's environments between two checkpoints."""
+    return int(np.random.SeedSequence([seed, part]).generate_state(1)[0] >> 1)
 
 
 def rounds_of(settings: Settings | PpoSettings, steps: int) -> int:

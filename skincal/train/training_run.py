@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final, cast
 
 import numpy as np
 import tomli_w
+from gymnasium import spaces
 
 from skincal.dataset.findings import Findings
 from skincal.dataset.schema import load_toml, read_table
 from skincal.errors import WorkError, input_error, readable
 from skincal.files import alone, real, recover, refuse_existing, whole_folder
 from skincal.ranges import Ranges, read_ranges, write_ranges
+from skincal.ranges.plain import digest
 from skincal.tasks import BackendName
 from skincal.train.checkpoint import (
     ARRAYS,
+    BEGINNING,
     STATE,
     Progress,
     fork_checkpoint,
@@ -27,12 +32,11 @@ from skincal.train.checkpoint import (
     save_checkpoint,
 )
 from skincal.train.curve import Curve, Round
-from skincal.train.describe import describe
-from skincal.train.environments import Make, end, in_full, parallel, segment_seed
-from skincal.train.learner import Learner
+from skincal.train.environments import Make, end, in_full, parallel
+from skincal.train.learner import ACTOR_KEY, Learner
 from skincal.train.onnx_file import write_policy
 from skincal.train.policy_file import Description, Policy, read_policy
-from skincal.train.settings import PpoSettings, Settings, Work, rounds_of
+from skincal.train.settings import PpoSettings, Settings, Work, part_seed, rounds_of
 
 MARKER: Final = "run.toml"
 FORMAT: Final = "skincal-run/1"
@@ -43,6 +47,11 @@ POLICY: Final = "policy.onnx"
 START: Final = "start.onnx"
 """The policy that a run goes on from."""
 
+
+PACKAGES: Final = (
+    "skincal", "gymnasium", "numpy", "pybullet", "stable-baselines3", "torch", "sbx-rl", "jax",
+)  # fmt: skip
+"""Packages whose versions a policy file tells."""
 
 LATER: Final = (
     CURVE, "curve.png", POLICY, *(f"{CHECKPOINT}/{name}" for name in (STATE, ARRAYS, "weights.*")),
@@ -189,7 +198,7 @@ class _Course:
         self.learner, self.report = learner, report
         self.last: Round | None = None
         there = (folder / CHECKPOINT).is_dir()
-        self.progress = load_checkpoint(learner, folder / CHECKPOINT) if there else Progress()
+        self.progress = load_checkpoint(learner, folder / CHECKPOINT) if there else BEGINNING
         if work.start:
             start = read_policy(folder / START)
             learner.go_on_from(None if there else start.network, start.description.steps)
@@ -208,9 +217,27 @@ class _Course:
             raise WorkError(
                 f"{self.folder}: the networks hold numbers that are not finite; nothing was written"
             )
-        about = describe(self.work, self.ranges, self.learner, self.progress.steps, self.progress.wall_s)
+        about = self._describe()
         write_policy(network, about, self.folder / POLICY, force=True)
         return about
+
+    def _describe(self) -> Description:
+        work, actions = self.work, self.learner.model.action_space
+        return Description(
+            task=work.task,
+            policy=work.policy,
+            observation=_layout(self.learner),
+            actions=spaces.flatdim(actions),
+            ranges_sha256=digest(self.ranges),
+            seed=work.seed,
+            steps=self.progress.steps,
+            wall_time_s=round(self.progress.wall_s, 1),
+            backend=str(work.backend),
+            environment=work.environment,
+            versions=_versions(),
+            created=datetime.now(UTC).isoformat(timespec="seconds"),
+            start=work.start,
+        )
 
     def _next_checkpoint(self) -> int:
         every = self.work.rounds_per_checkpoint
@@ -223,11 +250,29 @@ class _Course:
             self.report(row)
 
         began, done = time.perf_counter(), self.progress.rounds
-        self.learner.learn(until - done, segment_seed(self.work.seed, done), listen)
+        self.learner.learn(until - done, part_seed(self.work.seed, done), listen)
         wall_s = self.progress.wall_s + time.perf_counter() - began
         self.progress = Progress(until, self.learner.steps, wall_s)
         curve.sync()
         save_checkpoint(self.learner, self.progress, self.folder / CHECKPOINT)
+
+
+def _layout(learner: Learner) -> tuple[dict[str, Any], ...]:
+    """Return the parts of the policy's observation: as the environment tells them, or one for all."""
+    environments = learner.normalised
+    if environments.has_attr("observation_layout"):
+        return tuple(dict(part) for part in environments.get_attr("observation_layout", 0)[0])
+    space = environments.observation_space
+    assert isinstance(space, spaces.Dict)
+    return ({"name": ACTOR_KEY, "size": spaces.flatdim(space[ACTOR_KEY])},)
+
+
+def _versions() -> dict[str, str]:
+    found: dict[str, str] = {}
+    for package in PACKAGES:
+        with suppress(PackageNotFoundError):
+            found[package] = version(package)
+    return found
 
 
 @contextmanager

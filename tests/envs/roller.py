@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from skincal.robot import Kinematics
-
 
 def rolling(env: Any, to_m: np.ndarray, *, force_gain_m_per_n: float = 0.002) -> np.ndarray:
     """The action that rolls the object to a place on the sensor (2,) [m], and presses with 1.5 N.
@@ -17,9 +15,9 @@ def rolling(env: Any, to_m: np.ndarray, *, force_gain_m_per_n: float = 0.002) ->
     seen = env.truth
     if seen.skin is None or seen.thumb is None:
         return np.zeros(env.action_space.shape)
-    chains, sensor = Kinematics(env.pinch.description), env._sensor
+    chains, sensor = env.pinch.kinematics, env._sensor
     u, v = to_m - seen.position_m
-    cos, sin = np.cos(sensor.alpha_rad), np.sin(sensor.alpha_rad)
+    cos, sin = np.cos(sensor.pose.alpha_rad), np.sin(sensor.pose.alpha_rad)
     normal, along = np.array(seen.skin.normal), seen.tip.rotation[:, 1]
     across = np.cross(along, normal)
     across /= np.linalg.norm(across)

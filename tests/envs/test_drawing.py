@@ -5,24 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
+from making import BOLT, MARBLE, make
 
-import skincal.envs  # noqa: F401  # registers the tasks
 from skincal.errors import InputError
 from skincal.ranges import Parameter, Ranges, preset, write_ranges
-
-MARBLE, BOLT = "skincal/MarbleRoll-v0", "skincal/BoltRoll-v0"
-
-
-def make(name: str = MARBLE, **arguments: Any) -> Any:
-    return gymnasium.make(name, disable_env_checker=True, **arguments).unwrapped
 
 
 def draws(env: Any, seeds: range, **options: Any) -> list[dict[str, Any]]:
     infos = [env.reset(seed=seed, options=options)[1] for seed in seeds]
-    env.close()
     return [info["randomized"] | info["noise"] for info in infos]
 
 
@@ -157,7 +149,6 @@ def test_options_that_make_no_sense_are_refused_in_words(options: dict[str, Any]
     env = make(policy="desired")
     with pytest.raises(InputError, match=message):
         env.reset(options=options)
-    env.close()
 
 
 @pytest.mark.parametrize(

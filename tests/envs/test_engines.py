@@ -5,37 +5,29 @@ from __future__ import annotations
 import pickle
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
+from making import BOLT, MARBLE, make
 
-import skincal.envs
 from skincal.envs.bodies import Bolt, Marble
 from skincal.envs.pinch import read_pinch
 from skincal.envs.scene import make_scene
 from skincal.errors import InputError
 
-assert skincal.envs
-MARBLE, BOLT = "skincal/MarbleRoll-v0", "skincal/BoltRoll-v0"
-
-
-def make(engine: str, name: str = MARBLE, **arguments: Any) -> Any:
-    return gymnasium.make(name, disable_env_checker=True, engine=engine, **arguments).unwrapped
-
 
 @pytest.fixture
-def mujoco() -> Any:
-    return pytest.importorskip("mujoco", reason="needs skincal[mujoco]")
+def mujoco() -> None:
+    pytest.importorskip("mujoco", reason="needs skincal[mujoco]")
 
 
 def test_an_engine_that_does_not_exist_is_refused() -> None:
     with pytest.raises(InputError, match="expected pybullet or mujoco; got 'bullet3'"):
-        make("bullet3")
+        make(engine="bullet3")
 
 
 def test_only_pybullet_makes_pictures() -> None:
     with pytest.raises(InputError, match="mujoco makes no pictures"):
-        make("mujoco", render_mode="rgb_array")
+        make(engine="mujoco", render_mode="rgb_array")
 
 
 def test_a_missing_engine_is_told_how_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -44,26 +36,24 @@ def test_a_missing_engine_is_told_how_to_install(monkeypatch: pytest.MonkeyPatch
         make_scene("mujoco", read_pinch(None), 20)
 
 
-def test_bodies_are_the_same_in_both(mujoco: Any) -> None:
-    del mujoco
+def test_bodies_are_the_same_in_both() -> None:
     assert [part.radius_m for part in Marble(6e-3, 4e-3).parts] == [6e-3]
     shank, head = Bolt(6e-3, 6e-3).parts
     assert shank.length_m == pytest.approx(0.07) and head.radius_m == pytest.approx(9e-3)
     assert head.at_m - head.length_m / 2 == pytest.approx(shank.at_m + shank.length_m / 2)
 
 
-def test_a_grasp_presses_alike(mujoco: Any) -> None:
-    del mujoco
+@pytest.mark.usefixtures("mujoco")
+def test_a_grasp_presses_alike() -> None:
     seen = {}
     for engine in ("pybullet", "mujoco"):
-        env = make(engine)
+        env = make(engine=engine)
         env.reset(seed=3, options={"trajectory": "still"})
         for _ in range(10):
             env.step(np.zeros(6))
         truth = env.truth
         assert truth.skin is not None and truth.thumb is not None and not truth.dropped
         seen[engine] = (truth.skin.force_n, truth.position_m, env.image, np.array(truth.skin.normal))
-        env.close()
     (force, place, image, normal), (force_2, place_2, image_2, normal_2) = seen["pybullet"], seen["mujoco"]
     assert force_2 == pytest.approx(force, rel=0.1)
     assert np.linalg.norm(place - place_2) < 0.5e-3
@@ -72,12 +62,12 @@ def test_a_grasp_presses_alike(mujoco: Any) -> None:
 
 
 @pytest.mark.parametrize("name", [MARBLE, BOLT])
-def test_a_pull_moves_the_object_alike(name: str, mujoco: Any) -> None:
+@pytest.mark.usefixtures("mujoco")
+def test_a_pull_moves_the_object_alike(name: str) -> None:
     """Mass, inertia and where its centre is, friction of both fingers, and how they yield."""
-    del mujoco
     moved = {}
     for engine in ("pybullet", "mujoco"):
-        env = make(engine, name, policy="desired")
+        env = make(name, engine=engine, policy="desired")
         env.reset(seed=1, options={"randomize": "none"} | ({"orientation_deg": 45.0} if name == BOLT else {}))
         for _ in range(5):
             env.step(np.zeros(6))
@@ -86,14 +76,13 @@ def test_a_pull_moves_the_object_alike(name: str, mujoco: Any) -> None:
         scene.run(30)
         moved[engine] = before.tip.turned(scene.object_frame().origin_m - before.body.origin_m)
         assert None not in scene.touches()
-        env.close()
     assert np.linalg.norm(moved["pybullet"]) > 0.4e-3
     np.testing.assert_allclose(moved["mujoco"], moved["pybullet"], atol=0.03e-3)
 
 
-def test_every_contact_has_the_friction_of_its_pair(mujoco: Any) -> None:
-    del mujoco
-    env = make("mujoco", policy="desired")
+@pytest.mark.usefixtures("mujoco")
+def test_every_contact_has_the_friction_of_its_pair() -> None:
+    env = make(engine="mujoco", policy="desired")
     env.reset(seed=0, options={"randomize": "none", "values": {"finger.lateral_friction": 0.5}})
     model, tips = env._scene._model, sorted(env._scene._tip_geoms)
     expected = 0.5 * env._values["object.marble.lateral_friction"]
@@ -101,12 +90,11 @@ def test_every_contact_has_the_friction_of_its_pair(mujoco: Any) -> None:
         of_tips = sorted([model.pair_geom1[pair], model.pair_geom2[pair]]) == tips
         assert model.pair_friction[pair, 0] == pytest.approx(0.25 if of_tips else expected)
         assert model.pair_dim[pair] == (3 if of_tips else 4)
-    env.close()
 
 
-def test_a_bolt_along_the_finger_lies_on_a_line(mujoco: Any) -> None:
-    del mujoco
-    env, points = make("mujoco", BOLT, policy="desired"), []
+@pytest.mark.usefixtures("mujoco")
+def test_a_bolt_along_the_finger_lies_on_a_line() -> None:
+    env, points = make(BOLT, engine="mujoco", policy="desired"), []
     env.reset(seed=0, options={"randomize": "none", "orientation_deg": 90.0})
     start = env.truth.position_m
     for _ in range(10):
@@ -114,12 +102,12 @@ def test_a_bolt_along_the_finger_lies_on_a_line(mujoco: Any) -> None:
         points.append(env.truth.skin.points)
     assert np.mean(points) > 2
     assert np.linalg.norm(env.truth.position_m - start) < 0.2e-3
-    env.close()
 
 
-def test_contact_is_the_spring_that_was_asked_for(mujoco: Any) -> None:
+@pytest.mark.usefixtures("mujoco")
+def test_contact_is_the_spring_that_was_asked_for() -> None:
     """Force over depth is the grip's stiffness, however heavy the bodies are."""
-    env = make("mujoco", policy="desired")
+    env = make(engine="mujoco", policy="desired")
     for mass in (3e-3, 30e-3):
         env.reset(seed=0, options={"randomize": "none", "values": {"object.marble.mass_kg": mass}})
         for _ in range(10):
@@ -132,36 +120,34 @@ def test_contact_is_the_spring_that_was_asked_for(mujoco: Any) -> None:
         elasticity = env._values["skin.elasticity_pa_per_m"]
         expected = np.sqrt(np.pi * elasticity * np.sqrt(6e-3 * across) * env.options.grasp.stiffness_at_n)
         assert stiffness == pytest.approx(expected, rel=0.02)
-    env.close()
 
 
-def test_a_seed_gives_the_same_episode_to_the_last_bit(mujoco: Any) -> None:
-    del mujoco
-    env, places = make("mujoco"), []
+@pytest.mark.usefixtures("mujoco")
+def test_a_seed_gives_the_same_episode_to_the_last_bit() -> None:
+    env, places = make(engine="mujoco"), []
     for seed in (5, 6, 5):
         env.reset(seed=seed)
         places.append([env.step(np.full(6, 0.1))[4]["position_m"] for _ in range(5)])
-    env.close()
     np.testing.assert_array_equal(places[0], places[2])
 
 
-def test_a_copy_has_the_same_engine(mujoco: Any) -> None:
-    del mujoco
-    copied = pickle.loads(pickle.dumps(make("mujoco", policy="desired")))
+@pytest.mark.usefixtures("mujoco")
+def test_a_copy_has_the_same_engine() -> None:
+    copied = pickle.loads(pickle.dumps(make(engine="mujoco", policy="desired")))
     assert copied.engine == "mujoco" and copied.policy == "desired"
 
 
 @pytest.mark.parametrize("name", [MARBLE, BOLT])
+@pytest.mark.usefixtures("mujoco")
 def test_extreme_actions_end_in_a_drop_and_print_nothing(
-    name: str, mujoco: Any, capfd: pytest.CaptureFixture[str], tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+    name: str, capfd: pytest.CaptureFixture[str], tmp_path: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    env, rng = make("mujoco", name), np.random.default_rng(0)
+    env, rng = make(name, engine="mujoco"), np.random.default_rng(0)
     env.reset(seed=0)
     ended = False
     while not ended:
         observation, reward, terminated, truncated, _ = env.step(rng.choice([-1.0, 1.0, np.nan], 6))
         ended = terminated or truncated
         assert env.observation_space.contains(observation) and np.isfinite(reward)
-    env.close()
     assert capfd.readouterr() == ("", "") and not list(tmp_path.iterdir())

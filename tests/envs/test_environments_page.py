@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import gymnasium
 import pytest
+from making import make
 
 import skincal.envs
 from skincal.envs.observations import KINDS
@@ -17,7 +17,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "environments.md").read_text(encodi
 
 @pytest.mark.parametrize("name", skincal.envs.ENVIRONMENTS)
 def test_the_page_names_every_part_of_what_is_seen(name: str) -> None:
-    env = gymnasium.make(name, disable_env_checker=True).unwrapped
+    env = make(name)
     _, info = env.reset(seed=0)
     parts = [part.name for part in env._observation.critic.parts]
     rows = re.findall(r"^\| (`.*?`) \| ([0-9, ]+)", PAGE.split('`observation["critic"]`')[1], re.M)
@@ -31,14 +31,12 @@ def test_the_page_names_every_part_of_what_is_seen(name: str) -> None:
     )
     assert all(f"| `{term}` |" in PAGE for term in terms)
     assert all(f"`{key}`" in PAGE for key in info)
-    env.close()
 
 
 def test_the_page_tells_how_many_numbers_each_policy_sees() -> None:
     for kind in KINDS:
         sizes = [
-            gymnasium.make(name, policy=kind, disable_env_checker=True).observation_space["policy"].shape[0]
-            for name in skincal.envs.ENVIRONMENTS
+            make(name, policy=kind).observation_space["policy"].shape[0] for name in skincal.envs.ENVIRONMENTS
         ]
         assert re.search(rf"^\| `{kind}` \|.*\| {sizes[0]}, {sizes[1]} \|$", PAGE, re.M)
 

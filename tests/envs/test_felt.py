@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 from calibrations import make_calibration
+from making import BOLT, make
 
-import skincal.envs  # noqa: F401  # registers the tasks
 from skincal.envs.bodies import Bolt
-from skincal.envs.tactile import PatchMould
+from skincal.envs.pinch import read_pinch
+from skincal.envs.tactile import TactileSkin
 from skincal.model import (
     Contacts,
     Converter,
@@ -29,10 +29,6 @@ from skincal.ranges import Parameter, from_calibration, preset
 FINGER = Cylinder(0.0115)
 LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 STILL = np.zeros(6)
-
-
-def make(name: str = "skincal/MarbleRoll-v0", **arguments: Any) -> Any:
-    return gymnasium.make(name, disable_env_checker=True, **arguments).unwrapped
 
 
 def image(observation: dict[str, np.ndarray]) -> np.ndarray:
@@ -67,21 +63,19 @@ def test_images_have_offset_and_noise_once() -> None:
         assert np.count_nonzero(image(observation) - direct(env, info)) <= 1
         observation, *_, info = env.step(np.full(6, 0.05))
     assert image(observation).sum() > 20
-    env.close()
 
 
 def test_taxels_that_nothing_touches_read_their_offset() -> None:
     env = make()
     values = {"skin.taxel_offset_counts": 20.0, "skin.taxel_noise_counts": 0.0}
     observation, _ = env.reset(seed=0, options={"values": values})
-    env.close()
     assert np.count_nonzero(image(observation) == 20) >= 8 and image(observation).min() == 20
 
 
 def test_patches_of_other_poses_are_those_that_the_model_builds() -> None:
-    mould = PatchMould(FINGER, LAYOUT)
+    felt = TactileSkin(read_pinch())
     for pose in (SensorPose(0.0215, 0.25, -0.2), SensorPose(0.0255, -0.2, 0.15)):
-        ours, theirs = mould.at(pose), Patch.build(FINGER, LAYOUT, pose)
+        ours, theirs = felt.patch(pose), Patch.build(FINGER, LAYOUT, pose)
         assert np.array_equal(ours.points_m, theirs.points_m) and np.array_equal(ours.taxel, theirs.taxel)
         out = np.array([np.sin(0.1), 0.0, np.cos(0.1)])
         contacts = Contacts((0.0115 * out + [0, 0.024, 0])[None], out[None], np.array([2.0]))
@@ -113,14 +107,13 @@ def test_the_bolt_feels_as_its_mesh_however_it_lies() -> None:
 
 
 def test_a_bolt_is_felt_along_its_axis() -> None:
-    env = make("skincal/BoltRoll-v0")
+    env = make(BOLT)
     images = {}
     for angle in (0.0, 90.0):
         asked = {"orientation_deg": angle, "randomize": "none", "values": {"skin.elasticity_pa_per_m": 2e8}}
         observation, info = env.reset(seed=0, options=asked)
         assert info["orientation_rad"] == pytest.approx(np.radians(angle), abs=0.02)
         images[angle] = image(observation).reshape(4, 4)
-    env.close()
     # Rows are along the finger: the bolt that lies along it touches more of them.
     assert (images[90.0].sum(axis=1) > 0).sum() > (images[0.0].sum(axis=1) > 0).sum()
 
@@ -140,14 +133,12 @@ def test_ranges_of_a_calibration_take_effect() -> None:
     assert np.abs(image(ours[0]) - image(theirs[0])).max() > 20
     expected = direct(calibrated, ours[1])
     assert np.abs(image(ours[0]) - expected).max() <= 1
-    calibrated.close(), usual.close()
 
 
 def test_a_cloud_of_draws_is_drawn_row_by_row() -> None:
     ranges = from_calibration(make_calibration(), joint=True)
     env = make(ranges=ranges)
     info = env.reset(seed=0)[1]["randomized"]
-    env.close()
     assert ranges.joint is not None
     row = [info[name] for name in ranges.joint.columns]
     assert any(np.allclose(row, drawn, rtol=1e-12) for drawn in ranges.joint.draws)
@@ -158,7 +149,6 @@ def felt_along(env: Any) -> tuple[np.ndarray, np.ndarray]:
     env.reset(seed=3, options={"values": {"skin.taxel_noise_counts": 0.0}})
     actions = [np.array([0, 0.5 * sign, 0.5 * sign, 0, 0, 0]) for sign in (1, 1, -1, -1)]
     images = np.array([image(env.step(action)[0]) for action in actions])
-    env.close()
     return images, env.truth.position_m
 
 
@@ -201,7 +191,6 @@ def test_effects_of_the_rig_are_not_the_skins() -> None:
     env, plain = make(ranges=preset("iros24").replace(extra)), make()
     assert set(env.ignored_ranges) == set(extra)
     assert np.array_equal(image(env.reset(seed=1)[0]), image(plain.reset(seed=1)[0]))
-    env.close(), plain.close()
 
 
 def test_a_contact_law_that_is_drawn_is_felt() -> None:
@@ -212,5 +201,4 @@ def test_a_contact_law_that_is_drawn_is_felt() -> None:
         observation, info = env.reset(seed=3, options={"randomize": "none", "values": values})
         assert info["randomized"]["skin.contact_law.exponent"] == exponent
         images.append(image(observation))
-    env.close()
     assert (images[0] != images[1]).any()

@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from making import make
 
 import skincal.envs
 from skincal.envs.picture import HEIGHT, WIDTH, Board, PictureState, colours, panel
@@ -17,7 +18,7 @@ LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 
 @pytest.mark.parametrize("name", skincal.envs.ENVIRONMENTS)
 def test_a_picture_shows_the_hand_and_beside_it_the_image(name: str) -> None:
-    env: Any = gymnasium.make(name, render_mode="rgb_array", disable_env_checker=True).unwrapped
+    env: Any = make(name, render_mode="rgb_array")
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.render()
     env.reset(seed=0, options={"values": {"skin.scale_per_n": 100.0}})
@@ -33,7 +34,6 @@ def test_a_picture_shows_the_hand_and_beside_it_the_image(name: str) -> None:
     for _ in range(5):
         env.step(np.full(6, 0.3))
     assert np.any(env.render() != first)
-    env.close()
 
 
 def test_policies_without_touch_have_dark_taxels() -> None:
@@ -54,26 +54,23 @@ def test_without_a_display_the_window_is_left_out(
 ) -> None:
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
-    env: Any = gymnasium.make("skincal/MarbleRoll-v0", render_mode="human", disable_env_checker=True)
+    env: Any = make(render_mode="human")
     env.reset(seed=0)
     env.step(np.zeros(6))
-    env.close()
     assert "no display to open a window on" in capsys.readouterr().err
 
 
 def test_the_board_has_the_colours_of_the_image() -> None:
-    env: Any = gymnasium.make("skincal/MarbleRoll-v0", render_mode="rgb_array", disable_env_checker=True)
+    env: Any = make(render_mode="rgb_array")
     env.reset(seed=0)
-    env, image = env.unwrapped, np.linspace(0.0, 100.0, 16)
+    image = np.linspace(0.0, 100.0, 16)
     shown = PictureState(env._grasp.centre_m, LAYOUT, image, np.zeros(2), np.zeros(2))
     before, board = env.render(), Board(env._scene, shown)
     board.show(shown)
-    engine, client = env._scene.engine, env._scene.client
-    seen = [engine.getVisualShapeData(tile, physicsClientId=client)[0][7] for tile in board._tiles]
+    seen = [env._scene.engine.getVisualShapeData(tile)[0][7] for tile in board._tiles]
     assert np.array(seen)[:, :3] == pytest.approx(colours(image / 100.0) / 255.0, abs=1e-6)
     # It stands in the view, and the physics does not feel it.
     assert np.any(env.render()[:, :WIDTH] != before[:, :WIDTH])
     position = env.truth.position_m
     *_, info = env.step(np.zeros(6))
     assert np.linalg.norm(info["position_m"] - position) < 1e-3
-    env.close()

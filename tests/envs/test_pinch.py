@@ -11,15 +11,13 @@ import pytest
 from skincal.envs.pinch import bundled_folder, read_pinch
 from skincal.envs.postures import Postures
 from skincal.errors import InputError
-from skincal.robot import Kinematics
 
 
 def test_the_tips_face_each_other_at_every_width() -> None:
     pinch = read_pinch()
-    kinematics = Kinematics(pinch.description)
-    postures = Postures.of(pinch, kinematics)
+    postures = Postures.of(pinch)
     for width in (-0.01, 0.0, 0.008, 0.0131, 0.03):
-        skin, thumb = kinematics.frames(postures.at(width))
+        skin, thumb = pinch.kinematics.frames(postures.at(width))
         foot = skin.to_root(np.array([[0.0, 0.0235, 0.0115]]))[0]
         end = thumb.to_root(np.array([[0.0, pinch.thumb.length_m, 0.0]]))[0]
         out = skin.rotations[0][:, 2]

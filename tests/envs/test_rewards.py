@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skincal.envs.rewards import RewardInputs, RewardScales, falling, reward_terms, rising
+from skincal.envs.rewards import RewardScales, falling, reward_terms, rising
 from skincal.errors import InputError
 
-GOOD = RewardInputs(
-    distance_m=0.0, force_n=1.5, right_contact=True, past_joint_rad=-1.0, past_speed=-1.0, past_torque=-1.0
-)
+GOOD: dict[str, Any] = {
+    "distance_m": 0.0, "force_n": 1.5, "right_contact": True,
+    "past_joint_rad": -1.0, "past_speed": -1.0, "past_torque": -1.0,
+}  # fmt: skip
 
 
 def test_shape_of_a_reward_term() -> None:
@@ -29,9 +31,9 @@ def test_more_deviation_never_pays(a: float, b: float) -> None:
 
 
 def test_best_step_pays_the_sum_of_the_published_weights() -> None:
-    assert sum(reward_terms(GOOD, RewardScales()).values()) == pytest.approx(0.15 + 0.05 + 0.05)
-    bolt = RewardInputs(**{**vars(GOOD), "angle_rad": 0.0})
-    assert sum(reward_terms(bolt, RewardScales()).values()) == pytest.approx(0.15 + 0.05 + 0.05 + 0.05)
+    assert sum(reward_terms(RewardScales(), **GOOD).values()) == pytest.approx(0.15 + 0.05 + 0.05)
+    bolt = reward_terms(RewardScales(), **GOOD, angle_rad=0.0)
+    assert sum(bolt.values()) == pytest.approx(0.15 + 0.05 + 0.05 + 0.05)
 
 
 @pytest.mark.parametrize(
@@ -53,7 +55,7 @@ def test_best_step_pays_the_sum_of_the_published_weights() -> None:
     ],
 )
 def test_each_term_has_its_width(change: dict[str, float], term: str, value: float) -> None:
-    terms = reward_terms(RewardInputs(**{**vars(GOOD), **change}), RewardScales())
+    terms = reward_terms(RewardScales(), **{**GOOD, **change})
     assert terms[term] == pytest.approx(value, abs=1e-12)
 
 

@@ -184,16 +184,8 @@ def test_an_estimator_of_another_sensor_is_refused(
     rng = np.random.default_rng(0)
     network = learn(rng.uniform(0, 50, (200, 9)), rng.uniform(-5e-3, 5e-3, (200, 2)), rng, epochs=1)
     write_estimator(Estimator(network, 9, "", 0, Quality(1, 1e-3, 1e-3, 1e-3)), tmp_path / "nine.npz")
-    command = (
-        "deploy",
-        "marble",
-        "marble-tactile-1",
-        "--estimator",
-        tmp_path / "nine.npz",
-        "--out",
-        tmp_path / "x",
-    )
-    assert run(*command) == 2
+    nine, out = tmp_path / "nine.npz", tmp_path / "x"
+    assert run("deploy", "marble", "marble-tactile-1", "--estimator", nine, "--out", out) == 2
     assert "expected 16 taxels; got 9" in capsys.readouterr().err
 
 

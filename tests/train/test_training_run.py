@@ -20,8 +20,7 @@ from skincal.errors import InputError
 from skincal.files import alone
 from skincal.ranges import preset
 from skincal.train import Network, Policy, Settings, begin, maker, read_curve, read_policy, read_run, train
-from skincal.train.environments import segment_seed
-from skincal.train.settings import rounds_of
+from skincal.train.settings import part_seed, rounds_of
 
 JAX = pytest.param(
     "sbx",
@@ -69,13 +68,17 @@ def last_network(folder: Path) -> list[np.ndarray]:
     return [numpy_helper.to_array(value) for value in graph.initializer]
 
 
+def assert_same_policy(one: Path, other: Path) -> None:
+    for a, b in zip(last_network(one), last_network(other), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
 @pytest.mark.parametrize("backend", ["sb3", "ppo", JAX])
 def test_going_on_is_exact(tmp_path, backend, copied):
     copied(tmp_path / "straight", 4, backend)
     copied(tmp_path / "twice", 2, backend)
     small_runs.run(tmp_path / "twice", 4 * small_runs.CHECKPOINT_STEPS, backend)
-    straight, twice = last_network(tmp_path / "straight"), last_network(tmp_path / "twice")
-    assert all(np.array_equal(a, b) for a, b in zip(straight, twice, strict=True))
+    assert_same_policy(tmp_path / "straight", tmp_path / "twice")
     one, other = (read_curve(tmp_path / name / "curve.csv") for name in ("straight", "twice"))
     for column in ("steps", "reward", "error_m", "drops"):
         assert np.array_equal(one[column], other[column], equal_nan=True)
@@ -94,8 +97,7 @@ def test_a_run_goes_on_from_a_policy(tmp_path, backend, copied):
             same = np.array_equal(first.network.weights[0], tuned.network.weights[0])
             assert same == (stop == held)
     assert tuned.description.start == "policy"
-    straight, twice = last_network(tmp_path / "straight"), last_network(tmp_path / "twice")
-    assert all(np.array_equal(a, b) for a, b in zip(straight, twice, strict=True))
+    assert_same_policy(tmp_path / "straight", tmp_path / "twice")
 
 
 @pytest.mark.parametrize("backend", ["sb3", "ppo", JAX])
@@ -144,8 +146,7 @@ def test_going_on_is_exact_in_the_real_environment(tmp_path):
         begin(work, preset("iros24"), tmp_path / name)
         for stop in stops:
             train(tmp_path / name, maker(work, preset("iros24")), stop * rounds)
-    straight, twice = last_network(tmp_path / "straight"), last_network(tmp_path / "twice")
-    assert all(np.array_equal(a, b) for a, b in zip(straight, twice, strict=True))
+    assert_same_policy(tmp_path / "straight", tmp_path / "twice")
 
 
 @pytest.mark.slow
@@ -153,8 +154,7 @@ def test_processes_change_nothing(tmp_path):
     for name, processes in (("one", False), ("many", True)):
         begin(small_runs.work(), preset("iros24"), tmp_path / name)
         train(tmp_path / name, small_runs.make, small_runs.CHECKPOINT_STEPS, processes=processes)
-    one, many = last_network(tmp_path / "one"), last_network(tmp_path / "many")
-    assert all(np.array_equal(a, b) for a, b in zip(one, many, strict=True))
+    assert_same_policy(tmp_path / "one", tmp_path / "many")
 
 
 def test_a_run_that_was_killed_goes_on_exactly(tmp_path, copied):
@@ -169,8 +169,7 @@ def test_a_run_that_was_killed_goes_on_exactly(tmp_path, copied):
         train(folder, small_runs.make, progress=kill)
     assert read_curve(folder / "curve.csv")["steps"][-1] > 2 * small_runs.CHECKPOINT_STEPS
     small_runs.run(folder, 4 * small_runs.CHECKPOINT_STEPS)
-    for a, b in zip(last_network(tmp_path / "straight"), last_network(folder), strict=True):
-        assert np.array_equal(a, b)
+    assert_same_policy(tmp_path / "straight", folder)
     steps = read_curve(folder / "curve.csv")["steps"]
     assert np.array_equal(steps, np.arange(1, len(steps) + 1) * small_runs.SMALL.steps_per_round)
 
@@ -182,7 +181,7 @@ def test_seeds_matter_and_repeat(tmp_path, copied):
     a, b, c = (np.concatenate([x.ravel() for x in last_network(tmp_path / n)]) for n in "abc")
     assert np.array_equal(a, b)
     assert not np.allclose(a, c)
-    assert segment_seed(1, 0) not in {segment_seed(1, 1), segment_seed(2, 0)}
+    assert part_seed(1, 0) not in {part_seed(1, 1), part_seed(2, 0)}
 
 
 @pytest.mark.parametrize("backend", ["sb3", "ppo", JAX])
@@ -244,12 +243,8 @@ def test_description(tmp_path):
     about = small_runs.run(tmp_path / "run", small_runs.CHECKPOINT_STEPS).description
     read = read_policy(tmp_path / "run" / "policy.onnx").description
     assert read == about
-    assert (read.task, read.policy, read.seed, read.steps) == (
-        "marble",
-        "tactile",
-        3,
-        small_runs.CHECKPOINT_STEPS,
-    )
+    steps = small_runs.CHECKPOINT_STEPS
+    assert (read.task, read.policy, read.seed, read.steps) == ("marble", "tactile", 3, steps)
     assert read.size == 10
     assert len(read.ranges_sha256) == 64
     assert "stable-baselines3" in read.versions
