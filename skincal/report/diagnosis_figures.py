@@ -38,7 +38,7 @@ def gap_figure(found: Diagnosis, dataset: Dataset) -> Figure:
     axes.set_xticks(place, [names[k] for k in order] if len(names) == len(rms) else [])
     axes.set_xlabel("press")
     axes.set_ylabel("rms per taxel [counts]")
-    axes.set_ylim(bottom=0)
+    axes.set_ylim(0, 1.08 * axes.get_ylim()[1])
     axes.legend()
     return figure
 
