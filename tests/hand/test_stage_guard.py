@@ -182,6 +182,25 @@ def test_a_command_beyond_travel_or_speed_is_not_sent(to_m: list[float]) -> None
     assert caught.value.kind == "command" and not stage.sent
 
 
+def test_after_a_stop_no_command_is_sent() -> None:
+    stage = Stage()
+    with pytest.raises(HandError, match="has been stopped"), stage.guarded() as guarded:
+        guarded.observe()
+        guarded.stop()
+        guarded.act(np.array([0.0, 0.0, 0.01]))
+    assert not stage.sent
+
+
+def test_a_stage_that_nobody_calls_is_stopped() -> None:
+    stage = Stage()
+    with stage.guarded(replace(QUICK, idle_s=0.05)) as guarded:
+        guarded.observe()
+        time.sleep(0.5)
+        assert stage.stops
+        with pytest.raises(HandError, match="no call for"):
+            guarded.observe()
+
+
 def test_an_interrupt_tells_whether_the_stage_was_stopped() -> None:
     def interrupt(stage: Stage) -> None:
         with stage.guarded() as guarded:
