@@ -59,7 +59,7 @@ class Session:
         shift_s = -rig_s
         if np.isfinite(self.last_frame_s):
             shifts = [float(connection["shift_s"]) for connection in self.journal.connections()]
-            shift_s = max(*shifts[-1:], self.last_frame_s + GAP_S - rig_s, -np.inf)
+            shift_s = max([*shifts[-1:], self.last_frame_s + GAP_S - rig_s])
         self.journal.connected({"first": self.todo[0], "resumed": self._resumed, "shift_s": shift_s})
         self._resumed = False
         return shift_s

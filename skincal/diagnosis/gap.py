@@ -18,7 +18,7 @@ from skincal.diagnosis.observed import Observed, full_rate
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitter
 from skincal.inference.forward import Forward, State
-from skincal.inference.start import nearer, placed_at, wild_presses
+from skincal.inference.start import better_of, placed_at, wild_presses
 from skincal.model.arrays import FloatArray, IntArray
 
 _DRAWS, _STEPS = 400, 8
@@ -77,7 +77,7 @@ def placed_presses(fitter: Fitter, state: State, rows: IntArray, others: Sequenc
     plain = Fitter(fitter.forward, fitter.counts, replace(fitter.before, image=0.0, errs=False))
     begin = placed_at(fitter, state, rows)
     tried = [*(begin or [state]), *(replace(state, move=one.move) for one in others)]
-    best = reduce(nearer, (plain.settled(x, _STEPS, rows) for x in tried)).state.move
+    best = reduce(better_of, (plain.settled(x, _STEPS, rows) for x in tried)).state.move
     move = state.move.copy()
     move[rows] = best[rows]
     return replace(state, move=move)

@@ -35,7 +35,7 @@ class Blocks:
         chi: (B,) squares that are left, over the noise.
         count: (B,) values.
         press: (B,) row of the press, -1 for rest.
-        moves: (P, 3, n) by how much less each press's three own numbers would be best, by the columns.
+        moves: (P, 3, n) how far down each press's best own three numbers go with a step of each column.
         own: curvature (B, k, k) and slope (B, k) by what a press has for itself, its three numbers last.
         drawn: (B, n, S) what ``b`` is in simulated sessions.
         drawn_chi: (B, S) and their squares.

@@ -39,7 +39,7 @@ from skincal.inference.gains import full_step, gains, whole
 from skincal.inference.null import Null, drawn_residuals, law_residuals
 from skincal.inference.score import Score, folds_of
 from skincal.inference.slopes import Slopes
-from skincal.inference.start import replaced
+from skincal.inference.start import placed_anew
 from skincal.model.arrays import FloatArray, IntArray
 
 
@@ -417,7 +417,7 @@ class Search:
 
     def _settled(self, state: State, free: tuple[Free, ...]) -> Fitted:
         """A fit gone on to its end, and again from better places of presses that it has left behind."""
-        return replaced(self.fitter, self.fitter.solve(state, free, steps=C.last_steps))
+        return placed_anew(self.fitter, self.fitter.solve(state, free, steps=C.last_steps))
 
     def _from_start(self, fit: Fitted) -> Fitted:
         """The fit, or one from where the sensor was thought to be, if it has gone far from there and that is better.

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import minimum_filter
 
 from skincal.effects.samples import HOLD
+from skincal.fitting.lattice import minima, square
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter, Settled
 from skincal.inference.forward import State
@@ -54,10 +54,10 @@ def base_fit(fitter: Fitter, *, known: bool) -> Fitted:
     found = fitter.solve(state, steps=C.last_steps)
     # A layer of some millimetres is far from a foundation, and what is missing may hold the fit on the way.
     layer = fitter.solve(replace(state, law=state.law - _LAYER), steps=C.last_steps)
-    return replaced(fitter, min(found, layer, key=Fitted.loss))
+    return placed_anew(fitter, min(found, layer, key=Fitted.loss))
 
 
-def replaced(fitter: Fitter, fit: Fitted) -> Fitted:
+def placed_anew(fitter: Fitter, fit: Fitted) -> Fitted:
     """A fit, or one that goes on from better places of presses that it has left behind, if that leaves less."""
     if (better := placed(fitter, fit.state)) is fit.state:
         return fit
@@ -158,12 +158,12 @@ def placed(fitter: Fitter, state: State) -> State:
         other = (np.abs(there.move - here.state.move)[:, :2] > step).any(axis=1)[:, None]
         if other.any():
             there = replace(state, move=np.where(other, there.move, here.state.move))
-            best = nearer(best, fitter.settled(there))
+            best = better_of(best, fitter.settled(there))
     gained = (best.loss < here.loss - C.loose)[:-1, None]
     return replace(state, move=np.where(gained, best.state.move, here.state.move)) if gained.any() else state
 
 
-def nearer(one: Settled, other: Settled) -> Settled:
+def better_of(one: Settled, other: Settled) -> Settled:
     """Each press where it leaves less."""
     less = other.loss < one.loss
     move = np.where(less[:-1, None], other.state.move, one.state.move)
@@ -193,14 +193,12 @@ def placed_at(fitter: Fitter, state: State, rows: IntArray) -> list[State]:
         off = np.nansum(((f.noise.written(levels)[0] - images[:, None]) / sd) ** 2, axis=2)
         return off + (grid**2).sum(axis=2) * fitter.before.move[0]
 
-    grid = slack * np.stack(np.meshgrid(_LATTICE, _LATTICE, indexing="ij"), axis=-1).reshape(-1, 2)
+    grid = slack * square(_LATTICE)
     off = left(np.tile(grid, (len(rows), 1, 1))).reshape(-1, len(_LATTICE), len(_LATTICE))
-    lowest = off <= minimum_filter(off, size=(1, 3, 3), mode="nearest")
-    off = np.where(lowest, off, np.inf).reshape(len(rows), -1)
+    off = np.where(minima(off), off, np.inf).reshape(len(rows), -1)
     order = np.argsort(off, axis=1)[:, :_PLACES]
     order = np.where(np.isfinite(np.take_along_axis(off, order, axis=1)), order, order[:, :1])
-    near = np.stack(np.meshgrid(_NEAR, _NEAR, indexing="ij"), axis=-1).reshape(-1, 2) * slack
-    finer = grid[order][:, :, None] + near * (_LATTICE[1] - _LATTICE[0])
+    finer = grid[order][:, :, None] + slack * (_LATTICE[1] - _LATTICE[0]) * square(_NEAR)
     best = np.argmin(left(finer.reshape(len(rows), -1, 2)).reshape(*order.shape, -1), axis=2)
     out = []
     for k in range(_PLACES):
