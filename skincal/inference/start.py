@@ -11,7 +11,7 @@ from skincal.fitting.lattice import minima, square
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter, Settled
 from skincal.inference.forward import State
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.arrays import FloatArray, IntArray, as_floats
 
 _TURNS = (-0.2, 0.0, 0.2)
 """Angles that the search begins at, about the start's own [rad]."""
@@ -193,7 +193,7 @@ def placed_at(fitter: Fitter, state: State, rows: IntArray) -> list[State]:
         off = np.nansum(((f.noise.written(levels)[0] - images[:, None]) / sd) ** 2, axis=2)
         return off + (grid**2).sum(axis=2) * fitter.before.move[0]
 
-    grid = slack * square(_LATTICE)
+    grid = as_floats(slack * square(_LATTICE))
     off = left(np.tile(grid, (len(rows), 1, 1))).reshape(-1, len(_LATTICE), len(_LATTICE))
     off = np.where(minima(off), off, np.inf).reshape(len(rows), -1)
     order = np.argsort(off, axis=1)[:, :_PLACES]
