@@ -14,7 +14,7 @@ import numpy as np
 
 from skincal.effects.effect import MemoryEffect, State
 from skincal.effects.parameter import Values, form, start, strength
-from skincal.effects.recursion import relaxed
+from skincal.effects.recursion import compiled, relaxed
 from skincal.effects.samples import Samples
 from skincal.model.arrays import FloatArray
 
@@ -38,6 +38,9 @@ class Creep(MemoryEffect):
         "sensing resistors: Paredes-Madrid et al., Materials 10 (2017) 1334."
     )
 
+    def prepare(self) -> None:
+        compiled()
+
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State
     ) -> tuple[FloatArray, State]:
@@ -45,11 +48,5 @@ class Creep(MemoryEffect):
         breadth = values.number("breadth")
         decades = np.array([0.0]) if breadth == 0 else breadth * np.array([-0.5, 0.0, 0.5])
         times = values.number("time_constant_s") * 10**decades
-        if state is None:
-            state = [None] * len(times)
-        lagging, after = np.zeros_like(loads_n), list[State]()
-        for time_constant, before in zip(times, state, strict=True):
-            q, end = relaxed(loads_n, samples.time_s, float(time_constant), before)
-            lagging += q
-            after.append(end)
-        return loads_n + values["amplitude"] * lagging / len(times), after
+        lagging, state = relaxed(loads_n, samples.time_s, times, state)
+        return loads_n + values["amplitude"] * lagging, state

@@ -236,6 +236,9 @@ class MemoryEffect(Effect):
             state: state of the previous call; None at the beginning of a session.
         """
 
+    def prepare(self) -> None:
+        """Compile what :meth:`run` needs, if anything: a hand's first image has as little time as the others."""
+
 
 class SignalEffect(Effect):
     """An effect that changes loads or values without memory, at its ``stage``."""

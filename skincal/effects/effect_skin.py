@@ -234,6 +234,9 @@ class SkinStream:
     def __init__(self, skin: EffectSkin) -> None:
         """Start a session."""
         self.skin = skin
+        for one in skin.effects:
+            if isinstance(one.effect, MemoryEffect):
+                one.effect.prepare()
         self.reset()
 
     def reset(self) -> None:

@@ -10,12 +10,16 @@ rest, does not depend on speed, and grows in proportion to the load.
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 
 from skincal.effects.effect import MemoryEffect, State
+from skincal.effects.loops import loop
 from skincal.effects.parameter import Values, form, start, strength
 from skincal.effects.samples import Samples
-from skincal.model.arrays import BoolArray, FloatArray, IntArray
+from skincal.model.arrays import FloatArray
 
 _OPERATORS = 6
 """Number of play operators that approximate the continuum."""
@@ -38,42 +42,38 @@ class Hysteresis(MemoryEffect):
         "Sánchez-Durán et al., Sensors 15 (2015) 26170, doi 10.3390/s151026170."
     )
 
+    def prepare(self) -> None:
+        compiled()
+
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State
     ) -> tuple[FloatArray, State]:
         widths = values.number("width") * np.arange(1, _OPERATORS + 1) / _OPERATORS
-        lagging, state = _played(loads_n, 1.0 + widths[:, None], state)
+        lagging, state = _played(loads_n, 1.0 + widths, state)
         return loads_n + values["height"] * (lagging - loads_n), state
 
 
 def _played(x: FloatArray, upper: FloatArray, state: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    """Return the mean of play operators (K, J) over loads (K, J) >= 0, and the operators (n, J) after the last.
-
-    Without load all operators are at zero. Stretches of load between moments of rest are therefore independent and are
-    computed in parallel.
-    """
-    mean = np.zeros_like(x)
-    if not len(x) and state is not None:
-        return mean, state
-    starts, lengths = _stretches(np.logical_or.reduce(x > 0, axis=1))
-    if not len(starts):
-        return mean, np.zeros((len(upper), x.shape[1]))
-    z = np.zeros((len(starts), len(upper), x.shape[1]))
-    if state is not None:
-        z[starts == 0] = state
-    for step in range(lengths[0]):
-        live = int(np.searchsorted(-lengths, -step, side="left"))
-        rows = starts[:live] + step
-        now = x[rows, None, :]
-        z[:live] = np.minimum(np.maximum(z[:live], now), upper * now)
-        mean[rows] = z[:live].mean(axis=1)
-    last = np.flatnonzero(starts + lengths == len(x))
-    return mean, z[last[0]] if len(last) else np.zeros(z.shape[1:])
+    """Return the mean of play operators (K, J) over loads (K, J) >= 0, and the operators (n, J) after the last."""
+    z = np.zeros((len(upper), x.shape[1])) if state is None else state.copy()
+    mean = np.zeros(x.shape)
+    compiled()(np.array(x), np.array(upper), z, mean)
+    return mean, z
 
 
-def _stretches(busy: BoolArray) -> tuple[IntArray, IntArray]:
-    """Return the starts and lengths of the stretches of True, the longest first."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], busy, [False]]).astype(np.int8)))
-    starts, lengths = edges[::2], edges[1::2] - edges[::2]
-    order = np.argsort(-lengths, kind="stable")
-    return starts[order], lengths[order]
+def _play(
+    x: FloatArray, upper: FloatArray, z: FloatArray, mean: FloatArray
+) -> None:  # pragma: no cover - compiled
+    for k in range(len(x)):
+        for n in range(len(upper)):
+            for j in range(x.shape[1]):
+                z[n, j] = min(max(z[n, j], x[k, j]), upper[n] * x[k, j])
+                mean[k, j] += z[n, j]
+        for j in range(x.shape[1]):
+            mean[k, j] /= len(upper)
+
+
+@cache
+def compiled() -> Any:
+    """Compile the loop, or load it; numba is imported with the first effect that needs it."""
+    return loop(_play, "play", "void(f8[:, ::1], f8[::1], f8[:, ::1], f8[:, ::1])")

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from skincal.effects.effect import MemoryEffect, State
 from skincal.effects.parameter import Values, form, start, strength
-from skincal.effects.recursion import Relaxing, relaxed
+from skincal.effects.recursion import Relaxing, compiled, relaxed
 from skincal.effects.samples import Samples
 from skincal.model.arrays import FloatArray
 
@@ -44,6 +44,9 @@ class Latency(MemoryEffect):
         delay, part = (float(np.asarray(parameters.get(k, 0.0))) for k in ("delay_s", "filtered"))
         return delay * (1 - part)
 
+    def prepare(self) -> None:
+        compiled()
+
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State
     ) -> tuple[FloatArray, State]:
@@ -56,8 +59,8 @@ class Latency(MemoryEffect):
         if part * lag < _NO_LAG_S:
             return late, (waited, None)
         if filtering is None:
-            filtering = Relaxing(float(samples.time_s[0]), late[:1], late[:1])
-        smooth, filtering = relaxed(late, samples.time_s, part * lag, filtering)
+            filtering = Relaxing(float(samples.time_s[0]), late[0], late[:1])
+        smooth, filtering = relaxed(late, samples.time_s, np.array([part * lag]), filtering)
         return smooth, (waited, filtering)
 
 

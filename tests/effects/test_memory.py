@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from effect_sessions import BASE, SHORT, contacts_at, skin_with
+from scipy.signal import lsim
 
 from skincal.effects import Samples, SkinStream
-from skincal.effects.recursion import recursion, relaxed
+from skincal.effects.recursion import relaxed
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNKNOWN, UNLOAD
 from skincal.model import Converter, Sphere
 
@@ -76,8 +77,8 @@ def test_creep_does_not_depend_on_how_often_it_is_sampled():
     fine = np.linspace(0.0, 3.5, 71)
     x = np.interp(fine, coarse, [0.0, 2.0, 2.0, 0.0])[:, None]
     for tau in (0.01, 0.7, 50.0):
-        q, _ = relaxed(x, fine, tau, None)
-        few, _ = relaxed(np.array([[0.0], [2.0], [2.0], [0.0]]), coarse, tau, None)
+        q, _ = relaxed(x, fine, np.array([tau]), None)
+        few, _ = relaxed(np.array([[0.0], [2.0], [2.0], [0.0]]), coarse, np.array([tau]), None)
         np.testing.assert_allclose(q[[0, 20, 60, 70]], few, atol=1e-12)
 
 
@@ -116,16 +117,16 @@ def test_a_clipped_fall_reads_as_at_rest_afterwards():
     assert one_by_one == pytest.approx(held, abs=1e-9)
 
 
-@pytest.mark.parametrize(("samples", "most"), [(37, 1.0), (400, 0.5)], ids=["short", "long forgotten"])
-def test_recursion_is_the_loop(samples: int, most: float):
-    rng = np.random.default_rng(0)
-    keep, add = rng.uniform(0, most, (samples, 1)), rng.normal(size=(samples, 3))
-    start = rng.normal(size=(1, 3))
-    y, plain = start, []
-    for k, a in zip(keep, add, strict=True):
-        y = k * y + a
-        plain.append(y)
-    np.testing.assert_allclose(recursion(keep, add, start), np.vstack(plain), atol=1e-13)
+@pytest.mark.parametrize("taus", [[0.7], [0.02, 0.7, 30.0]], ids=["one", "three"])
+def test_relaxation_is_the_response_of_its_linear_system(taus: list[float]):
+    time, x = 0.04 * np.arange(200), np.random.default_rng(0).uniform(0, 3, (200, 3))
+    x[0] = 0.0
+    plain = [[lsim(([1.0], [tau, 1.0]), column, time)[1] for column in x.T] for tau in taus]
+    q, _ = relaxed(x, time, np.array(taus), None)
+    np.testing.assert_allclose(q, np.mean(plain, axis=0).T, atol=1e-12)
+    first, state = relaxed(x[:61], time[:61], np.array(taus), None)
+    second, _ = relaxed(x[61:], time[61:], np.array(taus), state)
+    np.testing.assert_array_equal(np.vstack([first, second]), q)
 
 
 def test_samples_at_one_moment_are_no_trouble():
