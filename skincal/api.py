@@ -116,7 +116,12 @@ def predict(
 
 
 def diagnose(
-    dataset: Dataset, calibration: Calibration, *, seed: int = 0, progress: bool = False
+    dataset: Dataset,
+    calibration: Calibration,
+    *,
+    seed: int = 0,
+    workers: int | Mapper | None = None,
+    progress: bool = False,
 ) -> Diagnosis:
     """Find what a calibrated simulation lacks against a dataset, as ``skincal diagnose`` does.
 
@@ -124,6 +129,7 @@ def diagnose(
         dataset: the session.
         calibration: of the same sensor.
         seed: of all randomness.
+        workers: processes; None for one a core; or an open mapper of them. The result does not depend on it.
         progress: whether each stage is printed.
 
     Returns:
@@ -134,14 +140,15 @@ def diagnose(
         WorkError: too few presses.
     """
     from skincal.diagnosis.workflow import diagnose as run
-    from skincal.workers.processes import one_blas_thread
+    from skincal.workers.processes import mapper, one_blas_thread
 
-    with one_blas_thread():
+    with one_blas_thread(), mapper(workers) as spread:
         return run(
             dataset,
             calibration,
             seed,
             (lambda stage: print(stage, flush=True)) if progress else (lambda _: None),
+            mapper=spread,
         )
 
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,9 +40,7 @@ def diagnose(
     out: options.Out,
     thorough: Annotated[bool, option("Five times as many null sessions.", "--thorough")] = False,
     seed: options.Seed = 0,
-    workers: Annotated[
-        int | None, option("Ignored: one process is enough.", min=1, max=1024, hidden=True)
-    ] = None,
+    workers: options.Workers = None,
     cache: Annotated[bool, option("Ignored: no stage takes long enough to cache.", hidden=True)] = True,
     collect: Annotated[bool, option(COLLECT, "--collect")] = False,
     driver: options.Driver = "sim",
@@ -63,7 +62,7 @@ def diagnose(
     effect has several names, at most 12, until each has one; NEWCAL/session is the dataset with all presses. An
     interrupted run continues when the same command is given again.
     """
-    del workers, cache  # accepted so that commands written for earlier versions still work
+    del cache  # accepted so that commands written for earlier versions still work
     from skincal.calibration import read_calibration, write_calibration
     from skincal.collect import write_plan
     from skincal.dataset import read_dataset
@@ -73,6 +72,7 @@ def diagnose(
     from skincal.files import refuse_existing
     from skincal.inference.constants import CONSTANTS
     from skincal.report.diagnosis_words import verdict_lines
+    from skincal.workers.processes import mapper
 
     refuse_existing(out, dataset, calibration, force=force, marker="calibration.toml")
     data, cal = read_dataset(dataset), read_calibration(calibration)
@@ -87,12 +87,17 @@ def diagnose(
         from skincal.diagnosis.settle import settle
 
         # No bar for the stages: the hand's own is shown while it presses.
-        with moving(rounds.saved):
-            settled = settle(data, cal, rounds.press, seed, lambda _: None, sessions, say)
+        with moving(rounds.saved), mapper(workers) as spread:
+            settled = settle(data, cal, rounds.press, seed, lambda _: None, sessions, say, mapper=spread)
         say(settled.reason)
         data = settled.dataset
     with stage_shown() as show_stage:
-        found = find_missing(data, cal, seed, show_stage, sessions) if settled is None else settled.diagnosis
+        if settled is None:
+            with mapper(workers) as spread:
+                spread(import_module, ["skincal.inference.search"])  # workers do so while this process begins
+                found = find_missing(data, cal, seed, show_stage, sessions, mapper=spread)
+        else:
+            found = settled.diagnosis
         show_stage("report")
         now = datetime.now(UTC).replace(microsecond=0)
         provenance = replace(found.calibration.provenance, command=command_line(), seed=seed, time=now)

@@ -96,9 +96,7 @@ def fit(
     draws: Annotated[int, option("Number of posterior draws to write.", min=10, max=1_000_000)] = 2000,
     per_taxel: Annotated[bool, option("Also fit a scale for every taxel.", "--per-taxel")] = False,
     effects: Annotated[Path | None, option(EFFECTS)] = None,
-    workers: Annotated[
-        int | None, option("Number of processes.", min=1, max=1024, show_default="one per core")
-    ] = None,
+    workers: options.Workers = None,
     scheduler: Annotated[str | None, option(SCHEDULER, metavar="ADDRESS")] = None,
     seed: options.Seed = 0,
     report: options.Report = True,

@@ -56,6 +56,7 @@ Report = Annotated[bool, option("Write the report: HTML page and pictures.")]
 Seed = Annotated[
     int, option("Seed of all randomness; the same seed gives the same result.", min=0, max=2**63 - 1)
 ]
+Workers = Annotated[int | None, option("Number of processes.", min=1, max=1024, show_default="one per core")]
 Driver = Annotated[
     str,
     option("Driver of the hand: a name of `skincal hand list`, or module:Class.", callback=find_modules_here),

@@ -11,6 +11,7 @@ from skincal.collect.protocols import named_by_order
 from skincal.dataset import Dataset
 from skincal.diagnosis.diagnosis import Diagnosis
 from skincal.diagnosis.workflow import Heard, diagnose
+from skincal.fitting.tasks import Mapper
 from skincal.inference.constants import CONSTANTS as C
 
 BUDGET, ROUND = 12, 4
@@ -55,6 +56,7 @@ def settle(
     null_sessions: int = C.null_sessions,
     progress: Heard = lambda _: None,
     budget: int = BUDGET,
+    mapper: Mapper = map,
 ) -> Settled:
     """Diagnoses until every effect has one name, no press would tell more, or all presses have been made.
 
@@ -67,13 +69,14 @@ def settle(
         null_sessions: simulated sessions with nothing hidden.
         progress: progress callback; gets what each round is for, and what it came to.
         budget: presses that are made at most.
+        mapper: makes fits side by side.
 
     Raises:
         InputError: the calibration is of another sensor.
         WorkError: too few presses.
     """
     made, number = 0, 0
-    found = diagnose(dataset, calibration, seed, heard, null_sessions, ROUND)
+    found = diagnose(dataset, calibration, seed, heard, null_sessions, ROUND, mapper)
     while (reason := _ended(found, made, budget)) is None:
         assert found.next_plan is not None
         plan = _round(found.next_plan, min(ROUND, budget - made))
@@ -81,7 +84,7 @@ def settle(
         progress(f"round {number}: {len(plan)} presses, to tell {_words(open_sets(found))}")
         dataset = press(dataset, plan, number)
         made += len(plan)
-        found = diagnose(dataset, calibration, seed, heard, null_sessions, ROUND)
+        found = diagnose(dataset, calibration, seed, heard, null_sessions, ROUND, mapper)
         names = "; ".join(" or ".join(e.consistent_with) for e in found.effects) or "no name"
         progress(f"round {number}: with {made} more presses: {found.verdict}, {names}")
     return Settled(found, dataset, made, number, open_sets(found), reason)

@@ -22,6 +22,7 @@ from skincal.diagnosis.shared_errors import covariance
 from skincal.diagnosis.spells import find_spells
 from skincal.diagnosis.where import shares, where_text
 from skincal.effects import EFFECTS
+from skincal.fitting.tasks import Mapper
 from skincal.inference.columns import free_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.contact_law import beaten_foundation
@@ -51,6 +52,7 @@ def diagnose(
     heard: Heard = lambda _: None,
     null_sessions: int = C.null_sessions,
     more: int = MOST,
+    mapper: Mapper = map,
 ) -> Diagnosis:
     """Finds what a calibrated simulation lacks against a dataset.
 
@@ -61,6 +63,7 @@ def diagnose(
         heard: told which stage begins.
         null_sessions: simulated sessions with nothing hidden.
         more: presses to make next at most, where effects have rivals.
+        mapper: makes fits that do not need each other side by side; the result does not depend on it.
 
     Raises:
         InputError: the calibration is of another sensor.
@@ -77,21 +80,21 @@ def diagnose(
     if not wrong and (stuck := find_spells(observed.session, fitter, fitter.before.start, first=True)):
         observed = observed.without(stuck)
         fitter = observed.fitter
-    base = base_fit(fitter, known=True)
+    base = base_fit(fitter, mapper, known=True)
     heard("what can be seen")
     audit = report_of(fitter, base.state, observed.floor, audited, calibrated=True, planned=False)
     heard("what is missing")
     # In wrong images no effect is looked for: what looks like one says nothing of the skin.
     names = () if wrong else observed.names
-    found = Search(fitter, base, names, observed.covariates, searched, heard, null_sessions).run()
+    found = Search(fitter, base, names, observed.covariates, searched, heard, null_sessions, mapper).run()
     if not wrong and (found.open or found.doubtful):
         # About the best model: what an effect does to a taxel and its neighbours may look like a step about the base.
         spells = find_spells(observed.session, fitter, found.fitted.state)
         if spells:
             other = observed.without(spells)
-            base = base_fit(other.fitter, known=True)
+            base = base_fit(other.fitter, mapper, known=True)
             anew = Search(
-                other.fitter, base, other.names, other.covariates, spelled, heard, null_sessions
+                other.fitter, base, other.names, other.covariates, spelled, heard, null_sessions, mapper
             ).run()
             # What was taken off must have been what was left.
             if anew.excess.max() < found.excess.max():

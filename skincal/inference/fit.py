@@ -161,6 +161,10 @@ class Fitter:
         # All of a hold is at one level, with one error of rounding.
         self._alike = np.where(held, np.bincount(s.press[held], minlength=s.presses + 1)[s.press], 1.0)
 
+    def __getstate__(self) -> dict[str, object]:
+        """Return what another process needs."""
+        return {**self.__dict__, "_columns": None}
+
     def whitened(self, seen: Seen, columns: Slopes | FloatArray, own: FloatArray) -> Whitened:
         """Over the noise.
 

@@ -163,6 +163,10 @@ class Forward:
         self._tables: dict[object, tuple[FloatArray, PressTable]] = {}
         self._moves: tuple[Seen, FloatArray] | None = None
 
+    def __getstate__(self) -> dict[str, object]:
+        """Return what another process needs: what is kept between states is found again there."""
+        return {**self.__dict__, "_patches": {}, "_tables": {}, "_moves": None}
+
     @property
     def rests_clipped(self) -> bool:
         """Whether an untouched taxel rests at the converter's lower bound."""
@@ -297,7 +301,7 @@ class Forward:
     def _key(self, skin: EffectSkin, felt: Samples, state: State) -> object:
         """All that a table depends on but for the places."""
         spread = [a for a in skin.effects if isinstance(a.effect, SpreadEffect) and not a.neutral]
-        radii = tuple(i.radius_m if isinstance(i, Sphere) else id(i) for i in felt.indenters)
+        radii = tuple(i.radius_m if isinstance(i, Sphere) else n for n, i in enumerate(felt.indenters))
         law = tuple((LAW_WAYS @ state.law).tolist())
         return _stress(skin), law, spread[0].key if spread else None, radii, state.pose, state.log_e
 

@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skincal.fitting.tasks import Mapper
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
-from skincal.inference.start import raw_residual
+from skincal.inference.start import Task, fitted, raw_residual
 from skincal.inference.twins import twin_values
 from skincal.model.arrays import FloatArray
 
@@ -55,15 +56,17 @@ class Null:
         return (1 + float((self.gains.get(name, np.zeros(0)) >= gain).sum())) / (1 + len(self.laws))
 
 
-def law_residuals(fitter: Fitter, base: Fitted) -> dict[str, FloatArray]:
+def law_residuals(fitter: Fitter, base: Fitted, mapper: Mapper = map) -> dict[str, FloatArray]:
     """(N, J) whitened residual that each contact law leaves after the base model's fit; zero for the fitted one."""
     f, found = fitter.forward, {FOUNDATION: np.zeros(fitter.counts.shape)}
-    for name, values in twin_values(f, base.state).items():
+    twins, before = twin_values(f, base.state), replace(fitter.before, weights=np.ones(fitter.counts.shape))
+    tasks = list[Task]()
+    for values in twins.values():
         mean, _ = f.noise.written(values + base.state.rest)
-        counts = np.where(np.isfinite(fitter.counts), f.mean @ mean, np.nan)
-        other = Fitter(f, counts, replace(fitter.before, weights=np.ones(counts.shape)))
-        fit = other.solve(replace(base.state, effects={}), steps=C.twin_steps)
-        found[name] = np.nan_to_num(raw_residual(other, fit.state))
+        other = Fitter(f, np.where(np.isfinite(fitter.counts), f.mean @ mean, np.nan), before)
+        tasks.append(Task(other, (replace(base.state, effects={}),), steps=C.twin_steps))
+    for name, task, fit in zip(twins, tasks, mapper(fitted, tasks), strict=True):
+        found[name] = np.nan_to_num(raw_residual(task.fitter, fit.state))
     return found
 
 

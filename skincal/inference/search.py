@@ -18,7 +18,7 @@ All gains are of :mod:`skincal.inference.score`, all limits of :mod:`skincal.inf
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice
@@ -28,6 +28,7 @@ import numpy as np
 from skincal.effects import effect
 from skincal.effects.samples import Samples
 from skincal.effects.starts import Scene
+from skincal.fitting.tasks import Mapper
 from skincal.inference.blocks import Whitened
 from skincal.inference.check import left
 from skincal.inference.columns import Candidate, Free, begun, candidates, free_of, starts_of
@@ -39,7 +40,7 @@ from skincal.inference.gains import full_step, gains, whole
 from skincal.inference.null import Null, drawn_residuals, law_residuals
 from skincal.inference.score import Score, folds_of
 from skincal.inference.slopes import Slopes
-from skincal.inference.start import placed_anew
+from skincal.inference.start import Task, fitted
 from skincal.model.arrays import FloatArray, IntArray
 
 
@@ -179,6 +180,7 @@ class Search:
     rng: np.random.Generator
     heard: Callable[[str], None] = lambda _: None
     null_sessions: int = C.null_sessions
+    mapper: Mapper = map
     _folds: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     _known: Effects = field(default_factory=dict)
     _less: dict[tuple[Fitted, str], Fitted] = field(default_factory=dict)
@@ -220,11 +222,11 @@ class Search:
 
     def _needed(self, path: Path) -> Path:
         """The same path without what the newest effect has made needless."""
-        for old in path.named[:-1]:
-            less = self._without(path.fit, old.name)
+        older = path.named[:-1]
+        for old, less in zip(older, self._without(path.fit, [n.name for n in older]), strict=True):
             if Score(self.score(path.fit) - self.score(less)).total < old.limit:
                 named = tuple(n for n in path.named if n is not old)
-                path = replace(path, fit=less, named=named, dropped=path.dropped | {old.name})
+                return self._needed(replace(path, fit=less, named=named, dropped=path.dropped | {old.name}))
         return path
 
     def _total(self, path: Path) -> float:
@@ -255,7 +257,7 @@ class Search:
 
     def _swapped(self, fit: Fitted, named: list[Named], old: Named) -> tuple[Fitted, list[Named]]:
         """An effect against all others that gain more than it does beside those that were found after it."""
-        less = self._without(fit, old.name)
+        (less,) = self._without(fit, [old.name])
         others = [n for n in named if n is not old]
         tried = self._round(less, others)
         own = max((t.gain for t in tried if t.name == old.name), default=0.0)
@@ -325,7 +327,9 @@ class Search:
         self.heard("null sessions")
         base, fitter = self.base, self.fitter
         found, w, errors = self._linear(base)
-        laws, draws = drawn_residuals(law_residuals(fitter, base), fitter, base, self.rng, self.null_sessions)
+        laws, draws = drawn_residuals(
+            law_residuals(fitter, base, self.mapper), fitter, base, self.rng, self.null_sessions
+        )
         linear = fitter.built(base.seen, base.free, w, errors, draws=draws, rng=self.rng)
         b, n = linear.blocks, len(linear.prior)
         gained: dict[str, FloatArray] = {}
@@ -361,14 +365,16 @@ class Search:
             if t.shared > C.contend * shared or t.gain > C.contend * most
             if (v := scaled(t))
         )
+        tried = list(islice(able, C.contenders))
         fits: list[tuple[Tried, Fitted]] = []
-        for t, values in islice(able, C.contenders):
-            new = self.with_one(fit, t, values)
+        for (t, _), new in zip(tried, self._joint(fit, tried), strict=True):
             gain = Score(self.score(new) - self.score(fit))
             # Many presses gain a little, or some gain much: a few alone are no evidence, whatever they gain.
             if gain.total > t.limit and (max(t.sure, gain.sure) > C.sure or gain.lasting > t.limit):
                 fits.append((t, new))
-        fits = [(t, self._settled(x.state, x.free)) for t, x in self._alike(fit, fits)]
+        near = self._alike(fit, fits)
+        ends = self._ends([(x.state, x.free) for _, x in near])
+        fits = [(t, x) for (t, _), x in zip(near, ends, strict=True)]
         before = self.score(fit)
         fits = [(t, x) for t, x in fits if Score(self.score(x) - before).total > t.limit]
         fits = self._alike(fit, fits)
@@ -401,7 +407,11 @@ class Search:
         """(B,) logarithm of the likelihood of each block by the fit of the others."""
         return fit.predicted(self._folds)
 
-    def with_one(self, fit: Fitted, tried: Tried, values: dict[str, FloatArray]) -> Fitted:
+    def _joint(self, fit: Fitted, tried: Sequence[tuple[Tried, Mapping[str, FloatArray]]]) -> list[Fitted]:
+        """The joint fits with one more each, after a few steps."""
+        return list(self.mapper(fitted, [self._with_one(fit, t, values) for t, values in tried]))
+
+    def _with_one(self, fit: Fitted, tried: Tried, values: Mapping[str, FloatArray]) -> Task:
         """The joint fit with one more, from values of its parameters."""
         more = free_of(tried.name, values, tried.candidate.start, self.covariates)
         had = {(f.effect, f.parameter.name, f.index) for f in fit.free}
@@ -412,12 +422,12 @@ class Search:
         back = self.fitter.forward.shifted(fit.state) - self.fitter.forward.shifted(at[0])
         if back.any():
             at.append(replace(at[0], move=fit.state.move + np.pad(back, ((0, 0), (0, 1)))))
-        first = min((self.fitter.settled(x) for x in at), key=lambda x: x.loss.sum())
-        return self.fitter.solve(first.state, free, steps=C.joint_steps)
+        return Task(self.fitter, tuple(at), free, C.joint_steps)
 
-    def _settled(self, state: State, free: tuple[Free, ...]) -> Fitted:
-        """A fit gone on to its end, and again from better places of presses that it has left behind."""
-        return placed_anew(self.fitter, self.fitter.solve(state, free, steps=C.last_steps))
+    def _ends(self, begin: Sequence[tuple[State, tuple[Free, ...]]]) -> list[Fitted]:
+        """Fits from states with numbers that are free, gone on to their ends."""
+        tasks = [Task(self.fitter, (state,), free, to_end=True) for state, free in begin]
+        return list(self.mapper(fitted, tasks))
 
     def _from_start(self, fit: Fitted) -> Fitted:
         """The fit, or one from where the sensor was thought to be, if it has gone far from there and that is better.
@@ -431,11 +441,8 @@ class Search:
             begin.append(start.log_e)
         if (np.abs(fit.state.law) > C.like_none * law_widths()).any():
             begin += [fit.state.log_e - much for much in C.softer]
-        for log_e in begin:
-            at = replace(fit.state, pose=start.pose, log_e=log_e, law=np.zeros(len(LAW)), move=start.move)
-            again = self._settled(at, fit.free)
-            fit = again if again.loss() < fit.loss() else fit
-        return fit
+        anew = replace(fit.state, pose=start.pose, law=np.zeros(len(LAW)), move=start.move)
+        return min([fit, *self._ends([(replace(anew, log_e=x), fit.free) for x in begin])], key=Fitted.loss)
 
     def _scaled(self, fit: Fitted, tried: Tried) -> dict[str, FloatArray] | None:
         """Parameters that do what the multiples of a start's points do to first order: few equations are lines.
@@ -457,13 +464,17 @@ class Search:
                 best = off, values
         return best[1]
 
-    def _without(self, fit: Fitted, name: str) -> Fitted:
-        """The fit without an effect; worked out once for each."""
-        if (fit, name) not in self._less:
+    def _without(self, fit: Fitted, names: Sequence[str]) -> list[Fitted]:
+        """The fits without each of some effects; worked out once."""
+        new = [n for n in names if (fit, n) not in self._less]
+        begin = list[tuple[State, tuple[Free, ...]]]()
+        for name in new:
             effects = {n: v for n, v in fit.state.effects.items() if n != name or n in self._known}
-            free = tuple(f for f in fit.free if f.effect != name)
-            self._less[fit, name] = self._settled(replace(fit.state, effects=effects), free)
-        return self._less[fit, name]
+            begin.append(
+                (replace(fit.state, effects=effects), tuple(f for f in fit.free if f.effect != name))
+            )
+        self._less.update({(fit, n): less for n, less in zip(new, self._ends(begin), strict=True)})
+        return [self._less[fit, n] for n in names]
 
     @property
     def scene(self) -> Scene:

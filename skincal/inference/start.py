@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from skincal.effects.samples import HOLD
 from skincal.fitting.lattice import minima, square
+from skincal.fitting.tasks import Mapper
+from skincal.inference.columns import Free
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter, Settled
 from skincal.inference.forward import State
@@ -22,11 +25,39 @@ _NEAR, _PLACES = np.linspace(-0.5, 0.5, 3), 2
 """Places about one of the best few of a lattice, in its steps; and how many of these are tried."""
 
 
-def base_fit(fitter: Fitter, *, known: bool) -> Fitted:
+class Task(NamedTuple):
+    """A fit to make, here or in another process.
+
+    Attributes:
+        fitter: of the session.
+        states: it begins at the one that leaves least.
+        free: numbers of effects that are free.
+        steps: at most.
+        to_end: whether it goes on from better places of presses that it has left behind.
+    """
+
+    fitter: Fitter
+    states: tuple[State, ...]
+    free: tuple[Free, ...] = ()
+    steps: int = C.last_steps
+    to_end: bool = False
+
+
+def fitted(task: Task) -> Fitted:
+    """Makes a fit."""
+    fitter, states = task.fitter, task.states
+    if len(states) > 1:
+        states = (min(map(fitter.settled, states), key=lambda x: x.loss.sum()).state,)
+    fit = fitter.solve(states[0], task.free, steps=task.steps)
+    return placed_anew(fitter, fit) if task.to_end else fit
+
+
+def base_fit(fitter: Fitter, mapper: Mapper = map, *, known: bool) -> Fitted:
     """Fits the base model, and leaves the robust weights and the scatter of places that belong to it in the fitter.
 
     Args:
         fitter: of the session.
+        mapper: makes fits that do not need each other side by side.
         known: whether the start is a calibration's, which is near the truth.
     """
     begin = fitter.before.start
@@ -51,10 +82,10 @@ def base_fit(fitter: Fitter, *, known: bool) -> Fitted:
     precision[:2] = 1 / float(np.clip(own, 1e-4, least)) ** 2
     fitter.before = replace(fitter.before, move=precision)
     state = placed(fitter, _gone_on(fitter, state, 2).state)
-    found = fitter.solve(state, steps=C.last_steps)
     # A layer of some millimetres is far from a foundation, and what is missing may hold the fit on the way.
-    layer = fitter.solve(replace(state, law=state.law - _LAYER), steps=C.last_steps)
-    return placed_anew(fitter, min(found, layer, key=Fitted.loss))
+    layer = replace(state, law=state.law - _LAYER)
+    found = mapper(fitted, [Task(fitter, (begin,)) for begin in (state, layer)])
+    return placed_anew(fitter, min(found, key=Fitted.loss))
 
 
 def placed_anew(fitter: Fitter, fit: Fitted) -> Fitted:

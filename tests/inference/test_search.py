@@ -60,11 +60,11 @@ class Settling(Search):
     def _scaled(self, fit: Any, tried: Any) -> Any:
         return None if tried.name == "saturation" else {"share": np.ones(1)}
 
-    def with_one(self, fit: Any, tried: Any, values: Any) -> Any:
-        return SimpleNamespace(state=None, free=(), each=2.0)
+    def _joint(self, fit: Any, tried: Any) -> Any:
+        return [SimpleNamespace(state=None, free=(), each=2.0) for _ in tried]
 
-    def _settled(self, state: Any, free: Any) -> Any:
-        return SimpleNamespace(each=self.settled / 20)
+    def _ends(self, begin: Any) -> Any:
+        return [SimpleNamespace(each=self.settled / 20) for _ in begin]
 
     def score(self, fit: Any) -> Any:
         return np.full(20, fit.each)
@@ -108,12 +108,13 @@ class Lumpy(Settling):
 
     on = 0
 
-    def with_one(self, fit: Any, tried: Any, values: Any) -> Any:
-        assert tried.name != "saturation"
-        return SimpleNamespace(state=None, free=(), each=np.where(np.arange(20) < self.on, 20.0, -0.4))
+    def _joint(self, fit: Any, tried: Any) -> Any:
+        assert all(t.name != "saturation" for t, _ in tried)
+        return self._ends(tried)
 
-    def _settled(self, state: Any, free: Any) -> Any:
-        return self.with_one(None, SimpleNamespace(name=""), None)
+    def _ends(self, begin: Any) -> Any:
+        each = np.where(np.arange(20) < self.on, 20.0, -0.4)
+        return [SimpleNamespace(state=None, free=(), each=each) for _ in begin]
 
 
 @pytest.mark.parametrize(("on", "named"), [(C.few, False), (C.few + 3, True)])
@@ -156,10 +157,9 @@ class Forking(Search):
         gain = {n: float((self.score(x) - self.score(fit)).sum()) for n, x in new.items()}
         return [(Named(n, (n, *(m for m in names if m != n)), gain[n], 8.0, 0.01), x) for n, x in new.items()]
 
-    def _without(self, fit: Any, name: str) -> Any:
-        return SimpleNamespace(
-            effects=tuple(n for n in ("creep", "latency") if n in fit.effects and n != name)
-        )
+    def _without(self, fit: Any, names: Any) -> Any:
+        left = [tuple(n for n in ("creep", "latency") if n in fit.effects and n != name) for name in names]
+        return [SimpleNamespace(effects=effects) for effects in left]
 
     def _from_start(self, fit: Any) -> Any:
         return fit
