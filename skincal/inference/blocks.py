@@ -16,6 +16,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numba import njit
 
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.slopes import Slopes
@@ -98,12 +99,34 @@ class Products:
         return out
 
 
-def block_rows(press: IntArray) -> list[IntArray]:
-    """Observations of each block."""
-    rows = [np.flatnonzero(press == p) for p in range(int(press.max(initial=-1)) + 1)]
-    idle = np.flatnonzero(press < 0)
-    rows += [part for part in np.array_split(idle, IDLE_BLOCKS) if len(part)]
-    return [r for r in rows if len(r)]
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Observations block by block: M of them that were read in any taxel, those of presses first, then those at rest.
+
+    Attributes:
+        order: (M,) which.
+        begin: (B + 1,) first of each block, and the end.
+        owner: (B,) row of the press, -1 for rest.
+        pressed: how many are of presses.
+        phases: (N,) masks, one for each phase of a press.
+    """
+
+    order: IntArray
+    begin: IntArray
+    owner: IntArray
+    pressed: int
+    phases: tuple[BoolArray, ...]
+
+    @classmethod
+    def of(cls, press: IntArray, phase: IntArray, seen: BoolArray) -> Rows:
+        """Sort observations by their press (N,), -1 at rest, as far as any taxel was read (N, J)."""
+        rows = [np.flatnonzero(press == p) for p in range(int(press.max(initial=-1)) + 1)]
+        rows += np.array_split(np.flatnonzero(press < 0), IDLE_BLOCKS)
+        rows = [r for r in rows if seen[r].any()]
+        owner = np.array([int(press[r[0]]) for r in rows])
+        begin = np.concatenate([[0], np.cumsum([len(r) for r in rows])])
+        phases = tuple(phase == f for f in np.unique(phase[press >= 0]))
+        return cls(np.concatenate(rows), begin, owner, int(begin[(owner >= 0).sum()]), phases)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +154,7 @@ class Whitened:
 
 def blocks(
     w: Whitened,
-    press: IntArray,
-    phase: IntArray,
+    rows: Rows,
     at: FloatArray,
     precision: FloatArray,
     draws: FloatArray | None = None,
@@ -146,8 +168,7 @@ def blocks(
 
     Args:
         w: whitened.
-        press: (N,) row of the press, -1 at rest.
-        phase: (N,).
+        rows: of the blocks.
         at: (P, 3) where each press's own numbers are.
         precision: (3,) of these, beforehand.
         draws: (N, J, S) whitened residuals of S simulated sessions; nuisances are added here.
@@ -155,30 +176,21 @@ def blocks(
         image: relative error of a press's image, taxel by taxel.
     """
     taxels, n, dense = w.residual.shape[1], len(w.columns), w.columns.dense.shape[2]
-    lists = [r for r in block_rows(press) if w.seen[r].any()]
-    order, begin = np.concatenate(lists), np.concatenate([[0], np.cumsum([len(r) for r in lists])])
-    owner, size = np.array([int(press[r[0]]) for r in lists]), np.diff(begin)
-    pressed = np.repeat(owner >= 0, size)[:, None, None]
-    phases = [phase == f for f in np.unique(phase[press >= 0])]
-    errs = [w.own * f[:, None, None] for f in phases] if w.own.shape[2] else []
+    order, begin, owner = rows.order, rows.begin, rows.owner
+    errs = [w.own * f[:, None, None] for f in rows.phases] if w.own.shape[2] else []
     # A press's own numbers come last: what they take beyond errors of equations is then known by itself.
-    nuisance = np.concatenate([*errs, w.press], axis=2)[order] * pressed
-    lam = np.ones(nuisance.shape[2])
-    lam[-3:] = precision
+    lam = np.append(np.ones(len(errs) * w.own.shape[2]), precision)
     k = len(lam)
     # Nuisances, columns, residual side by side: all that is needed are their products, block by block.
-    side = np.concatenate([nuisance, w.columns.dense[order], w.residual[order][..., None]], axis=2)
+    side = np.concatenate([*errs, w.press, w.columns.dense, w.residual[..., None]], axis=2)[order]
     own, slot = w.columns.slots()
     own, of_one = own[order], w.columns.taxel >= 0
-    signal = w.signal[order] * pressed[..., 0]
-
-    def along(x: FloatArray) -> FloatArray:
-        """(B, J, k) products with the signal."""
-        return np.add.reduceat(signal[..., None] * x, begin[:-1], axis=0)
-
+    signal = w.signal[order]
+    # At rest there are none.
+    side[rows.pressed :, :, :k], signal[rows.pressed :] = 0.0, 0.0
     square = np.add.reduceat(signal**2, begin[:-1], axis=0)
     freed = image**2 / (1 + square * image**2)
-    by_image, own_image = along(side), along(own)
+    by_image, own_image = _along(signal, side, begin), _along(signal, own, begin)
     flat = side.reshape(-1, side.shape[2])
     spans = list(pairwise(begin.tolist()))
     parts = [slice(taxels * a, taxels * b) for a, b in spans]
@@ -187,7 +199,7 @@ def blocks(
     mixed, single = _of_taxels(side, own, spans)
     mixed -= by_image[..., None] * (freed[..., None] * own_image)[:, :, None]
     single -= own_image[..., None] * (freed[..., None] * own_image)[:, :, None]
-    m = np.zeros((len(lists), k))
+    m = np.zeros((len(owner), k))
     m[owner >= 0, -3:] = at[owner[owner >= 0]]
 
     def arranged(dense: FloatArray, single: FloatArray) -> FloatArray:
@@ -197,21 +209,21 @@ def blocks(
         return out
 
     sessions = 0 if draws is None else draws.shape[2]
-    drawn_own = np.zeros((len(lists), k, sessions))
-    drawn, drawn_chi = np.zeros((len(lists), n, sessions)), np.zeros((len(lists), sessions))
+    drawn_own = np.zeros((len(owner), k, sessions))
+    drawn, drawn_chi = np.zeros((len(owner), n, sessions)), np.zeros((len(owner), sessions))
     if draws is not None and rng is not None:
-        errors = rng.standard_normal((len(lists), taxels, sessions)) * image
-        moved = rng.standard_normal((len(lists), k, sessions)) / np.sqrt(lam)[:, None]
+        errors = rng.standard_normal((len(owner), taxels, sessions)) * image
+        moved = rng.standard_normal((len(owner), k, sessions)) / np.sqrt(lam)[:, None]
         for b, (one, span) in enumerate(zip(parts, spans, strict=True)):
-            rows = slice(*span)
-            each = draws[order[rows]] + signal[rows, :, None] * errors[b]
+            mine = slice(*span)
+            each = draws[order[mine]] + signal[mine, :, None] * errors[b]
             each += (flat[one, :k] @ moved[b]).reshape(-1, taxels, sessions)
-            along_it = np.einsum("rj,rjs->js", signal[rows], each)
+            along_it = np.einsum("rj,rjs->js", signal[mine], each)
             taken = freed[b][:, None] * along_it
             looked = (
                 flat[one, : k + dense].T @ each.reshape(-1, sessions) - by_image[b, :, : k + dense].T @ taken
             )
-            of_one_looked = own[rows].transpose(1, 2, 0) @ each.transpose(1, 0, 2)
+            of_one_looked = own[mine].transpose(1, 2, 0) @ each.transpose(1, 0, 2)
             of_one_looked -= own_image[b][..., None] * taken[:, None]
             drawn_own[b], drawn[b] = looked[:k], arranged(looked[None, k:], of_one_looked[None])[0]
             drawn_chi[b] = np.einsum("rjs,rjs->s", each, each) - (along_it * taken).sum(axis=0)
@@ -252,6 +264,19 @@ def blocks(
         by_residual[..., 0] - gone[..., 0], loss + chi + ahead, ahead, chi, count, owner, by,
         (g, right[..., n]), drawn - gone[..., 1:], squares[:, 1:], products,
     )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _along(signal, x, begin):
+    """(B, J, k) products of the signal (M, J) with columns (M, J, k), block by block."""
+    out = np.zeros((len(begin) - 1, x.shape[1], x.shape[2]))
+    for b in range(len(out)):
+        for r in range(begin[b], begin[b + 1]):
+            for j in range(x.shape[1]):
+                if signal[r, j] != 0.0:
+                    for k in range(x.shape[2]):
+                        out[b, j, k] += signal[r, j] * x[r, j, k]
+    return out
 
 
 def _of_taxels(

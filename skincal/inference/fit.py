@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skincal.effects import effect
-from skincal.inference.blocks import Blocks, Whitened, blocks
+from skincal.inference.blocks import Blocks, Rows, Whitened, blocks
 from skincal.inference.columns import Free, free_columns, with_values
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.forward import BASE, LAW, Forward, Seen, State, moved_pose
@@ -157,6 +157,7 @@ class Fitter:
         self.press, self.phase, self.frames = s.press, s.phase, s.frames
         force = np.where(s.press >= 0, forward.mean @ np.nan_to_num(forward.samples.contacts.force_n), 0.0)
         self.force = np.maximum(force, 0.0)
+        self._rows = Rows.of(s.press, s.phase, np.isfinite(counts))
         held = s.held()
         # All of a hold is at one level, with one error of rounding.
         self._alike = np.where(held, np.bincount(s.press[held], minlength=s.presses + 1)[s.press], 1.0)
@@ -186,10 +187,7 @@ class Fitter:
 
         def thin(x: FloatArray) -> FloatArray:
             """Means over observations, through the converter, over the noise."""
-            if not x.shape[2]:
-                return np.zeros((*sd.shape, 0))
-            parts = [f.mean @ (slope * x[..., k]) for k in range(x.shape[2])]
-            return np.stack(parts, axis=-1) * weight[..., None]
+            return (f.mean @ (slope[..., None] * x)) * weight[..., None]
 
         residual = np.where(ok, self.counts - expected, 0.0) * weight
         signal = (f.mean @ (slope * seen.values)) * weight
@@ -285,7 +283,7 @@ class Fitter:
     def blocks(self, w: Whitened, at: FloatArray, **more: object) -> Blocks:
         """Blocks of whitened columns about where presses are (P, 3)."""
         return blocks(
-            w, self.press, self.phase, at, self.before.move, image=self.before.image, **more  # type: ignore[arg-type]
+            w, self._rows, at, self.before.move, image=self.before.image, **more  # type: ignore[arg-type]
         )  # fmt: skip
 
     def prior(self, state: State, free: tuple[Free, ...]) -> tuple[FloatArray, FloatArray]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, eye_array
 
 from skincal.effects import EffectSkin, InputEffect, LawEffect, Samples, SpreadEffect, effect
 from skincal.effects.applied import at_work
@@ -112,10 +112,14 @@ class Means:
     def __init__(self, parts: csr_array) -> None:
         """Take the part (N, K) that each sample has in each observation."""
         self._parts = parts
+        n, k = parts.shape
+        self._plain = n == k and (parts != eye_array(n, format="csr")).nnz == 0
 
     def __matmul__(self, values: FloatArray) -> FloatArray:
         """Means over the samples of each observation."""
-        return np.asarray(self._parts @ values, dtype=np.float64)
+        if self._plain:
+            return values
+        return np.asarray(self._parts @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
 
 
 class Forward:
@@ -162,10 +166,11 @@ class Forward:
         self._patches: dict[SensorPose, Patch] = {}
         self._tables: dict[object, tuple[FloatArray, PressTable]] = {}
         self._moves: tuple[Seen, FloatArray] | None = None
+        self._skin: tuple[State, EffectSkin] | None = None
 
     def __getstate__(self) -> dict[str, object]:
         """Return what another process needs: what is kept between states is found again there."""
-        return {**self.__dict__, "_patches": {}, "_tables": {}, "_moves": None}
+        return {**self.__dict__, "_patches": {}, "_tables": {}, "_moves": None, "_skin": None}
 
     @property
     def rests_clipped(self) -> bool:
@@ -235,7 +240,15 @@ class Forward:
     # ------------------------------------------------------------------ a state
 
     def skin(self, state: State, effects: Effects | None = None) -> EffectSkin:
-        """The skin of a state."""
+        """The skin of a state; that of the last one is kept."""
+        if effects is not None or self._skin is None or not _alike(self._skin[0], state):
+            skin = self._new_skin(state, effects)
+            if effects is not None:
+                return skin
+            self._skin = state, skin
+        return self._skin[1]
+
+    def _new_skin(self, state: State, effects: Effects | None) -> EffectSkin:
         if state.pose not in self._patches:
             if len(self._patches) > 8:
                 self._patches.clear()
@@ -545,6 +558,12 @@ class _Near:
     def _of(self, table: PressTable, harder: float = 0.0, *, slid: bool = True) -> FloatArray:
         e = float(np.exp(self._seen.state.log_e + harder))
         return e * table.at(self._f.row, self._force / e, self._slid if slid else None)
+
+
+def _alike(one: State, other: State) -> bool:
+    """Whether two states have the same skin; arrays are not looked into."""
+    same = one.pose == other.pose and one.log_e == other.log_e
+    return same and one.log_s is other.log_s and one.effects is other.effects
 
 
 def _stress(skin: EffectSkin) -> StressLaw | None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -37,6 +38,11 @@ NODES = 22
 """Values of F / E in a table, even in the square root."""
 STEP_M = 2.5e-4
 """How far the places of the lattice lie apart [m]."""
+_FEW_CELLS = 3
+"""A point's cell does not rise by more than so much of its side where a press can meet it."""
+_SETTINGS: dict[str, Any] = {
+    "cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz", "arcp"},
+}  # fmt: skip
 _FLAT_M = 1e-6
 """A patch is flat if its points leave a plane by no more [m]."""
 _LATTICE = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1))
@@ -266,7 +272,7 @@ def _cast(
             )
 
 
-@njit(cache=True, nogil=True)
+@njit(**_SETTINGS)
 def _by_size(values, count, below):
     """Which of the first values are below a bound, smallest first: Shell's sort; numba's own is slow to compile."""
     order = np.empty(count, np.int64)
@@ -290,7 +296,7 @@ def _by_size(values, count, below):
     return order[:n]
 
 
-@njit(cache=True, nogil=True)
+@njit(**_SETTINGS)
 def _balls(
     points, normals, areas, taxel, weights, centres, ups, radius, most, share, taxels, power, reference, bare
 ):
@@ -305,7 +311,7 @@ def _balls(
         inside[k] = (k / knots) ** power
         upto[k] = inside[k] * k / (power + 1)
     gap, area, face, which = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64)
-    half_rise, squares = np.zeros(n), np.empty(n)
+    squares, depth = np.empty(n), np.empty(n)
     px, py, pz = points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
     for c in range(count):
         ux, uy, uz = ups[c, 0], ups[c, 1], ups[c, 2]
@@ -330,20 +336,12 @@ def _balls(
             if w <= 0:
                 continue
             root = np.sqrt(half)
-            gap[m], area[m], which[m] = -along - root, w, i
-            face[m] = (1 - bare) * root / radius + bare * areas[i] / w
-            if power != 1.0:
-                # How much the gap rises over half of a point's cell, outwards from the axis of the press; no more than
-                # is left of the ball.
-                aside = np.sqrt(max(away - along * along, 1e-18))
-                up = w / areas[i]
-                tilt = (normals[i, 0] * x + normals[i, 1] * y + normals[i, 2] * z - up * along) / (up * aside)
-                half_rise[m] = min(0.5 * np.sqrt(w) * abs(aside / root + tilt), root)
+            gap[m], area[m], which[m], depth[m] = -along - root, w, i, root
             first = min(first, gap[m])
             m += 1
         if m == 0:
             continue
-        reach = 2.0 * np.sqrt(most[c] / (np.pi * radius))
+        reach = 1.25 * np.sqrt(most[c] / (np.pi * radius))
         while True:
             carried = 0.0
             for i in range(m):
@@ -359,6 +357,8 @@ def _balls(
             reach *= min(1.5, 1.05 * short ** (1 / (power + 1)))
         if power != 1.0 and carried > 1.2 * most[c]:
             reach *= 1.1 * (most[c] / carried) ** (1 / (power + 1))
+        for i in range(m):
+            face[i] = (1 - bare) * depth[i] / radius + bare * areas[which[i]] / area[i]
         if power == 1.0:
             order = _by_size(gap, m, first + reach)
             heavy, moment = np.zeros(taxels), np.zeros(taxels)
@@ -382,29 +382,43 @@ def _balls(
                 for j in range(taxels):
                     out[c, k, j] = max(level * heavy[j] - moment[j], 0.0)
             continue
-        # Another law: loads at depths that lie near the nodes, then brought to these. Depths are in knots.
-        steps = nodes + 4
-        whole = reference * (reach / reference) ** power
+        # Another law: loads at some depths, then brought to the nodes. Depths are in knots.
+        steps, per_m = 2 * nodes // 3, knots / reach
+        whole, bent = reference * (reach / reference) ** power, power * (power - 1) / 6
         carry, own = np.zeros(steps), np.zeros((steps, taxels))
         levels = np.array([knots * (s / (steps - 1)) ** (2 / (power + 1)) for s in range(steps)])
         for i in range(m):
             # The mean over the cell: a stress that begins steeply would jump with each point that is met.
-            met, rise = (gap[i] - first) / reach * knots, max(half_rise[i] / reach * knots, 1e-4)
+            q, met = which[i], (gap[i] - first) * per_m
+            if gap[i] - first > reach + _FEW_CELLS * np.sqrt(areas[q]):
+                continue
+            x, y, z = px[q] - cx, py[q] - cy, pz[q] - cz
+            along, up = x * ux + y * uy + z * uz, area[i] / areas[q]
+            # How much the gap rises over half of a point's cell, outwards from the axis of the press; no more than is
+            # left of the ball.
+            aside = np.sqrt(max(squares[q] - along * along, 1e-18))
+            tilt = normals[q, 0] * x + normals[q, 1] * y + normals[q, 2] * z - up * along
+            steep = (up * aside * aside + tilt * depth[i]) / (up * aside * depth[i])
+            rise = max(min(0.5 * np.sqrt(area[i]) * abs(steep), depth[i]) * per_m, 1e-4)
             if met - rise >= levels[steps - 1]:
                 continue
             mine, f = taxel[which[i]], whole * area[i] / (2 * rise)
             for s in range(steps - 1, 0, -1):
-                deep = levels[s] - met + rise
-                if deep <= 0:
+                deep = levels[s] - met
+                if deep <= -rise:
                     break
-                mean = 0.0
-                for side in range(2):
-                    u = deep - 2 * rise * side
-                    if u > 0:
-                        k = min(int(u), knots)
-                        t, here = u - k, inside[k]
-                        upper = upto[k] + t * (here + t * (upto[k + 1] - upto[k] - here))
-                        mean += upper if side == 0 else -upper
+                if deep > 2 * rise:  # the middle's, and what it is bent by over the cell
+                    k = min(int(deep), knots)
+                    mean = inside[k] + (deep - k) * (inside[k + 1] - inside[k])
+                    mean *= 2 * rise * (1 + bent * (rise / deep) ** 2)
+                else:
+                    mean = 0.0
+                    for side in (1, -1):
+                        u = deep + side * rise
+                        if u > 0:
+                            k = min(int(u), knots)
+                            t, here = u - k, inside[k]
+                            mean += side * (upto[k] + t * (here + t * (upto[k + 1] - upto[k] - here)))
                 load = f * mean
                 carry[s] += load
                 load *= face[i]
@@ -413,21 +427,26 @@ def _balls(
                         own[s, j] += load * weights[which[i], j]
                 elif mine >= 0:
                     own[s, mine] += load
-        root = np.sqrt(carry)
-        s = 1
+        # Cubics through the square roots of loads over that of the force, which are nearly lines.
+        root, own = np.sqrt(carry), np.sqrt(own)
+        s = 2
         for k in range(1, nodes):
             wanted = np.sqrt(most[c] * share[k])
-            while s < steps - 1 and root[s] < wanted:
+            while s < steps - 2 and root[s] < wanted:
                 s += 1
-            t = (wanted - root[s - 1]) / max(root[s] - root[s - 1], 1e-300)
+            for a in range(s - 2, s + 2):
+                weight = 1.0
+                for b in range(s - 2, s + 2):
+                    if b != a:
+                        weight *= (wanted - root[b]) / (root[a] - root[b])
+                for j in range(taxels):
+                    out[c, k, j] += weight * own[a, j]
             for j in range(taxels):
-                # The square root of a load is nearly a line over that of the force; below the first step a power.
-                low, high = np.sqrt(own[s - 1, j]), np.sqrt(own[s, j])
-                out[c, k, j] = (low + t * (high - low)) ** 2
+                out[c, k, j] = max(out[c, k, j], 0.0) ** 2
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(**_SETTINGS)
 def _look_up(terms, row, load, most, move):
     """Cubic through four nodes of the square root; beyond the last a line."""
     orders, nodes, taxels = terms.shape[0], terms.shape[2], terms.shape[3]

@@ -65,9 +65,7 @@ class Slopes:
             slope: (K, J) of the converter.
             weight: (N, J).
         """
-        dense = np.empty((*weight.shape, self.dense.shape[2]))
-        for k in range(self.dense.shape[2]):
-            dense[..., k] = mean(slope * self.dense[..., k]) * weight
+        dense = mean(slope[..., None] * self.dense) * weight[..., None]
         return Slopes(dense, mean(slope[:, self.own] * self.single) * weight[:, self.own], self.taxel)
 
     def weighted(self, weight: FloatArray) -> Slopes:

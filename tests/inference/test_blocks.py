@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skincal.inference.blocks import Whitened, blocks
+from skincal.inference.blocks import Rows, Whitened, blocks
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.gains import full_step, gains, whole
 from skincal.inference.score import held_out
@@ -51,7 +51,7 @@ def whole_covariance(w: Whitened, rows: np.ndarray, phase: np.ndarray, moved: fl
 
 def test_they_are_what_the_whole_covariance_says():
     w, press, phase, at = case()
-    found = blocks(w, press, phase, at, PRECISION)
+    found = blocks(w, Rows.of(press, phase, w.seen), at, PRECISION)
     for k, p in enumerate(found.press):
         rows = np.flatnonzero(press == p)
         if p < 0:
@@ -75,7 +75,7 @@ def test_drawn_sessions_leave_one_square_a_value():
     w, press, phase, at = case()
     rng = np.random.default_rng(0)
     draws = rng.standard_normal((*w.residual.shape, 4000))
-    found = blocks(w, press, phase, at, PRECISION, draws, rng)
+    found = blocks(w, Rows.of(press, phase, w.seen), at, PRECISION, draws, rng)
     assert found.drawn_chi.mean(axis=1) == pytest.approx(found.count, rel=0.05)
     # b of a null session has the curvature for its covariance.
     for h, b in zip(found.h, found.drawn, strict=True):
@@ -91,7 +91,7 @@ def test_taxels_that_were_not_read_have_no_say():
         press=w.press * seen[..., None], signal=w.signal * seen, own=w.own * seen[..., None],
     )  # fmt: skip
     changed = replace(cut, log_sd=np.where(seen, w.log_sd, 7.0))
-    a, b = (blocks(x, press, phase, at, PRECISION) for x in (cut, changed))
+    a, b = (blocks(x, Rows.of(press, phase, x.seen), at, PRECISION) for x in (cut, changed))
     assert a.loss == pytest.approx(b.loss) and a.count.sum() == b.count.sum() == seen.sum()
 
 
@@ -110,7 +110,8 @@ def some_single() -> tuple[Whitened, Whitened]:
 def test_columns_of_one_taxel_are_columns_like_others():
     (compact, full), (_, press, phase, at) = some_single(), case()
     draws = np.random.default_rng(1).standard_normal((*full.residual.shape, 6))
-    a, b = (blocks(w, press, phase, at, PRECISION, draws, np.random.default_rng(2)) for w in (compact, full))
+    rows = Rows.of(press, phase, full.seen)
+    a, b = (blocks(w, rows, at, PRECISION, draws, np.random.default_rng(2)) for w in (compact, full))
     for name in ("h", "b", "loss", "ahead", "chi", "drawn", "drawn_chi"):
         assert getattr(a, name) == pytest.approx(getattr(b, name), rel=1e-9, abs=1e-9), name
     assert a.moves == pytest.approx(b.moves, rel=1e-9, abs=1e-12)
@@ -127,7 +128,9 @@ def test_multiples_of_columns_are_those_of_the_whole():
 def test_gains_are_those_of_fits_with_and_without():
     (compact, _), (_, press, phase, at) = some_single(), case()
     draws = np.random.default_rng(1).standard_normal((*compact.residual.shape, 3))
-    found = blocks(compact, press, phase, at, PRECISION, draws, np.random.default_rng(2))
+    found = blocks(
+        compact, Rows.of(press, phase, compact.seen), at, PRECISION, draws, np.random.default_rng(2)
+    )
     prior, pull = np.array([0.5, 2.0]), np.array([0.3, -0.2])
     sigma = [np.array([1.0, 0.5]), np.array([2.0]), np.array([0.1, 3.0])]
     folds = np.arange(len(found.press)) % C.folds
