@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
@@ -16,7 +17,9 @@ from skincal.dataset import Dataset, rest_levels
 from skincal.dataset.rest import rest_drift
 from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.errors import WorkError, first_of
-from skincal.fitting.fit_options import FitOptions
+from skincal.fitting.fit_options import FitOptions, SearchBox
+from skincal.fitting.problem import FitProblem
+from skincal.fitting.tasks import Mapper
 from skincal.fitting.wiring import TaxelOrder, order_of_problem
 from skincal.model import TaxelLayout
 
@@ -48,14 +51,34 @@ def find_taxel_order(dataset: Dataset) -> Finding | None:
 
     Uniform pressure says nothing of the order, and neither do corrupted words, or presses that no fit can use.
     """
-    if uniform_pressure(dataset) or is_corrupted(findings_of_check(dataset)):
-        return None
-    try:
-        problem = fit_problem(dataset, FitOptions(), choose_way(dataset, "auto"))
-        order = order_of_problem(problem, search_box(dataset))
-    except WorkError:
-        return None
-    return None if order is None else order_finding(order, dataset.layout())
+    return search_for_order(dataset)()
+
+
+def search_for_order(dataset: Dataset, mapper: Mapper = map) -> Callable[[], Finding | None]:
+    """Begin what :func:`find_taxel_order` does, and return what waits for the result.
+
+    Args:
+        dataset: the session.
+        mapper: one with several processes looks for it while this one goes on.
+    """
+    asked: list[tuple[FitProblem, SearchBox]] = []
+    if not (uniform_pressure(dataset) or is_corrupted(findings_of_check(dataset))):
+        with suppress(WorkError):
+            problem = fit_problem(dataset, FitOptions(), choose_way(dataset, "auto"))
+            asked.append((problem, search_box(dataset)))
+    found = mapper(_order_of, asked)
+
+    def wait() -> Finding | None:
+        order = next(iter(found), None)
+        return None if order is None else order_finding(order, dataset.layout())
+
+    return wait
+
+
+def _order_of(asked: tuple[FitProblem, SearchBox]) -> TaxelOrder | None:
+    with suppress(WorkError):
+        return order_of_problem(*asked)
+    return None
 
 
 def in_order(dataset: Dataset, order: TaxelOrder) -> Dataset:

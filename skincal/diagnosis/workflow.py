@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skincal.calibrate.data_findings import find_taxel_order, findings_of_check, is_corrupted
+from skincal.calibrate.data_findings import findings_of_check, is_corrupted, search_for_order
 from skincal.calibration import Calibration
 from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
@@ -73,14 +73,15 @@ def diagnose(
     split, searched, again, drawn, pressed, audited, spelled, dealt = np.random.default_rng(seed).spawn(8)
     heard("noise floor and places")
     checked = findings_of_check(dataset)
-    corrupted, order = is_corrupted(checked), find_taxel_order(dataset)
-    wrong = corrupted or order is not None
+    corrupted, wait_for_order = is_corrupted(checked), search_for_order(dataset, mapper)
     observed = observe(dataset, calibration, split)
     fitter = observed.fitter
-    if not wrong and (stuck := find_spells(observed.session, fitter, fitter.before.start, first=True)):
+    if not corrupted and (stuck := find_spells(observed.session, fitter, fitter.before.start, first=True)):
         observed = observed.without(stuck)
         fitter = observed.fitter
     base = base_fit(fitter, mapper, known=True)
+    order = wait_for_order()
+    wrong = corrupted or order is not None
     heard("what can be seen")
     audit = report_of(fitter, base.state, observed.floor, audited, calibrated=True, planned=False)
     heard("what is missing")

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array, eye_array
+from scipy.sparse import csr_array
 
 from skincal.effects import EffectSkin, InputEffect, LawEffect, Samples, SpreadEffect, effect
 from skincal.effects.applied import at_work
@@ -112,8 +112,8 @@ class Means:
     def __init__(self, parts: csr_array) -> None:
         """Take the part (N, K) that each sample has in each observation."""
         self._parts = parts
-        n, k = parts.shape
-        self._plain = n == k and (parts != eye_array(n, format="csr")).nnz == 0
+        every = np.arange(parts.shape[1])
+        self._plain = parts.shape[0] == len(every) and np.array_equal(parts @ every, every)
 
     def __matmul__(self, values: FloatArray) -> FloatArray:
         """Means over the samples of each observation."""

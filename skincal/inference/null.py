@@ -15,8 +15,9 @@ import numpy as np
 from skincal.fitting.tasks import Mapper
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
-from skincal.inference.start import Task, fitted, raw_residual
-from skincal.inference.twins import twin_values
+from skincal.inference.forward import State
+from skincal.inference.start import raw_residual
+from skincal.inference.twins import LAWS, twin_values
 from skincal.model.arrays import FloatArray
 
 FOUNDATION = "fitted law"
@@ -58,16 +59,26 @@ class Null:
 
 def law_residuals(fitter: Fitter, base: Fitted, mapper: Mapper = map) -> dict[str, FloatArray]:
     """(N, J) whitened residual that each contact law leaves after the base model's fit; zero for the fitted one."""
-    f, found = fitter.forward, {FOUNDATION: np.zeros(fitter.counts.shape)}
-    twins, before = twin_values(f, base.state), replace(fitter.before, weights=np.ones(fitter.counts.shape))
-    tasks = list[Task]()
-    for values in twins.values():
-        mean, _ = f.noise.written(values + base.state.rest)
-        other = Fitter(f, np.where(np.isfinite(fitter.counts), f.mean @ mean, np.nan), before)
-        tasks.append(Task(other, (replace(base.state, effects={}),), steps=C.twin_steps))
-    for name, task, fit in zip(twins, tasks, mapper(fitted, tasks), strict=True):
-        found[name] = np.nan_to_num(raw_residual(task.fitter, fit.state))
+    found = {FOUNDATION: np.zeros(fitter.counts.shape)}
+    for law, numbers in LAWS.items():
+        left = mapper(_twin_residual, [(fitter, base.state, law, number) for number in numbers])
+        found |= {f"{law} {number:g}": x for number, x in zip(numbers, left, strict=True) if x is not None}
+        if len(found) > 1:
+            break
     return found
+
+
+def _twin_residual(twin: tuple[Fitter, State, str, float]) -> FloatArray | None:
+    """What the base model's fit leaves of a session under another law."""
+    fitter, state, law, number = twin
+    f, values = fitter.forward, twin_values(fitter.forward, state, law, number)
+    if values is None:
+        return None
+    mean, _ = f.noise.written(values + state.rest)
+    before = replace(fitter.before, weights=np.ones(fitter.counts.shape))
+    other = Fitter(f, np.where(np.isfinite(fitter.counts), f.mean @ mean, np.nan), before)
+    fit = other.solve(replace(state, effects={}), steps=C.twin_steps)
+    return np.nan_to_num(raw_residual(other, fit.state))
 
 
 def drawn_residuals(

@@ -45,10 +45,10 @@ class Task(NamedTuple):
 
 def fitted(task: Task) -> Fitted:
     """Makes a fit."""
-    fitter, states = task.fitter, task.states
-    if len(states) > 1:
-        states = (min(map(fitter.settled, states), key=lambda x: x.loss.sum()).state,)
-    fit = fitter.solve(states[0], task.free, steps=task.steps)
+    fitter, (state, *others) = task.fitter, task.states
+    if others:
+        state = min(map(fitter.settled, task.states), key=lambda x: x.loss.sum()).state
+    fit = fitter.solve(state, task.free, steps=task.steps)
     return placed_anew(fitter, fit) if task.to_end else fit
 
 

@@ -18,32 +18,28 @@ from skincal.inference.press_table import NODES, Presses, PressTable, press_tabl
 from skincal.model import ContactLaw, Patch, Sphere, StressLaw
 from skincal.model.arrays import FloatArray
 
-THICKNESSES_M = (1e-3, 3e-3, 10e-3)
-POWERS = (0.85, 1.2)
+LAWS = {"layer": (1e-3, 3e-3, 10e-3), "power": (0.85, 1.2)}
+"""Thicknesses [m] of elastic layers, and powers of the stress where no layer can be solved."""
 _POISSON, _SPACING_M, _HALF_WIDTH_M, _FORCES, _TRIES, _ALIKE = 0.4, 0.25e-3, 6e-3, 12, 7, 0.02
 
 
-def twin_values(forward: Forward, state: State) -> dict[str, FloatArray]:
-    """Levels (K, J) above rest of the session under each other law, by its name; what cannot be solved is left out."""
+def twin_values(forward: Forward, state: State, law: str, number: float) -> FloatArray | None:
+    """Levels (K, J) above rest of the session under another law of ``LAWS``; None where it cannot be solved."""
     f, e, bare = forward, float(np.exp(state.log_e)), float(state.law[-1])
     plain = replace(state, effects={}, law=np.zeros(len(LAW)))
     skin = f.skin(plain)
     presses = f._measured.moved(f.surface, state.move[:, :2])
     things = f.samples.indenters
-    tables: dict[str, PressTable] = {}
-    if f.surface.is_uniform and all(isinstance(i, Sphere) for i in things):
-        law = f.contact_law(state.law)
-        for thick in THICKNESSES_M:
-            table = _layer_table(f, skin.skin.patch, presses, e, law, bare, thick)
-            if table is not None:
-                tables[f"layer {1e3 * thick:g} mm"] = table
-    if not tables:
-        for n in POWERS:
-            tables[f"power {n:g}"] = press_table(
-                skin.skin.patch, f.surface, things, presses, e, StressLaw(n, 5e-4), bare=bare, lattice=False
-            )
-    force = f._force(f.samples, plain)
-    return {name: skin.after(e * t.at(f.row, force / e), f.samples, {}) for name, t in tables.items()}
+    if law == "power":
+        stress = StressLaw(number, 5e-4)
+        table = press_table(skin.skin.patch, f.surface, things, presses, e, stress, bare=bare, lattice=False)
+    elif f.surface.is_uniform and all(isinstance(i, Sphere) for i in things):
+        table = _layer_table(f, skin.skin.patch, presses, e, f.contact_law(state.law), bare, number)
+    else:
+        table = None
+    if table is None:
+        return None
+    return skin.after(e * table.at(f.row, f._force(f.samples, plain) / e), f.samples, {})
 
 
 def _layer_table(
