@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from skincal.calibration import Calibration, check_same_sensor, sensor_differences
 from skincal.collect import Mount, Plan
@@ -275,7 +275,7 @@ def report_of(
     base = h[:n, :n] + np.diag(fitter.prior(state, ())[0])
     left = h[n:, n:] - h[n:, :n] @ np.linalg.solve(base, h[:n, n:])
     square = np.maximum(np.diag(left), 0.0)
-    needed = float(norm.isf(options.false_alarm / (2 * len(EFFECTS))) + norm.isf(1 - options.power))
+    needed = float(ndtri(options.power) - ndtri(options.false_alarm / (2 * len(EFFECTS))))
     cosine = np.abs(left) / np.sqrt(np.maximum(np.outer(square, square), 1e-12))
     effects: dict[str, EffectAudit] = {}
     for name in EFFECTS:

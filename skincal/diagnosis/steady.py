@@ -10,7 +10,7 @@ that path, such as one that slides, is left as it was measured.
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtri
 
 from skincal.effects.samples import UNLOAD
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
@@ -74,5 +74,5 @@ def _tells(place_m: FloatArray, path: FloatArray, other: FloatArray, free: int) 
     spread = np.linalg.eigvalsh((place_m - other).T @ (place_m - other))
     axes = float(spread.sum() ** 2 / max(float((spread**2).sum()), np.finfo(float).tiny))
     return (before - after) * free > after * float(
-        f_distribution.isf(_SURE, max(axes, 1.0), max(axes, 1.0) * free)
+        fdtri(max(axes, 1.0), max(axes, 1.0) * free, 1 - _SURE)
     )
