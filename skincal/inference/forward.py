@@ -119,7 +119,8 @@ class Means:
         """Means over the samples of each observation."""
         if self._plain:
             return values
-        return np.asarray(self._parts @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
+        flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
+        return np.asarray(self._parts @ flat).reshape(self._parts.shape[0], *values.shape[1:])
 
 
 class Forward:
