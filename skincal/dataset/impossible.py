@@ -66,12 +66,19 @@ def without_impossible(dataset: Dataset, sheet: Sheet) -> Dataset:
     if not impossible.any() or uniform_pressure(dataset):
         return dataset
     level = levels_from_presses(np.where(impossible, np.nan, presses.counts)).level
+    overflowed = any(one.code == "counter_wrapped" for one in sheet.findings.warnings)
+    cause, fix = (
+        ("their words overflowed", "They are left out.")
+        if overflowed
+        else (
+            "a taxel dropped out to full scale there",
+            "They are left out. Look at the connection of the sensor; leave such words empty where they are read.",
+        )
+    )
     sheet.findings.note(
         sheet.file, "readings that some load explains",
         f"{impossible.sum()} readings of {impossible.any(axis=1).sum()} presses far above all others, with nothing "
-        "between: a taxel dropped out to full scale there",
-        "They are left out. Look at the connection of the sensor; leave such words empty where they are read.",
-        code=IMPOSSIBLE,
+        f"between: {cause}", fix, code=IMPOSSIBLE,
     )  # fmt: skip
     frames = dataset.frames
     if frames is not None:

@@ -11,7 +11,7 @@ from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Sheet
 from skincal.dataset.rest import noise_at_rest, rest_levels
 from skincal.dataset.tables import HOLD, IDLE, Frames
-from skincal.dataset.word_checks import bytes_swapped, correlation, find_falls, find_wrapped
+from skincal.dataset.word_checks import bytes_swapped, correlation, find_below_zero, find_falls, find_wrapped
 from skincal.errors import first_of
 from skincal.model.arrays import FloatArray, IntArray
 
@@ -175,15 +175,19 @@ def _check_words(dataset: Dataset, sheet: Sheet, counts: FloatArray) -> bool:
         rows = np.arange(min(len(dataset.frames), MOST_FRAMES))
         frames = dataset.frames
         wrapped = find_falls(frames.counts_of(rows), frames.press[rows], frames.force_n[rows])
+        if wrapped is None:
+            rows = _some(frames)
+            force = np.where(frames.press[rows] < 0, 0.0, frames.force_n[rows])
+            wrapped = find_below_zero(counts, np.broadcast_to(force[:, None], counts.shape))
     if wrapped is None:
         return False
     mapping = f'[taxels] word = "{wrapped.word}"' if wrapped.word else ""
     mend = f", or import again with {mapping}" if mapping else ""
-    between = "with nothing between, " if wrapped.apart else "where the load is largest, "
     taxels = [names[j] for j in wrapped.taxels]
     sheet.findings.warn(
         sheet.file, "readings within the range of their words",
-        f"{wrapped.readings} readings at the other end of {wrapped.bits} bits, {between}from {first_of(taxels, 6)}",
+        f"{wrapped.readings} readings at the other end of {wrapped.bits} bits, {wrapped.evidence}, "
+        f"from {first_of(taxels, 6)}",
         f"The words have overflowed: {wrapped.mend}{mend}.",
         code="counter_wrapped", modulus=2**wrapped.bits, mapping=mapping, taxels=taxels,
     )  # fmt: skip

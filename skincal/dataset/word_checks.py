@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
+from skincal.model.rest import levels_from_presses
 
 TO_SIGMA: Final = 1.4826
 """Standard deviation over the median absolute deviation of normal noise."""
@@ -39,6 +40,12 @@ SINKS: Final = 6.0
 CHANCE: Final = 1e-3
 """Probability at most that readings below rest are where the load is largest by chance (Mann and Whitney's test)."""
 
+NOISE_ERROR: Final = 0.15
+"""Part by which the noise at rest may be off: it is estimated, and not quite normal (set by eye)."""
+
+RESTS_THERE: Final = 0.9
+"""Where more than this part of all readings lie at the top, nothing shows that loads go on at zero (set by eye)."""
+
 KEPT: Final = 0.9
 """Part of a force that is still the same one, with its noise (tolerance)."""
 
@@ -58,7 +65,7 @@ class Wrapped:
             none mends them.
         taxels: flat indices of the taxels concerned.
         readings: number of wrapped readings.
-        apart: whether a gap separates them from the others; else the load shows them.
+        evidence: what separates them from the others, in words.
         mend: correction in words.
     """
 
@@ -66,7 +73,7 @@ class Wrapped:
     word: str
     taxels: IntArray
     readings: int
-    apart: bool = True
+    evidence: str = "with nothing between"
     mend: str = ""
 
 
@@ -108,10 +115,8 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped 
                 # Both ends meet in a signed word, where all readings lie below zero and beyond by the same.
                 mend = f"add {size:g} to those that came out low"
                 return Wrapped(bits, signed, np.flatnonzero(found), int(found.sum()), mend=mend)
-            found = count(_fell_below, size)
-            if np.count_nonzero(found) > counts.shape[1] / 2:
-                mend = f"take {size:g} off high ones"
-                return Wrapped(bits, signed, np.flatnonzero(found), int(found.sum()), mend=mend)
+            if (below := find_below_zero(counts, load)) is not None:
+                return below
             if load is not None and (lost := _below_rest(counts, load, high / size)).any():
                 return _by_load(bits, "", lost, NO_WORD_MENDS)
     return None
@@ -120,8 +125,55 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped 
 def _by_load(bits: int, word: str, wrapped: BoolArray, mend: str) -> Wrapped:
     """Return readings (n, J) that the load shows to have wrapped."""
     return Wrapped(
-        bits, word, np.flatnonzero(wrapped.any(axis=0)), int(wrapped.sum()), apart=False, mend=mend
+        bits, word, np.flatnonzero(wrapped.any(axis=0)), int(wrapped.sum()), "where the load is largest", mend
     )
+
+
+def find_below_zero(counts: FloatArray, load: FloatArray | None = None) -> Wrapped | None:
+    """Return the readings at rest that noise took below zero, to the top of unsigned words; None if there are none.
+
+    Read as signed words they are the lower tail of the noise about levels at rest near zero: about as many as a normal
+    distribution has there, and no other readings lie at the top. Readings that drop out to full scale are as many
+    whatever the level at rest is. Where loads fill the words, they must show that readings at the top are none.
+
+    Args:
+        counts: readings as stored, shape (n, J).
+        load: estimated load of each taxel, in any unit, shape (n, J). None: unknown.
+    """
+    read = np.isfinite(counts)
+    if not read.any() or counts[read].min() < 0:
+        return None
+    bits = next((bits for bits in WIDTHS if counts[read].max() < 2.0**bits), None)
+    if bits is None:
+        return None
+    size = 2.0**bits
+    top = counts >= size * (1 - NEAR_END)
+    if top.sum() < FEWEST_CELLS or not _whole(counts[top]):
+        return None
+    signed = np.where(top, counts - size, counts)
+    rest = levels_from_presses(signed)
+    dark = np.abs(signed - rest.level) < SINKS * np.nan_to_num(rest.scatter)
+    if (top & ~dark).any() or top.sum() > RESTS_THERE * read.sum():
+        return None
+    from scipy.special import ndtr, pdtr, pdtrc
+
+    # Rounding scatters readings too, and takes below zero what is below minus one half.
+    noise = np.sqrt(np.maximum(rest.scatter**2 - 1 / 12, 0.01))
+    few, many = (
+        float((dark * ndtr((-0.5 - rest.level) / (noise * error))).sum())
+        for error in (1 - NOISE_ERROR, 1 + NOISE_ERROR)
+    )
+    few, many = min(few, many), max(few, many)
+    if pdtrc(top.sum() - 1, many) < CHANCE or pdtr(top.sum(), few) < CHANCE:
+        return None
+    word, evidence, mend = f"int{bits}", "with nothing between", f"take {size:g} off high ones"
+    if counts[read & ~top].max(initial=0.0) >= size / 2:
+        if load is None or not _less(load[top], load[read & ~dark]):
+            return None
+        # As signed words the largest loads would turn negative.
+        word, evidence = "", "where nothing presses"
+        mend = f"take {size:g} off those of {size * (1 - NEAR_END):g} or more where nothing presses"
+    return Wrapped(bits, word, np.flatnonzero(top.any(axis=0)), int(top.sum()), evidence, mend)
 
 
 def find_falls(counts: FloatArray, press: IntArray, force_n: FloatArray) -> Wrapped | None:
@@ -169,10 +221,17 @@ def _below_rest(counts: FloatArray, load: FloatArray, filled: float) -> BoolArra
     sunk = both & (counts < rest - SINKS * np.maximum(noise, 1.0))
     if sunk.sum() < FEWEST_CELLS:
         return none
+    return sunk if _less(load[both & ~sunk], load[sunk]) else none
+
+
+def _less(load: FloatArray, others: FloatArray) -> bool:
+    """Return whether loads (n,) are less than others (m,), by more than chance explains."""
     from scipy.stats import mannwhitneyu  # takes a moment, and few words are filled
 
-    lit = both & ~sunk
-    return sunk if mannwhitneyu(load[sunk], load[lit], alternative="greater").pvalue < CHANCE else none
+    load, others = load[np.isfinite(load)], others[np.isfinite(others)]
+    if not (load.size and others.size):
+        return False
+    return bool(mannwhitneyu(load, others, alternative="less").pvalue < CHANCE)
 
 
 def correlation(counts: FloatArray, load: FloatArray) -> float:
@@ -261,13 +320,3 @@ def _overflowed(values: FloatArray, size: float) -> int:
     spread = float(low[-1] - low[0])
     goes_on = spread > 3 * sinks and low[-1] < size / 4 and size - high[-1] + low[0] < max(rises, spread)
     return len(low) if len(low) < len(high) and rises > 3 * sinks and (climbed or goes_on) else 0
-
-
-def _fell_below(values: FloatArray, size: float) -> int:
-    """Return how many readings of a taxel that rests at zero came out at the top when noise made them negative."""
-    low, high = _groups(values, size)
-    if not len(low):
-        return 0
-    tight = high[0] > size * (1 - NEAR_END) and len(np.unique(high)) > 1
-    share = len(high) / len(values)
-    return len(high) if tight and low[0] < size * NEAR_END and 0.1 < share < 0.9 else 0

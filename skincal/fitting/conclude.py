@@ -14,9 +14,9 @@ from skincal.fitting.law import LawSpread
 from skincal.fitting.posterior import Peak
 from skincal.fitting.presses import PressModel
 from skincal.fitting.problem import FitProblem
+from skincal.fitting.response import Bend
 from skincal.fitting.result import PARAMETERS, FitResult, GridResult, PressFit, Sigmas
 from skincal.fitting.sampling import Draws
-from skincal.fitting.straight import Bend
 from skincal.fitting.types import Bools, Floats
 from skincal.fitting.valley import OPEN, POSE, at_one_place, choose, interval, valley_loss
 

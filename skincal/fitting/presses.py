@@ -207,6 +207,7 @@ class PressModel:
             ),
             np.array([np.exp(shared.log_gain), readings.offset + shared.level]),
             np.array([link.values, link.mean, link.slope]),
+            np.array(readings.response, np.float64),
         )
 
     def _searched(

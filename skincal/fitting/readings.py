@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -93,6 +94,33 @@ def _tabled(integer: bool, sigma: float) -> tuple[Floats, Floats, Floats, Floats
     return values, mean, np.gradient(mean, values), share
 
 
+class Response(NamedTuple):
+    """Response of a taxel to a signal: the counts above rest for signals x that a straight response would read.
+
+    y = x c (1 + (x / s)^q)^(-k / q): a straight line up to the knee s, the power 1 - k beyond it. With k = 1 it
+    saturates, with k < 0 it grows faster than the load.
+
+    Attributes:
+        lost: k, power that is lost beyond the knee; 0 for a straight line.
+        knee_counts: s.
+        sharpness: q, of the bend at the knee.
+        factor: c.
+    """
+
+    lost: float = 0.0
+    knee_counts: float = 1.0
+    sharpness: float = 1.0
+    factor: float = 1.0
+
+    def of(self, signal: float) -> float:
+        """Return the counts above rest for a signal [counts]; compiled: :func:`skincal.fitting.residuals.answered`."""
+        beyond = (max(signal, 0.0) / self.knee_counts) ** self.sharpness
+        return signal * self.factor * (1.0 + beyond) ** (-self.lost / self.sharpness)
+
+
+STRAIGHT = Response()
+
+
 @dataclass(frozen=True, eq=False)
 class Readings:
     """Readings, and the weight of each.
@@ -108,6 +136,7 @@ class Readings:
         floor_counts: no reading is better known than this: rounding, and the exactness of simulated images.
         typical_counts: usual largest signal of a press.
         near: (J, J) which taxels lie next to each other.
+        response: of the taxels to the load.
     """
 
     target: Floats
@@ -120,6 +149,7 @@ class Readings:
     floor_counts: float
     typical_counts: float
     near: Bools
+    response: Response = STRAIGHT
 
     @classmethod
     def of(

@@ -29,6 +29,7 @@ class Presses(NamedTuple):
             counts; 1 where it is at the converter's upper bound.
         taxels: (2, J) gain, and level above the converter's lower bound [counts].
         link: (3, N) values, mean and slope of the converter's link.
+        response: (4,) numbers of :class:`skincal.fitting.readings.Response`.
     """
 
     at: Floats
@@ -36,13 +37,25 @@ class Presses(NamedTuple):
     readings: Floats
     taxels: Floats
     link: Floats
+    response: Floats
 
     def scattered_about(self, press: Ints, centre_m: Floats) -> Presses:
         """Presses (n,), some more than once, each with a slack (n, 2) [m] of its own about which it is scattered."""
         at = self.at[press]
         at[:, 3:5] = centre_m
         readings = np.ascontiguousarray(self.readings[:, press])
-        return Presses(at, self.which[press], readings, self.taxels, self.link)
+        return self._replace(at=at, which=self.which[press], readings=readings)
+
+
+@inlined
+def answered(load: float, response: Any) -> Any:  # pragma: no cover - compiled
+    """Value and slope for a signal that is not negative: :class:`skincal.fitting.readings.Response`."""
+    lost, knee, sharp, factor = response
+    if lost == 0.0:
+        return load, 1.0
+    beyond = (max(load, 0.0) / knee) ** sharp
+    share = factor * (1.0 + beyond) ** (-lost / sharp)
+    return load * share, share * (1.0 - lost * beyond / (1.0 + beyond))
 
 
 @inlined
@@ -140,15 +153,16 @@ def _evaluate(
         j = near[n]
         counts = scale * presses.taxels[0, j]
         load = counts * seen[0, j]
-        mean, rate = expected(load + presses.taxels[1, j], presses.link)
+        value, gain = answered(load, presses.response)
+        mean, rate = expected(value + presses.taxels[1, j], presses.link)
         difference, weight = mean - readings[0, k, j], dark[2, j]
         if whole:
-            found.simulated[i, j] = load
+            found.simulated[i, j] = value
         if readings[4, k, j] > 0 and difference > 0:
             weight = 0.0
         rate *= weight
-        counts *= rate
-        load *= rate
+        counts *= rate * gain
+        load *= rate * gain
         by_u, by_v, ratio = counts * seen[1, j], counts * seen[2, j], counts * seen[4, j]
         s0, s1, s2 = cos * by_u - sin * by_v, sin * by_u + cos * by_v, load + ratio
         residual = weight * difference

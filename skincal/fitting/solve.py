@@ -28,10 +28,10 @@ from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import COORDINATES, FEW_PRESSES, FitProblem
+from skincal.fitting.response import Bend, responses, weigh_bends, with_response
 from skincal.fitting.result import FitResult, GridResult
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
 from skincal.fitting.sampling import Density, Draws, sample, walk
-from skincal.fitting.straight import BENDS, Bend, straightened, weigh_bends
 from skincal.fitting.tasks import (
     Mapper,
     Neighbourhood,
@@ -390,17 +390,17 @@ class _Fit:
                 (local.problem(problem), self._arcs(local), start, law, peak.sigmas)
                 for law in (plain, replace(plain, projected=False))
             ]
-        straight = [straightened(problem, *bend) for bend in BENDS]
-        lines = [(one, self.bounds, peak.macro, around, peak.sigmas) for one, _ in straight]
-        found: list[Peak] = list(self._spread(climb_near, [*wide, *bare, *lines]))
+        tried = responses(problem)
+        bent = [(with_response(problem, one), self.bounds, peak.macro, around, peak.sigmas) for one in tried]
+        found: list[Peak] = list(self._spread(climb_near, [*wide, *bare, *bent]))
         self.progress("contact law", 1, 1)
         laws, bare_peaks = [peak, *found[: len(wide)]], found[len(wide) : len(wide) + len(bare)]
-        straight_peaks = found[len(wide) + len(bare) :]
-        # The first straightens nothing. All others begin anew at the peak, too; none may win by the places that this
+        bent_peaks = found[len(wide) + len(bare) :]
+        # The first is straight. All others begin anew at the peak, too; none may win by the places that this
         # finds.
-        laws[0] = max(peak, straight_peaks[0], key=lambda one: one.log_evidence)
+        laws[0] = max(peak, bent_peaks[0], key=lambda one: one.log_evidence)
         comparable = laws + (bare_peaks if len(bare) == 1 else [])
-        bend = weigh_bends(comparable, straight_peaks, [jacobian for _, jacobian in straight])
+        bend = weigh_bends(problem, comparable, tried, bent_peaks)
         law = weigh_laws(np.array(spreads), laws)
         if bare:
             law = law.with_bare(laws[0] if len(bare) == 1 else bare_peaks[0], bare_peaks[-1])

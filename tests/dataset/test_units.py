@@ -23,7 +23,7 @@ from skincal.dataset import (
     write_dataset,
 )
 from skincal.dataset.unit_checks import force_units, unit_of_ratio, value_step
-from skincal.dataset.word_checks import as_word, find_falls, find_wrapped, swapped
+from skincal.dataset.word_checks import as_word, find_below_zero, find_falls, find_wrapped, swapped
 
 Session = Callable[..., Dataset]
 ROOT = Path(__file__).parents[2]
@@ -109,6 +109,64 @@ def test_words_that_rest_just_below_their_top(tmp_path: Path, rest: float, gain:
     # Readings that drop out to nothing are none.
     dropped = np.where(np.random.default_rng(3).random(true.shape) < 0.02, 0.0, np.minimum(true, 65535))
     assert find_wrapped(dropped) is None
+
+
+def near_zero(dataset: Dataset, rest: float, gain: float = 1.0) -> np.ndarray:
+    """Readings of a sensor that rests so many counts above zero, before they are words; noise of one count."""
+    loads = dataset.presses.counts - dataset.presses.counts.min(axis=0)
+    return np.rint(rest + gain * loads + np.random.default_rng(5).normal(0, 1, loads.shape))
+
+
+@pytest.mark.parametrize("bits", [8, 12, 16])
+@pytest.mark.parametrize("rest", [2.0, 1.0, 0.0])
+def test_few_words_below_zero(tmp_path: Path, bits: int, rest: float, original: Dataset):
+    true = near_zero(original, rest, 100 / original.presses.counts.max())
+    below = int((true < 0).sum())
+    (problem, *others) = found(tmp_path, changed(original, np.mod(true, 2.0**bits)))
+    assert below > 1 and problem.code == "counter_wrapped"
+    assert problem.got.startswith(f"{below} readings at the other end of {bits} bits, with nothing between")
+    assert problem.details["mapping"] == f'[taxels] word = "int{bits}"'
+    np.testing.assert_array_equal(as_word(np.mod(true, 2.0**bits), f"int{bits}"), true)
+    assert not any("dropped out" in other.got for other in others)
+
+
+def test_words_below_zero_among_loads_that_fill_them(tmp_path: Path, original: Dataset):
+    """Places and forces tell that what lies at the top is not pressed; a sensor that saturates there is."""
+    true = near_zero(original, 1.0, 240 / original.presses.counts.max())
+    assert true.max() < 252
+    (problem,) = found(tmp_path, changed(original, np.mod(true, 256)))
+    assert problem.code == "counter_wrapped" and not problem.details["mapping"]
+    assert "take 256 off those of 252 or more" in problem.fix
+    from skincal.dataset.unit_checks import expected_load
+
+    for gain in (1.5, 3.0):
+        saturated = np.clip(near_zero(original, 1.0, gain * 240 / original.presses.counts.max()), 0, 255)
+        assert (saturated == 255).sum() > 1
+        assert find_below_zero(saturated, expected_load(original)) is None
+
+
+@pytest.mark.parametrize("rest", [0.0, 6.0, 20.0])
+def test_drop_outs_to_full_scale_are_no_words_below_zero(rest: float, original: Dataset):
+    true = np.maximum(near_zero(original, rest, 100 / original.presses.counts.max()), 0)
+    dropped = np.random.default_rng(3).random(true.shape) < 0.01
+    assert find_below_zero(true) is None
+    assert find_below_zero(np.where(dropped, 65535.0, true)) is None
+
+
+def test_frames_below_zero_at_rest():
+    """Loads fill words of eight bits, so that only frames at rest tell what lies at their top."""
+    rng = np.random.default_rng(7)
+    share = np.concatenate([np.zeros(6), np.linspace(0.1, 1, 5), np.ones(5)])
+    force = np.tile(share, 20) * np.repeat(rng.uniform(1, 4, 20), len(share))
+    gain = rng.uniform(0, 60, (20, 4)).repeat(len(share), axis=0) * (rng.random((20, 4)) < 0.4).repeat(
+        16, axis=0
+    )
+    true = np.rint(1.0 + gain * force[:, None] + rng.normal(0, 1, gain.shape))
+    load = np.broadcast_to(force[:, None], true.shape)
+    assert 128 < true.max() < 252
+    wrapped = find_below_zero(np.mod(true, 256), load)
+    assert wrapped is not None and wrapped.readings == int((true < 0).sum())
+    assert find_below_zero(np.clip(true * 2, 0, 255), load) is None
 
 
 def test_bytes_in_the_wrong_order(tmp_path: Path, original: Dataset):

@@ -13,9 +13,9 @@ from skincal.fitting.fit_findings import BENT_NATS, _rig, find
 from skincal.fitting.fit_options import GridSteps, SearchBox
 from skincal.fitting.law import LawSpread
 from skincal.fitting.problem import FitProblem, PressTable, pose_problem
+from skincal.fitting.response import Bend
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.solve import plan_grid, solve
-from skincal.fitting.straight import Bend
 from skincal.fitting.valley import OPEN, POSE, at_one_place
 from tests.fitting.conftest import BOX, LAYOUT, ONE_LAW, QUICK, ROUGH, Truth, make_session, rig
 

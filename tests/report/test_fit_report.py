@@ -23,8 +23,8 @@ from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.observe import Readout
 from skincal.fitting.problem import PressTable, Rig, pose_problem
+from skincal.fitting.response import Bend
 from skincal.fitting.result import FitFinding, FitResult, GridResult, PressFit, Sigmas
-from skincal.fitting.straight import Bend
 from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters
 from skincal.report.fit import FIGURES, write_fit_report
 from skincal.report.fit_images import images_figure
