@@ -77,7 +77,7 @@ def engine_part(env: Any, steps: int = 400) -> float:
     """
     env.reset(seed=0)
     env.step(np.zeros(env.action_space.shape, np.float32))
-    scene = env.unwrapped._scene
+    scene = env.unwrapped.world.scene
     engine, client, drive, torques = scene.engine, scene.client, scene.drives.step, []
     begun, state = engine.saveState(physicsClientId=client), scene.drives._state.copy()
 
@@ -104,7 +104,7 @@ def one(name: str, policy: str, steps: int) -> dict[str, float]:
     env: Any = gymnasium.make(name, policy=policy)
     roll(env, 60)
     watch, physics = Watch(), Watch()
-    physics.on(env.unwrapped._scene, "run")
+    physics.on(env.unwrapped.world.scene, "run")
     if policy == "tactile":
         for method in ("begin", "image"):
             watch.on(env.unwrapped.skin, method)
