@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from skincal.cli import options
 from skincal.cli.options import argument, example, numbers_by_name, option
 from skincal.cli.terminal import answer, picked, plain, table, warn
-from skincal.errors import input_error, text_of
+from skincal.errors import input_error
 from skincal.progress import stage_bars
 from skincal.tasks import JOINT_OFFSETS, Task
 
@@ -42,8 +42,6 @@ EPILOG = example(
 )
 
 MARKER = "eval.json"
-MOST_M = 0.5
-"""Largest distance of a target from the middle of a skin [m]."""
 
 _OUT = "Folder for figures and numbers; it appears complete or not at all."
 _ON = "The physics, or hands with a hidden truth through their driver (marble only)."
@@ -87,6 +85,7 @@ def evaluate(
     The marble is rolled from the centre to the side in 2 s, then round a circle of 5 mm in 6 s. The bolt is rolled for
     24 s, in four orientations by turns. All policies have the same runs.
     """
+    from skincal.envs.trajectories import read_targets
     from skincal.files import refuse_existing
     from skincal.train import policy_path, read_policy
     from skincal.train.evaluate import Trial, check_task
@@ -137,30 +136,6 @@ def evaluate(
             for one in found if gif else ():
                 write_film(one.policy, trial, folder / f"{one.name}.gif", ranges=used)
     answer(as_json, content, *([] if as_json else [_table(found, trial, predicted=predicted)]))
-
-
-def read_targets(path: Path) -> list[list[float]]:
-    """Return the trajectory (T, 2) of a CSV file [m].
-
-    Raises:
-        InputError: it has no columns u_m and v_m, or a target that lies on no skin.
-    """
-    from skincal.bounded import parse_csv, read_text
-    from skincal.files import reason
-
-    try:
-        header, *rows = parse_csv(read_text(path)) or [[]]
-        u, v = (header.index(name) for name in ("u_m", "v_m"))
-        targets = [[float(row[u]), float(row[v])] for row in rows if row]
-        if beyond := [x for target in targets for x in target if not abs(x) <= MOST_M]:
-            raise ValueError(f"a target at {beyond[0]:g} m; no skin is larger than {MOST_M:g} m")
-        if not targets:
-            raise ValueError("no rows")
-        return targets
-    except (OSError, ValueError, IndexError) as error:
-        got = reason(error) if isinstance(error, OSError) else text_of(error)
-        expected = "circle, random, still, or a CSV file with the columns u_m and v_m [m]"
-        raise input_error(f"--trajectory {path}", expected, got) from error
 
 
 def _ranges(task: Task, ranges: Path | None, calibration: Path | None) -> Ranges | None:
