@@ -17,7 +17,7 @@ from skincal.hand.simulated import SimulatedDriver, write_truth
 from skincal.robot import hand_named
 from skincal.robot.description import HandDescription
 from skincal.sim import SimOptions, SimulatedHand, SkinMemory, Truth, TruthOptions
-from skincal.sim.bullet import check_engine
+from skincal.sim.physics_client import check_engine
 
 TRUTH_FORMAT = "skincal-sim-truth/1"
 _TRUTH_STREAM, _NOISE_STREAM = 0, 1

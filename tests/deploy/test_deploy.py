@@ -58,9 +58,7 @@ class Empty(ReferenceHand):
         super().connect()
         scene = self._connected
         scene.release()
-        scene.engine.resetBasePositionAndOrientation(
-            scene.body, [1, 1, 1], [0, 0, 0, 1], physicsClientId=scene.client
-        )
+        scene.engine.resetBasePositionAndOrientation(scene.body, [1, 1, 1], [0, 0, 0, 1])
 
 
 def test_marble_is_rolled(policy: Policy) -> None:
