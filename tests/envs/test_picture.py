@@ -8,12 +8,10 @@ import gymnasium
 import numpy as np
 import pytest
 from making import make
+from published import LAYOUT
 
 import skincal.envs
 from skincal.envs.picture import HEIGHT, WIDTH, Board, PictureState, colours, panel
-from skincal.model import TaxelLayout
-
-LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 
 
 @pytest.mark.parametrize("name", skincal.envs.ENVIRONMENTS)
