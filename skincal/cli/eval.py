@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from skincal.report.evaluation import Evaluated
     from skincal.train import Policy
     from skincal.train.evaluate import Trial
-    from skincal.train.scores import Runs
 
 
 class Engine(StrEnum):
@@ -158,6 +156,7 @@ def _ranges(task: Task, ranges: Path | None, calibration: Path | None) -> Ranges
 def _evaluated(policies: list[Policy], trial: Trial, ranges: Ranges | None, on: Engine) -> list[Evaluated]:
     import numpy as np
 
+    from skincal.deploy.trials import runs_on
     from skincal.report.evaluation import Evaluated, names_of
     from skincal.train.scores import score
 
@@ -165,25 +164,11 @@ def _evaluated(policies: list[Policy], trial: Trial, ranges: Ranges | None, on: 
     with stage_bars() as progress:
         for name, policy in zip(names_of(policies), policies, strict=True):
             progress(name, 0, trial.episodes)
-            runs = _runs(policy, trial, ranges, on, lambda done, n=name: progress(n, done, trial.episodes))
+            runs = runs_on(
+                on.value, policy, trial, ranges, lambda done, n=name: progress(n, done, trial.episodes)
+            )
             found.append(Evaluated(name, policy, runs, score(runs, np.random.default_rng(trial.seed))))
     return found
-
-
-def _runs(
-    policy: Policy, trial: Trial, ranges: Ranges | None, on: Engine, progress: Callable[[int], None]
-) -> Runs:
-    from skincal.train.evaluate import environment_for, evaluate
-
-    if on is Engine.reference:
-        from skincal.deploy.trials import reference_runs
-
-        return reference_runs(policy, trial, ranges=ranges or "iros24", progress=progress)
-    environment = environment_for(policy, trial, ranges, engine=on.value)
-    try:
-        return evaluate(policy, environment, trial, progress=progress)
-    finally:
-        environment.close()
 
 
 def _entry(one: Evaluated, trial: Trial, *, predicted: bool) -> dict[str, Any]:
