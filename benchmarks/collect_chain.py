@@ -95,19 +95,15 @@ def session(protocol: str, seed: int, folder: Path) -> Seen:
     """Collects a session of a seed, as ``skincal collect --driver sim`` does."""
     start = time.perf_counter()
     drivers: list[SimDriver] = []
-    shift: list[float] = []
+    truth: list[tuple[float, ...]] = []
 
     def make(need: Need) -> SimDriver:
         drivers.append(SimDriver(seed=seed, truth_path=folder / "truth.json"))
         return drivers[-1]
 
-    logs: list[Any] = []
-
     def watch(progress: Progress) -> None:
-        sample = progress.sample
-        shift[:] = [sample.time_s - sample.state.time_s]
-        if not logs:
-            logs.append(drivers[-1].simulated.truth_log)
+        contact = drivers[-1].simulated.contact()
+        truth.append((progress.sample.time_s, contact.force_n, *contact.point_m))
 
     description = SimDriver(seed=seed).description
     layout = Mount.of(description.meta).layout
@@ -115,20 +111,18 @@ def session(protocol: str, seed: int, folder: Path) -> Seen:
     plan = (paper_plan if protocol == "paper" else full_plan)(rng, layout)
     collected = collect(plan, description, make, folder / "run", watch=watch)
     seconds = time.perf_counter() - start
-    log = logs[0]
-    times = np.array([contact.time_s for contact in log]) + shift[0]
-    force = np.array([contact.force_n for contact in log])
-    point = np.array([contact.point_m for contact in log])
+    times, force, *point = np.array(truth).T
     presses = collected.dataset.presses
     rows = [
         (times >= begin + SETTLE_S) & (times <= end)
         for begin, end in zip(presses.columns["t_hold_s"], presses.columns["t_release_s"], strict=True)
     ]
     true_force = np.array([force[row].mean() if row.any() else np.nan for row in rows])
-    true_point = np.array([point[row].mean(axis=0) if row.any() else np.full(3, np.nan) for row in rows])
-    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
-    told = truth["session"]["truth_as_the_positions_tell_it"]
-    return Seen(collected, true_force, true_point, truth["model"], told, seconds)
+    place = np.transpose(point)
+    true_point = np.array([place[row].mean(axis=0) if row.any() else np.full(3, np.nan) for row in rows])
+    drawn = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    told = drawn["session"]["truth_as_the_positions_tell_it"]
+    return Seen(collected, true_force, true_point, drawn["model"], told, seconds)
 
 
 def run_job(job: Job) -> Record:

@@ -47,7 +47,7 @@ def press(engine: str, seed: int) -> dict[str, Any]:
         if lost:
             break
         seen = env.truth
-        point = env._sensor.patch_m(seen.tip.inside(np.array(seen.skin.point_m)))
+        point = env.world.sensor.patch_m(seen.tip.inside(np.array(seen.skin.point_m)))
         found[name] = {"force_n": seen.skin.force_n, "point_m": point.tolist(), "image": env.image.tolist()}
     env.close()
     return found

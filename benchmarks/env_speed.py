@@ -77,9 +77,9 @@ def engine_part(env: Any, steps: int = 400) -> float:
     """
     env.reset(seed=0)
     env.step(np.zeros(env.action_space.shape, np.float32))
-    scene = env.unwrapped._scene
-    engine, client, drive, torques = scene.engine, scene.client, scene.drives.step, []
-    begun, state = engine.saveState(physicsClientId=client), scene.drives._state.copy()
+    scene = env.unwrapped.world.scene
+    engine, drive, torques = scene.engine, scene.drives.step, []
+    begun, state = engine.saveState(), scene.drives._state.copy()
 
     def recorded(q: Any, dq: Any) -> Any:
         torques.append(drive(q, dq))
@@ -89,7 +89,7 @@ def engine_part(env: Any, steps: int = 400) -> float:
     scene.run(steps)
     used: dict[bool, list[float]] = {False: [], True: []}
     for known in [False, True] * 9:
-        engine.restoreState(begun, physicsClientId=client)
+        engine.restoreState(begun)
         scene.drives._state[:] = state
         given = iter(torques)
         scene.drives.step = (lambda q, dq: next(given)) if known else drive  # noqa: B023
@@ -104,7 +104,7 @@ def one(name: str, policy: str, steps: int) -> dict[str, float]:
     env: Any = gymnasium.make(name, policy=policy)
     roll(env, 60)
     watch, physics = Watch(), Watch()
-    physics.on(env.unwrapped._scene, "run")
+    physics.on(env.unwrapped.world.scene, "run")
     if policy == "tactile":
         for method in ("begin", "image"):
             watch.on(env.unwrapped.skin, method)

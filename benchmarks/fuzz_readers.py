@@ -338,9 +338,9 @@ DEPLOYED = {
 
 def _of_runs(scratch: Path) -> list[Reader]:
     from skincal.calibrate.checkpoint import Checkpoint
-    from skincal.cli.eval import read_targets
-    from skincal.cli.rescale import read_deployed
     from skincal.collect.journal import Journal
+    from skincal.deploy.run_file import read_run_file
+    from skincal.envs.trajectories import read_targets
     from skincal.fitting.grid import GridSlab
     from skincal.sim.touch import SkinMemory
     from skincal.train import read_curve, read_policy, read_run
@@ -367,7 +367,7 @@ def _of_runs(scratch: Path) -> list[Reader]:
     return [
         Reader("policy", {"p.onnx": policy}, lambda f: read_policy(f / "p.onnx")(np.zeros(34))),
         Reader("estimator", {"e.npz": estimator}, lambda f: read_estimator(f / "e.npz")),
-        Reader("deployed", {"deploy.json": json.dumps(DEPLOYED).encode()}, read_deployed),
+        Reader("deployed", {"deploy.json": json.dumps(DEPLOYED).encode()}, read_run_file),
         Reader(
             "run",
             {n: (run / n).read_bytes() for n in ("run.toml", "ranges.toml")},

@@ -6,9 +6,10 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
+from published import META
 
 from skincal.calibration import Calibration, Finding, Loss, ModelParameters, Provenance
-from skincal.dataset import IndenterSpec, MountSpec, PositionSpec, SensorSpec, SurfaceSpec
+from skincal.dataset import MountSpec, SurfaceSpec
 
 INTERVALS = {
     "y_m": (0.02175, 0.02525),
@@ -25,13 +26,7 @@ def make_calibration(rows: int = 200, **changes: Any) -> Calibration:
     rng = np.random.default_rng(0)
     y = rng.uniform(0.02175, 0.02525, rows)
     parts: dict[str, Any] = {
-        "sensor": SensorSpec(4, 4, (0.0025, 0.0025), (0.004, 0.004), 0, 255, integer=True),
-        "surface": SurfaceSpec("cylinder", 0.0115),
-        "indenter": IndenterSpec("sphere", 0.006),
-        "mount": MountSpec(
-            0.0235, 0.0, (0.0195, 0.0275), (-20.0, 20.0), beta_deg=0.0, beta_range_deg=(-12.0, 12.0)
-        ),
-        "position": PositionSpec(0.001, 0.002),
+        **{name: getattr(META, name) for name in ("sensor", "surface", "indenter", "mount", "position")},
         "model": ModelParameters(0.0235, -3.0, 5.1e8, 68.0, beta_deg=2.1),
         "intervals": INTERVALS,
         "loss": Loss(9.1, 25.0, 24, {"noise_counts": 1.1}),

@@ -12,6 +12,7 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import shutil
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -19,21 +20,9 @@ import hypothesis
 import numpy as np
 import pytest
 from commands import Run, captured
+from published import META, RADIUS_M
 
-from skincal.dataset import (
-    Dataset,
-    DatasetMeta,
-    Frames,
-    IndenterSpec,
-    MountSpec,
-    PositionSpec,
-    Presses,
-    SensorSpec,
-    SurfaceSpec,
-    write_dataset,
-)
-
-RADIUS_M = 0.0115
+from skincal.dataset import Dataset, Frames, Presses, write_dataset
 
 # How long an example takes says how busy the machine is.
 hypothesis.settings.register_profile("skincal", deadline=None)
@@ -48,16 +37,7 @@ for number, own in ((signal.SIGINT, signal.default_int_handler), (signal.SIGQUIT
 def make_session(presses: int = 12, *, frames_per_press: int = 8, seed: int = 1) -> Dataset:
     """A small session like the paper's, with blurred dots for images; 0 frames per press: none at all."""
     generator = np.random.default_rng(seed)
-    meta = DatasetMeta(
-        sensor=SensorSpec(4, 4, (0.0025, 0.0025), (0.004, 0.004), value_min=0, value_max=255, integer=True),
-        surface=SurfaceSpec("cylinder", RADIUS_M),
-        indenter=IndenterSpec("sphere", 0.006),
-        mount=MountSpec(
-            0.0235, 0.0, (0.0195, 0.0275), (-20.0, 20.0), beta_deg=0.0, beta_range_deg=(-12.0, 12.0)
-        ),
-        position=PositionSpec(0.001, 0.002),
-        source="made for a test",
-    )
+    meta = replace(META, source="made for a test")
     u, v = generator.uniform(-0.006, 0.006, (2, presses))
     beta = u / RADIUS_M
     points = np.column_stack([RADIUS_M * np.sin(beta), 0.0235 + v, RADIUS_M * np.cos(beta)])

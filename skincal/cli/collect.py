@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,17 +15,15 @@ from skincal.cli.terminal import answer, say, warn
 from skincal.errors import input_error
 
 if TYPE_CHECKING:
-    from skincal.collect import Collected, Need, Plan
-    from skincal.hand import HandDriver, StageDescription, StageDriver
+    from skincal.collect import Collected, Plan
+    from skincal.collect.rig import Rig
+    from skincal.hand import StageDescription
     from skincal.robot import HandDescription
 
 EPILOG = example(
     "skincal collect --driver sim --seed 7 --out run",
     "skincal collect --driver sim --effect hysteresis=1 --truth truth.json --out run --json",
 )
-
-MEMORY = "skin.memory"
-"""File in the folder of an unfinished session: the contact history that the simulated skin remembers."""
 
 PROTOCOL = (
     "`full`: presses that can show every effect except tangential force and, without --second-indenter-mm, the "
@@ -65,7 +62,7 @@ def collect(
     from skincal.files import refuse_existing
     from skincal.hand import StageDescription
 
-    rig = Rig.of(driver, seed, effect, truth, hand, driver_option, beyond_limits=beyond_limits)
+    rig = rig_of(driver, seed, effect, hand, driver_option, truth, beyond_limits=beyond_limits)
     inputs = [Path(one) for one in (plan, hand) if one is not None]
     description, is_stage = rig.driver.description, rig.hand is None
     if is_stage and second_indenter_mm is not None:
@@ -88,7 +85,8 @@ def collect(
     source = (
         f"skincal collect: {kind}driver {driver}{simulated}{effects}, plan {chosen.name}, {description.name}"
     )
-    _conclude(rig.press(chosen, out, source, force=force, inputs=inputs, restart=restart), out, as_json)
+    found = press(rig, chosen, out, source, force=force, inputs=inputs, restart=restart)
+    _conclude(found, out, as_json)
 
 
 def _conclude(found: Collected, out: Path, as_json: bool) -> None:
@@ -117,113 +115,37 @@ def _conclude(found: Collected, out: Path, as_json: bool) -> None:
         raise typer.Exit(1)
 
 
-@dataclass(frozen=True, eq=False)
-class Rig:
-    """The hand or stage of a command line.
+def rig_of(
+    driver: str,
+    seed: int,
+    effect: list[str] | None,
+    hand: str | None,
+    given: list[str] | None,
+    truth: Path | None = None,
+    *,
+    beyond_limits: bool,
+) -> Rig:
+    """Return the rig of a command line; its driver is not connected."""
+    from skincal.collect.rig import Rig
 
-    Attributes:
-        beyond_limits: whether the guard's limits may be exceeded.
-        driver: not connected.
-    """
+    effects = numbers_by_name("--effect", effect, "NAME=STRENGTH")
+    return Rig.of(
+        driver, given, seed, beyond_limits=beyond_limits, effects=effects, truth_path=truth, hand=hand
+    )
 
-    name_of_driver: str
-    options: Mapping[str, Any]
-    seed: int
-    beyond_limits: bool
-    driver: HandDriver | StageDriver
 
-    @classmethod
-    def of(
-        cls,
-        driver: str,
-        seed: int,
-        effect: list[str] | None,
-        truth: Path | None,
-        hand: str | None,
-        given: list[str] | None,
-        *,
-        beyond_limits: bool,
-    ) -> Rig:
-        """Create the driver; an option of the command that it lacks is an error.
+def press(rig: Rig, plan: Plan, out: Path, source: str, start_s: float = 0.0, **output: Any) -> Collected:
+    """Make the presses of a plan, or go on with them, with progress on the terminal."""
+    from skincal.cli.live import SessionProgress
 
-        Raises:
-            InputError: there is no such driver or option, or a limit is beyond those of any finger or bench.
-        """
-        from skincal.hand.registry import create_rig, driver_options, parse_options
-        from skincal.hand.stage import StageDriver
-        from skincal.hand.stage_guard import check_stage
-        from skincal.robot import check_limits
+    with SessionProgress(rig.driver.description.meta.sensor) as progress, moving(lambda: saved(out)):
 
-        effects = numbers_by_name("--effect", effect, "NAME=STRENGTH")
-        own = {n: v for n, v in {"effects": effects, "truth_path": truth, "hand": hand}.items() if v}
-        if "seed" in {option.name for option in driver_options(driver)}:
-            own["seed"] = seed
-        options: dict[str, Any] = dict(parse_options(given or []))
-        if twice := [name for name in own if name in options]:
-            expected = "options without an own command-line option"
-            raise input_error("--driver-option", expected, ", ".join(twice))
-        options |= own
-        rig = create_rig(driver, **options)
-        if isinstance(rig, StageDriver):
-            check_stage(rig.description, beyond=beyond_limits)
-        else:
-            check_limits(rig.description, beyond=beyond_limits)
-        return cls(driver, options, seed, beyond_limits, rig)
+        def change_cap(radius_m: float | None) -> None:
+            progress.pause()
+            size = "the hand's own" if radius_m is None else f"{1e3 * radius_m:g} mm"
+            typer.confirm(f"Mount the cap with the sphere of radius: {size}. Done?", abort=True, err=True)
 
-    @property
-    def hand(self) -> HandDescription | None:
-        """The hand; None: the rig is a stage."""
-        from skincal.hand.stage import StageDriver
-
-        return None if isinstance(self.driver, StageDriver) else self.driver.description
-
-    def press(self, plan: Plan, out: Path, source: str, start_s: float = 0.0, **output: Any) -> Collected:
-        """Make the presses of a plan, or go on with them, with progress on the terminal."""
-        from skincal.cli.live import SessionProgress
-        from skincal.collect import collect as run
-        from skincal.hand import GuardOptions
-
-        options = {name: str(value) for name, value in sorted(self.options.items())}
-        key = {"driver": self.name_of_driver, "seed": self.seed, "driver options": options}
-        guard, description = GuardOptions(beyond_limits=self.beyond_limits), self.driver.description
-        with SessionProgress(description.meta.sensor) as progress, moving(lambda: saved(out)):
-            make = self._maker(out, progress.pause, start_s)
-            return run(
-                plan, description, make, out, key=key, guard=guard, source=source, watch=progress, **output
-            )
-
-    def _maker(
-        self, out: Path, pause: Callable[[], None], start_s: float
-    ) -> Callable[[Need], HandDriver | StageDriver]:
-        """Return a factory of drivers for the point that the session has reached; it asks for another cap if needed.
-
-        A simulated hand is given the clock of its session, the cap and the contact history.
-        """
-        from skincal.collect import journal_folder
-        from skincal.collect.session import GAP_S
-        from skincal.hand.registry import create_driver, driver_options
-
-        known = {option.name for option in driver_options(self.name_of_driver)}
-        mounted: list[float | None] = [None]
-
-        def make(need: Need) -> HandDriver | StageDriver:
-            if self.hand is None:
-                return self.driver
-            radius_m = need.indenter_radius_m
-            if radius_m != mounted[0] and "indenter_radius_m" not in known:
-                pause()
-                size = "the hand's own" if radius_m is None else f"{1e3 * radius_m:g} mm"
-                typer.confirm(f"Mount the cap with the sphere of radius: {size}. Done?", abort=True, err=True)
-                mounted[0] = radius_m
-            later = {
-                "start_s": (need.session_s or start_s) + GAP_S if need.session_s or start_s > 0 else None,
-                "indenter_radius_m": radius_m,
-                "memory_path": journal_folder(out) / MEMORY,
-            }
-            own = {n: v for n, v in later.items() if n in known and n not in self.options and v is not None}
-            return create_driver(self.name_of_driver, **self.options, **own)
-
-        return make
+        return rig.press(plan, out, source, start_s=start_s, change_cap=change_cap, watch=progress, **output)
 
 
 def saved(out: Path) -> str:

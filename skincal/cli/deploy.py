@@ -9,12 +9,11 @@ from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Annotated, Any
 
 from skincal.cli import options
-from skincal.cli.eval import read_targets
 from skincal.cli.interrupt import moving
 from skincal.cli.options import argument, example, numbers_by_name, option
 from skincal.cli.terminal import answer, plain
 from skincal.errors import input_error
-from skincal.tasks import DURATION_S, SPEEDS_RAD_PER_S, Task
+from skincal.tasks import SPEEDS_RAD_PER_S, Task
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,8 +29,6 @@ EPILOG = example(
     "skincal deploy marble marble-tactile-1 --write DLR --out letters",
 )
 
-MARKER = "deploy.json"
-SESSION = "session"
 WIDTH_MM = 12.0
 """Width of the published marble and bolt."""
 
@@ -76,8 +73,9 @@ def deploy(
     from skincal.cli.live import RunProgress
     from skincal.dataset.model_objects import layout_of
     from skincal.deploy import deploy as run
-    from skincal.deploy import write_record
+    from skincal.deploy import targets_of, write_record
     from skincal.deploy.estimate import estimate_error_m, estimated_places
+    from skincal.deploy.run_file import MARKER, SESSION, results
     from skincal.envs.pinch import read_pinch
     from skincal.files import refuse_existing, reserved_room, whole_folder
     from skincal.hand import GuardOptions
@@ -111,7 +109,7 @@ def deploy(
 
         content = {
             "task": task.value, "policy": chosen.file, "driver": driver, "seed": seed, "finished": finished,
-            **_numbers(found), "session": str(out / SESSION), "asked": asked,
+            **results(found), "session": str(out / SESSION), "asked": asked,
         }  # fmt: skip
         if felt is not None:
             content["estimate_error_median_m"] = estimate_error_m(found.record, felt)
@@ -176,26 +174,6 @@ def _speed(policy: Policy, task: Task, most: float) -> float:
     return float(speed)
 
 
-def targets_of(
-    task: Task, trajectory: str, write: str | None, frequency_hz: float, duration_s: float | None
-) -> np.ndarray:
-    """Return the trajectory of the object (T, 2) [m], or of the bolt's angle (T, 1) [rad]."""
-    from skincal.deploy import letters, marble_targets
-    from skincal.envs.trajectories import POLICY_HZ, sine
-
-    if task is Task.bolt:
-        if write is not None:
-            raise input_error("--write", "the task marble", "bolt")
-        return sine(round((duration_s or DURATION_S[task]) * POLICY_HZ) + 1, frequency_hz)
-    if write is not None:
-        way = letters(write)
-        return way if duration_s is None else marble_targets(way, duration_s)
-    known = trajectory in ("circle", "still")
-    return marble_targets(
-        trajectory if known else read_targets(Path(trajectory)), duration_s or DURATION_S[task]
-    )
-
-
 def _driver_options(
     driver: str, given: list[str] | None, seed: int, effect: list[str] | None, task: Task, pinch: Path | None
 ) -> dict[str, Any]:
@@ -224,22 +202,3 @@ def _estimator(task: Task, name: str | None, pinch: Path | None, hand: HandDescr
         fix = "It is for another sensor; train one for this hand."
         raise input_error(f"--estimator {name}", f"{taxels} taxels", found.taxels, fix)
     return found
-
-
-def _numbers(found: Deployed) -> dict[str, Any]:
-    import numpy as np
-
-    error, record = found.error_m[np.isfinite(found.error_m)], found.record
-    return {
-        "steps": found.steps,
-        "missed_steps": found.missed,
-        "held": found.lost_s is None,
-        "lost_s": found.lost_s,
-        "error_m": float(error.mean()) if error.size else None,
-        "error_settled_m": float(error[20:].mean()) if error.size > 20 else None,
-        "force_n": float(record.grip_n[record.acting :].mean()),
-        "period_s": float(found.period_s.mean()) if found.period_s.size else None,
-        "jitter_s": found.jitter_s,
-        "inference_s": float(found.inference_s.mean()),
-        "rest_counts": record.rest_counts,
-    }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from skincal.cli import options
 from skincal.cli.options import argument, example, numbers_by_name, option
 from skincal.cli.terminal import answer, picked, plain, table, warn
-from skincal.errors import input_error, text_of
+from skincal.errors import input_error
 from skincal.progress import stage_bars
 from skincal.tasks import JOINT_OFFSETS, Task
 
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from skincal.report.evaluation import Evaluated
     from skincal.train import Policy
     from skincal.train.evaluate import Trial
-    from skincal.train.scores import Runs
 
 
 class Engine(StrEnum):
@@ -42,8 +40,6 @@ EPILOG = example(
 )
 
 MARKER = "eval.json"
-MOST_M = 0.5
-"""Largest distance of a target from the middle of a skin [m]."""
 
 _OUT = "Folder for figures and numbers; it appears complete or not at all."
 _ON = "The physics, or hands with a hidden truth through their driver (marble only)."
@@ -87,6 +83,7 @@ def evaluate(
     The marble is rolled from the centre to the side in 2 s, then round a circle of 5 mm in 6 s. The bolt is rolled for
     24 s, in four orientations by turns. All policies have the same runs.
     """
+    from skincal.envs.trajectories import read_targets
     from skincal.files import refuse_existing
     from skincal.train import policy_path, read_policy
     from skincal.train.evaluate import Trial, check_task
@@ -139,30 +136,6 @@ def evaluate(
     answer(as_json, content, *([] if as_json else [_table(found, trial, predicted=predicted)]))
 
 
-def read_targets(path: Path) -> list[list[float]]:
-    """Return the trajectory (T, 2) of a CSV file [m].
-
-    Raises:
-        InputError: it has no columns u_m and v_m, or a target that lies on no skin.
-    """
-    from skincal.bounded import parse_csv, read_text
-    from skincal.files import reason
-
-    try:
-        header, *rows = parse_csv(read_text(path)) or [[]]
-        u, v = (header.index(name) for name in ("u_m", "v_m"))
-        targets = [[float(row[u]), float(row[v])] for row in rows if row]
-        if beyond := [x for target in targets for x in target if not abs(x) <= MOST_M]:
-            raise ValueError(f"a target at {beyond[0]:g} m; no skin is larger than {MOST_M:g} m")
-        if not targets:
-            raise ValueError("no rows")
-        return targets
-    except (OSError, ValueError, IndexError) as error:
-        got = reason(error) if isinstance(error, OSError) else text_of(error)
-        expected = "circle, random, still, or a CSV file with the columns u_m and v_m [m]"
-        raise input_error(f"--trajectory {path}", expected, got) from error
-
-
 def _ranges(task: Task, ranges: Path | None, calibration: Path | None) -> Ranges | None:
     """Return the ranges of a file, or of a calibration with its posterior draws where it has some."""
     from skincal.envs.needed import check_ranges, ranges_for
@@ -183,6 +156,7 @@ def _ranges(task: Task, ranges: Path | None, calibration: Path | None) -> Ranges
 def _evaluated(policies: list[Policy], trial: Trial, ranges: Ranges | None, on: Engine) -> list[Evaluated]:
     import numpy as np
 
+    from skincal.deploy.trials import runs_on
     from skincal.report.evaluation import Evaluated, names_of
     from skincal.train.scores import score
 
@@ -190,25 +164,11 @@ def _evaluated(policies: list[Policy], trial: Trial, ranges: Ranges | None, on: 
     with stage_bars() as progress:
         for name, policy in zip(names_of(policies), policies, strict=True):
             progress(name, 0, trial.episodes)
-            runs = _runs(policy, trial, ranges, on, lambda done, n=name: progress(n, done, trial.episodes))
+            runs = runs_on(
+                on.value, policy, trial, ranges, lambda done, n=name: progress(n, done, trial.episodes)
+            )
             found.append(Evaluated(name, policy, runs, score(runs, np.random.default_rng(trial.seed))))
     return found
-
-
-def _runs(
-    policy: Policy, trial: Trial, ranges: Ranges | None, on: Engine, progress: Callable[[int], None]
-) -> Runs:
-    from skincal.train.evaluate import environment_for, evaluate
-
-    if on is Engine.reference:
-        from skincal.deploy.trials import reference_runs
-
-        return reference_runs(policy, trial, ranges=ranges or "iros24", progress=progress)
-    environment = environment_for(policy, trial, ranges, engine=on.value)
-    try:
-        return evaluate(policy, environment, trial, progress=progress)
-    finally:
-        environment.close()
 
 
 def _entry(one: Evaluated, trial: Trial, *, predicted: bool) -> dict[str, Any]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Generator
+from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
 from skincal.cli.terminal import say
+from skincal.progress import progress
 
 if TYPE_CHECKING:
     import numpy as np
@@ -126,38 +128,28 @@ class RunProgress(_Live):
             self._show(Text(f"{stage:12s} {state.time_s:7.2f} s"), taxel_image(state.taxels, self._sensor))
 
 
-class TrainingProgress(_Live):
-    """Reporter of a training run."""
+@contextmanager
+def training_shown(steps: int) -> Generator[Callable[[Round], None]]:
+    """Yield a callback of the rounds of a training run: it shows a bar, or without a terminal a line now and then."""
+    began = told = time.monotonic()
+    first: int | None = None
+    with progress() as bars:
+        task = bars.add_task("", total=steps)
 
-    def __init__(self, steps: int) -> None:
-        super().__init__()
-        self._steps = steps
-        self._first: int | None = None
+        def report(row: Round) -> None:
+            nonlocal first, told
+            figures, now = f"reward {row.reward:.3f}, error {1e3 * row.error_m:.2f} mm", time.monotonic()
+            if first is None:
+                # What an earlier run has done says nothing of the time left.
+                first = row.steps
+                bars.reset(task, completed=first)
+            bars.update(task, completed=row.steps, description=figures)
+            if bars.disable and now - told >= LINE_EVERY_S:
+                told = now
+                left_min = (now - began) / max(row.steps - first, 1) * (steps - row.steps) / 60
+                say(f"{row.steps} of {steps} steps, {figures}, about {left_min:.0f} min left")
 
-    def __enter__(self) -> Self:
-        if self._is_terminal:
-            self._draw(0, "", "")
-        return self
-
-    def __call__(self, row: Round) -> None:
-        """Report the figures of a round."""
-        self._first = row.steps if self._first is None else self._first
-        figures = f"reward {row.reward:.3f}, error {1e3 * row.error_m:.2f} mm"
-        now = time.monotonic()
-        left_min = (now - self._began) / max(row.steps - self._first, 1) * (self._steps - row.steps) / 60
-        if self._is_terminal:
-            self._draw(row.steps, figures, f"{left_min:.0f} min left")
-        elif now - self._drawn >= LINE_EVERY_S:
-            self._drawn = now
-            say(f"{row.steps} of {self._steps} steps, {figures}, about {left_min:.0f} min left")
-
-    def _draw(self, steps: int, figures: str, left: str) -> None:
-        from rich.progress_bar import ProgressBar
-        from rich.table import Table
-
-        head = Table.grid(padding=(0, 2))
-        head.add_row(ProgressBar(self._steps, steps, width=40), f"{steps}/{self._steps}", figures, left)
-        self._show(head)
+        yield report
 
 
 def taxel_image(taxels: np.ndarray, sensor: SensorSpec) -> Text:

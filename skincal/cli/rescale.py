@@ -2,33 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from skincal.cli import options
-from skincal.cli.deploy import MARKER, SESSION, targets_of
 from skincal.cli.options import argument, example, option
 from skincal.cli.terminal import answer, warn
-from skincal.errors import input_error, quoted
-from skincal.tasks import Task
 
 if TYPE_CHECKING:
-    from skincal.calibration import Calibration
-    from skincal.deploy.wear import Feel, Wear
+    from skincal.deploy.wear import Wear
 
 EPILOG = example(
     "skincal deploy bolt bolt-tactile-1 --driver my-hand --duration-s 12 --out rolled",
     "skincal rescale cal rolled --out rescaled",
 )
-
-_BOUNDS = {
-    "frequency_hz": (0.05, 1.0),
-    "duration_s": (0.5, 3600.0),
-    "speed_rad_per_s": (0.0, 10.0),
-    "orientation_deg": (-180.0, 180.0),
-}
-"""Bounds on the numbers that `deploy` was given."""
 
 
 def rescale(
@@ -47,141 +35,23 @@ def rescale(
     more.
     """
     from skincal.calibration import read_calibration, write_calibration
-    from skincal.deploy.wear import wear
+    from skincal.deploy.rolling import felt, felt_in_simulation
+    from skincal.deploy.run_file import read_run_file
+    from skincal.deploy.wear import rescaled, wear
     from skincal.files import refuse_existing
+    from skincal.progress import stage_bars
 
     if out is not None:
         refuse_existing(out, cal, rolled, force=force, marker="calibration.toml")
     calibration = read_calibration(cal)
     warn(calibration.warnings)
-    run = read_deployed(rolled)
-    found = wear(_rolled(rolled, run), _simulated(calibration, run, hands, seed))
-    if out is not None:
-        write_calibration(_scaled(calibration, found), out, force=force)
-    answer(as_json, {**asdict(found), "enough": found.enough, "calibration": out}, *_lines(found, cal, out))
-
-
-def read_deployed(rolled: Path) -> dict[str, Any]:
-    """Return what a run was: the file that `deploy` writes next to the session.
-
-    Raises:
-        InputError: it is no run that `deploy` can have made, or its trajectory lies outside the working folder.
-    """
-    from skincal.bounded import parse_json, read_text
-    from skincal.files import reason
-
-    try:
-        run = parse_json(read_text(rolled / MARKER, within=rolled))
-        _check_run(run)
-        return {name: run[name] for name in ("task", "policy", "steps", "rest_counts", "asked")}
-    except (OSError, ArithmeticError, LookupError, TypeError, ValueError) as error:
-        got = reason(error) if isinstance(error, OSError) else quoted(error)
-        expected = "the output of `skincal deploy` of this version or a later one"
-        raise input_error(str(rolled / MARKER), expected, got) from error
-
-
-def _check_run(run: Any) -> None:
-    import numpy as np
-
-    from skincal.files import check_input
-
-    settings = run["asked"]
-    Task(run["task"])
-    if run.get("finished") is False:
-        raise ValueError("a run that ended early, which the simulated ones would not")
-    beyond = [
-        name
-        for name, (low, high) in _BOUNDS.items()
-        if settings[name] is not None and not low <= settings[name] <= high
-    ]
-    if beyond or not 0 < run["steps"] < 1e5:
-        raise ValueError(f"{', '.join(beyond) or 'steps'} beyond all bounds")
-    texts = [run["policy"], settings["trajectory"], settings["write"] or ""]
-    if not all(isinstance(text, str) and len(text) < 1000 for text in texts):
-        raise TypeError("policy, trajectory or write that is no name")
-    rest_counts = np.array(run["rest_counts"], dtype=np.float64)
-    if rest_counts.ndim != 1 or not np.isfinite(rest_counts).all():
-        raise ValueError("rest_counts that are no image")
-    if settings["trajectory"] not in ("circle", "still"):
-        check_input(settings["trajectory"], within=Path.cwd())
-
-
-def _rolled(rolled: Path, run: dict[str, Any]) -> Feel:
-    import numpy as np
-
-    from skincal.dataset import HOLD, read_dataset
-    from skincal.deploy.wear import feel
-
-    frames = read_dataset(rolled / SESSION).frames
-    if frames is None:
-        raise input_error(str(rolled / SESSION), "frames of the run", "none")
-    acting = np.asarray(frames.phase) == HOLD
-    images = np.asarray(frames.counts, dtype=np.float64)[acting]
-    if images.shape[1] != len(run["rest_counts"]):
-        raise input_error(str(rolled), f"rest_counts of {images.shape[1]} taxels", len(run["rest_counts"]))
-    return feel(images - np.array(run["rest_counts"]), np.asarray(frames.force_n)[acting])
-
-
-def _simulated(calibration: Calibration, run: dict[str, Any], hands: int, seed: int) -> list[Feel]:
-    """Return the same run on hands drawn from the calibration."""
-    import numpy as np
-
-    from skincal.deploy import deploy
-    from skincal.deploy.wear import feel
-    from skincal.envs.pinch import read_pinch
-    from skincal.envs.reference_hand import ReferenceHand
-    from skincal.errors import WorkError
-    from skincal.progress import stage_bars
-    from skincal.ranges import from_calibration
-    from skincal.train import policy_path, read_policy
-
-    ranges = from_calibration(calibration, joint=calibration.draws is not None)
-    policy, pinch, task = read_policy(policy_path(run["policy"])), read_pinch(None), Task(run["task"])
-    settings = run["asked"]
-    asked = (settings[name] for name in ("trajectory", "write", "frequency_hz", "duration_s"))
-    targets = targets_of(task, *asked)[: int(run["steps"]) + 1]
-    found: list[Feel] = []
+    run = read_run_file(rolled)
+    hand = felt(rolled, run)
     with stage_bars() as progress:
-        for number in range(hands):
-            progress("simulated hands", number, hands)
-            hand = ReferenceHand(
-                task=task.value,
-                seed=int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1),
-                ranges=ranges,
-                orientation_deg=settings["orientation_deg"],
-            )
-            sizes = {"object_width_m": hand.object_width_m, "speed_rad_per_s": settings["speed_rad_per_s"]}
-            try:
-                done = deploy(policy, hand, pinch, targets, **sizes)
-            except WorkError:
-                continue  # A hand that the guard stops has rolled nothing.
-            if done.lost_s is None:
-                record = done.record
-                acting = np.array([phase == "acting" for phase in record.phases])
-                found.append(feel(record.centroids_m[acting], record.grip_n[acting]))
-    return found
-
-
-def _scaled(calibration: Calibration, found: Wear) -> Calibration:
-    """Return the calibration with the factor in its scale.
-
-    The factor says how the hand answers relative to what the draws say of it, so that it is known about as well as the
-    scale itself: the interval of the scale is multiplied, not widened.
-    """
-    import numpy as np
-
-    model, draws, factor = calibration.model, calibration.draws, found.factor
-    each = model.scale_per_taxel_per_n
-    scaled = replace(
-        model,
-        scale_per_n=factor * model.scale_per_n,
-        scale_per_taxel_per_n=None if each is None else tuple(factor * s for s in each),
-    )
-    low, high = calibration.intervals["scale_per_n"]
-    intervals = {**calibration.intervals, "scale_per_n": (low * factor, high * factor)}
-    if draws is not None and "scale_per_n" in draws:
-        draws = {**draws, "scale_per_n": np.asarray(draws["scale_per_n"]) * factor}
-    return replace(calibration, model=scaled, intervals=intervals, draws=draws, grid=None)
+        found = wear(hand, felt_in_simulation(calibration, run, hands, seed, progress))
+    if out is not None:
+        write_calibration(rescaled(calibration, found.factor), out, force=force)
+    answer(as_json, {**asdict(found), "enough": found.enough, "calibration": out}, *_lines(found, cal, out))
 
 
 def _lines(found: Wear, cal: Path, out: Path | None) -> list[str]:

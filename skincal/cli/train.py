@@ -172,14 +172,14 @@ def _check_same(out: Path, task: Task, given: dict[str, Any], work: Work, used: 
 
 
 def _trained(out: Path, work: Work, ranges: Ranges, steps: int, *, processes: bool) -> Trained:
-    from skincal.cli.live import TrainingProgress
+    from skincal.cli.live import training_shown
     from skincal.report.evaluation import curves_figure
     from skincal.report.style import save_whole
     from skincal.train import maker, read_curve, train
     from skincal.train.training_run import CHECKPOINT
 
     again = f"Continue from the last checkpoint with\n  skincal train {work.task} --out {out} --steps {steps} --resume"
-    with resumable(lambda: again if (out / CHECKPOINT).is_dir() else ""), TrainingProgress(steps) as progress:
+    with resumable(lambda: again if (out / CHECKPOINT).is_dir() else ""), training_shown(steps) as progress:
         done = train(out, maker(work, ranges), steps, processes=processes, progress=progress)
     about = done.description
     figure = curves_figure({"": read_curve(out / "curve.csv")}, f"{about.task}, {about.policy}")

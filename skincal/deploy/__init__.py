@@ -6,6 +6,8 @@ Needs the core install and onnxruntime; neither a learner nor Gymnasium.
 from skincal.deploy.motion import DeployOptions
 from skincal.deploy.policy_run import Deployed, deploy
 from skincal.deploy.record import Record, write_record
-from skincal.deploy.targets import letters, marble_targets
+from skincal.deploy.targets import letters, marble_targets, targets_of
 
-__all__ = ["DeployOptions", "Deployed", "Record", "deploy", "letters", "marble_targets", "write_record"]
+__all__ = [
+    "DeployOptions", "Deployed", "Record", "deploy", "letters", "marble_targets", "targets_of", "write_record",
+]  # fmt: skip

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.envs.trajectories import CIRCLE_RADIUS_M, FIXED, POLICY_HZ, planned
+from skincal.envs.trajectories import CIRCLE_RADIUS_M, FIXED, POLICY_HZ, planned, read_targets, sine
 from skincal.errors import input_error
 from skincal.model.arrays import FloatArray, as_floats
+from skincal.tasks import DURATION_S, Task
 
 WRITING_M_PER_S = 2.5e-3
 """Speed at which letters are drawn: half of that of the evaluated circle [m/s]."""
@@ -22,6 +25,32 @@ _STROKES = {
     "U": "08 02 20 50 72 78", "V": "08 30 78", "W": "08 20 35 50 78", "X": "00 78 34 08 70",
     "Y": "30 34 08 34 78", "Z": "08 78 00 70",
 }  # fmt: skip
+
+
+def targets_of(
+    task: Task, trajectory: str, write: str | None, frequency_hz: float, duration_s: float | None
+) -> FloatArray:
+    """Return the targets of a run at 10 Hz: of the marble (T, 2), or the bolt's way along its normal (T, 1) [m].
+
+    Args:
+        task: what is rolled.
+        trajectory: of the marble: ``circle``, ``still``, or a CSV file.
+        write: letters that the marble draws instead.
+        frequency_hz: of the bolt's sine.
+        duration_s: length of the run; None: that of the letters, or as usual for the task.
+
+    Raises:
+        InputError: letters for the bolt, a text without letters, a trajectory that cannot be read.
+    """
+    if task is Task.bolt:
+        if write is not None:
+            raise input_error("--write", "the task marble", "bolt")
+        return sine(round((duration_s or DURATION_S[task]) * POLICY_HZ) + 1, frequency_hz)
+    if write is not None:
+        way = letters(write)
+        return way if duration_s is None else marble_targets(way, duration_s)
+    way = trajectory if trajectory in FIXED else read_targets(Path(trajectory))
+    return marble_targets(way, duration_s or DURATION_S[task])
 
 
 def marble_targets(trajectory: str | ArrayLike, duration_s: float) -> FloatArray:

@@ -16,7 +16,7 @@ from skincal.errors import InputError, Problem, WorkError
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
 from skincal.tasks import JOINT_OFFSETS, SPEEDS_RAD_PER_S, Task
-from skincal.train.evaluate import Trial
+from skincal.train.evaluate import Trial, environment_for, evaluate
 from skincal.train.policy_file import Policy
 from skincal.train.scores import Runs
 
@@ -41,6 +41,19 @@ def check_trial(trial: Trial) -> None:
         problems.append(Problem("--randomize", "nothing: all is drawn with --on reference", given))
     if problems:
         raise InputError(problems)
+
+
+def runs_on(
+    where: str, policy: Policy, trial: Trial, ranges: Ranges | None, progress: Callable[[int], None]
+) -> Runs:
+    """Run a trial of a policy in a physics engine, or on ``reference`` hands."""
+    if where == "reference":
+        return reference_runs(policy, trial, ranges=ranges or "iros24", progress=progress)
+    environment = environment_for(policy, trial, ranges, engine=where)
+    try:
+        return evaluate(policy, environment, trial, progress=progress)
+    finally:
+        environment.close()
 
 
 def reference_runs(

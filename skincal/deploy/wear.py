@@ -8,10 +8,11 @@ with the same policy through the same driver interface. Were nothing worn, the h
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skincal.calibration import Calibration
 from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray
 
@@ -118,6 +119,26 @@ def wear(hand: Feel, simulated: Sequence[Feel]) -> Wear:
         p_growth=_rank_p(growths),
         worst_taxel=int(off.argmax()),
     )
+
+
+def rescaled(calibration: Calibration, factor: float) -> Calibration:
+    """Return a calibration with a factor of lost sensitivity in its scale.
+
+    The factor says how the hand answers relative to what the draws say of it, so that it is known about as well as the
+    scale itself: the interval of the scale is multiplied, not widened.
+    """
+    model, draws = calibration.model, calibration.draws
+    each = model.scale_per_taxel_per_n
+    scaled = replace(
+        model,
+        scale_per_n=factor * model.scale_per_n,
+        scale_per_taxel_per_n=None if each is None else tuple(factor * s for s in each),
+    )
+    low, high = calibration.intervals["scale_per_n"]
+    intervals = {**calibration.intervals, "scale_per_n": (low * factor, high * factor)}
+    if draws is not None and "scale_per_n" in draws:
+        draws = {**draws, "scale_per_n": np.asarray(draws["scale_per_n"]) * factor}
+    return replace(calibration, model=scaled, intervals=intervals, draws=draws, grid=None)
 
 
 def _rank_p(rows: FloatArray) -> float:

@@ -56,7 +56,7 @@ class BoltRollEnv(RollEnv):
         seen = self._view
         if not seen.sound:
             return 0.0
-        u, v = self._sensor.direction(seen.tip.turned(seen.body.rotation[:, 0]))
+        u, v = self.world.sensor.direction(seen.tip.turned(seen.body.rotation[:, 0]))
         return math.atan2(v, u)
 
     def _target_m(self) -> FloatArray:

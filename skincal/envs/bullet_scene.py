@@ -7,8 +7,6 @@ import shutil
 import tempfile
 import weakref
 from collections.abc import Sequence
-from functools import partial
-from inspect import isbuiltin
 from pathlib import Path
 from typing import Any
 
@@ -20,24 +18,15 @@ from skincal.envs.pinch import Pinch
 from skincal.envs.pinch_urdf import pinch_urdf
 from skincal.envs.scene import LARGEST_FORCE_N, PHYSICS_HZ, Scene
 from skincal.envs.scene_state import Frame, Grip, Placed, Point, Touching, merged
-from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray
-from skincal.sim.bullet import load_engine, quiet
+from skincal.sim.physics_client import Client
 
 
 class BulletScene(Scene):
     """See :class:`Scene`."""
 
     def __init__(self, pinch: Pinch, iterations: int, *, window: bool = False, visible: bool = False) -> None:
-        with quiet():
-            # The module for the loop of physics steps, which is faster with arguments by position.
-            self._module: Any = load_engine()
-            self.client: int = self._module.connect(self._module.GUI if window else self._module.DIRECT)
-        self.engine: Any = _Client(self._module, self.client)
-        if self.client < 0:
-            raise WorkError(
-                "environment: PyBullet gives no further client. Close environments no longer used."
-            )
+        self.engine = Client(window=window)
         self._pinch, self._iterations = pinch, int(iterations)
         folder = tempfile.mkdtemp(prefix="skincal-")
         self._tidy = weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
@@ -54,7 +43,6 @@ class BulletScene(Scene):
             numSolverIterations=self._iterations,
             deterministicOverlappingPairs=1,
         )
-        engine.setGravity(0, 0, 0)
         self._load_fingers(grip)
         self.bodies = [self._load_body(placed, grip) for placed in grip.objects]
         self._begin_drives(grip)
@@ -62,29 +50,17 @@ class BulletScene(Scene):
         self.held = True
 
     def _load_fingers(self, grip: Grip) -> None:
-        engine = self.engine
-        flags = engine.URDF_USE_INERTIA_FROM_FILE | engine.URDF_USE_SELF_COLLISION
-        with quiet():
-            self.fingers: int = engine.loadURDF(str(self._urdf), useFixedBase=True, flags=flags)
-        count: int = engine.getNumJoints(self.fingers)
-        rows = [engine.getJointInfo(self.fingers, i) for i in range(count)]
-        joints = {row[1].decode(): row[0] for row in rows}
-        links = {row[12].decode(): row[0] for row in rows}
-        description = self._pinch.description
-        self._joints = [joints[name] for name in description.joints]
+        engine, description = self.engine, self._pinch.description
+        self._fingers = engine.load_fingers(self._urdf, description.joints)
+        body, links = self._fingers.body, self._fingers.links
         self._tip_links = (links[description.skin_finger.tip_link], links[self._pinch.thumb.tip_link])
-        for joint, angle in zip(self._joints, grip.angles_rad.tolist(), strict=True):
-            engine.resetJointState(self.fingers, joint, angle, 0.0)
-        # PyBullet's own motors would hold the joints.
-        still = [0.0] * self._pinch.joints
-        engine.setJointMotorControlArray(self.fingers, self._joints, engine.VELOCITY_CONTROL, forces=still)
-        for link in range(-1, count):
-            engine.changeDynamics(self.fingers, link, linearDamping=0, angularDamping=0, jointDamping=0)
-            if not engine.getCollisionShapeData(self.fingers, link):
+        engine.reset_joints(self._fingers, grip.angles_rad.tolist())
+        for link in range(-1, engine.getNumJoints(body)):
+            if not engine.getCollisionShapeData(body, link):
                 # Nothing of it can touch: the engine need not look.
-                engine.setCollisionFilterGroupMask(self.fingers, link, 0, 0)
+                engine.setCollisionFilterGroupMask(body, link, 0, 0)
         for link in self._tip_links:
-            self._soften(self.fingers, link, grip, grip.finger_friction, 0.0, 0.0)
+            self._soften(body, link, grip, grip.finger_friction)
 
     @property
     def body(self) -> int:
@@ -103,19 +79,12 @@ class BulletScene(Scene):
         return made
 
     def _soften(
-        self, body: int, link: int, grip: Grip, lateral: float, spinning: float, rolling: float
+        self, body: int, link: int, grip: Grip, lateral: float, spinning: float = 0.0, rolling: float = 0.0
     ) -> None:
-        """Friction of a pair is the product of the two; stiffness and damping are those of the two in series."""
-        self.engine.changeDynamics(
-            body,
-            link,
-            lateralFriction=lateral,
-            spinningFriction=spinning,
-            rollingFriction=rolling,
-            restitution=0,
-            contactStiffness=2 * grip.stiffness_n_per_m,
-            contactDamping=grip.damping_ns_per_m / 2,
-        )
+        self.engine.soften(
+            body, link, lateral=lateral, spinning=spinning, rolling=rolling,
+            stiffness_n_per_m=grip.stiffness_n_per_m, damping_ns_per_m=grip.damping_ns_per_m,
+        )  # fmt: skip
 
     def _hold(self, body: int, placed: Placed) -> int:
         engine = self.engine
@@ -145,8 +114,9 @@ class BulletScene(Scene):
 
     def run(self, steps: int) -> None:
         """See :meth:`Scene.run`. PyBullet reads arguments by position faster than by name."""
-        engine, client, fingers, bodies = self._module, self.client, self.fingers, self.bodies
-        joints, force, drive = self._joints, self.force_n, self.drives.step
+        engine, client, bodies = self.engine.module, self.engine.number, self.bodies
+        fingers, joints = self._fingers.body, self._fingers.joints
+        force, drive = self.force_n, self.drives.step
         states, torques = engine.getJointStates, engine.setJointMotorControlArray
         pose = engine.getBasePositionAndOrientation
         push = engine.applyExternalForce
@@ -163,18 +133,19 @@ class BulletScene(Scene):
         rows = [
             row
             for body in (self.bodies if which is None else [self.bodies[which]])
-            for row in self.engine.getContactPoints(self.fingers, body) or ()
+            for row in self.engine.getContactPoints(self._fingers.body, body) or ()
         ]
         skin, thumb = ([_point(row) for row in rows if row[3] == link] for link in self._tip_links)
         return merged(skin, LARGEST_FORCE_N), merged(thumb, LARGEST_FORCE_N)
 
     def joints(self) -> tuple[FloatArray, FloatArray]:
-        rows = self.engine.getJointStates(self.fingers, self._joints)
+        rows = self.engine.getJointStates(self._fingers.body, self._fingers.joints)
         q, dq, _forces, _torques = zip(*rows, strict=True)
         return np.array(q), np.array(dq)
 
     def tips(self) -> tuple[Frame, Frame]:
-        skin, thumb = self.engine.getLinkStates(self.fingers, self._tip_links, computeForwardKinematics=1)
+        body, links = self._fingers.body, self._tip_links
+        skin, thumb = self.engine.getLinkStates(body, links, computeForwardKinematics=1)
         return self._frame(skin[4], skin[5]), self._frame(thumb[4], thumb[5])
 
     def object_frame(self, which: int = 0) -> Frame:
@@ -186,32 +157,16 @@ class BulletScene(Scene):
 
     def gap_m(self) -> float:
         near = self.engine.getClosestPoints
-        rows = [row for body in self.bodies for row in near(self.fingers, body, 0.05)]
+        rows = [row for body in self.bodies for row in near(self._fingers.body, body, 0.05)]
         return min((row[8] for row in rows if row[3] in self._tip_links), default=0.05)
 
     def close(self) -> None:
-        if self.client >= 0:
-            self.client = -1
-            if self.engine.isConnected():
-                self.engine.disconnect()
-            self._tidy()
+        self.engine.close()
+        self._tidy()
 
     def _frame(self, origin_m: Sequence[float], turn: Sequence[float]) -> Frame:
         rotation = np.array(self.engine.getMatrixFromQuaternion(turn)).reshape(3, 3)
         return Frame(np.array(origin_m), rotation)
-
-
-class _Client:
-    """PyBullet with one client's number filled in; a function is bound once, when it is first asked for."""
-
-    def __init__(self, module: Any, number: int) -> None:
-        self._module, self._number = module, number
-
-    def __getattr__(self, name: str) -> Any:
-        found = getattr(self._module, name)
-        bound = partial(found, physicsClientId=self._number) if isbuiltin(found) else found
-        setattr(self, name, bound)
-        return bound
 
 
 def _point(row: Sequence[Any]) -> Point:

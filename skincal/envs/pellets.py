@@ -14,7 +14,7 @@ import numpy as np
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import EFFECTS_PREFIX, Values, array, number
 from skincal.envs.roll import RollEnv
-from skincal.envs.sensing import View, view
+from skincal.envs.sensing import View
 from skincal.envs.tactile import SkinContact
 from skincal.envs.task_options import EpisodeOptions
 from skincal.errors import input_error
@@ -85,8 +85,7 @@ class PelletSeparateEnv(RollEnv):
         return np.maximum(count - passed, 1)[:, None].astype(np.float64)
 
     def _look(self) -> None:
-        assert self._scene is not None
-        self._views = [view(self._scene, self._sensor, k) for k in range(self._count)]
+        self._views = [self.world.look(k) for k in range(self._count)]
         if self._step == 0:
             self._begun_m = [seen.body.origin_m for seen in self._views]
             self._there = [None not in (seen.skin, seen.thumb) for seen in self._views]
@@ -95,7 +94,7 @@ class PelletSeparateEnv(RollEnv):
             for there, seen, begun in zip(self._there, self._views, self._begun_m, strict=True)
         ]
         first = next((seen for seen in self._touches()), self._views[0])
-        skin, thumb = self._scene.touches()
+        skin, thumb = self.world.running.touches()
         self._view = replace(first, skin=skin, thumb=thumb)
 
     def _touches(self) -> list[View]:
@@ -117,7 +116,7 @@ class PelletSeparateEnv(RollEnv):
 
     def skin_contact(self) -> SkinContact | None:
         """See :meth:`RollEnv.skin_contact`: one contact for each pellet that touches the skin."""
-        found = [one for seen in self._touches() if (one := seen.skin_contact(self._body_now)) is not None]
+        found = [one for seen in self._touches() if (one := seen.skin_contact(self.world.body)) is not None]
         if not found:
             return None
         parts = [one.contacts for one in found]

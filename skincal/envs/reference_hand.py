@@ -7,8 +7,6 @@ both fingers have it is part of the simulation.
 
 from __future__ import annotations
 
-import json
-import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,17 +16,17 @@ import numpy as np
 
 from skincal.effects import EFFECTS
 from skincal.envs.bodies import BODIES, body_of, turn_of
-from skincal.envs.drawing import RIG_EFFECTS, Drawer, Values, array, number
-from skincal.envs.grasp import Grasp, GraspOptions
-from skincal.envs.needed import ObjectName, ranges_for
+from skincal.envs.drawing import RIG_EFFECTS, Values, array, number
+from skincal.envs.needed import ranges_for
 from skincal.envs.pinch import read_pinch
 from skincal.envs.scene import PHYSICS_HZ, Scene, check_engine, make_scene
-from skincal.envs.sensing import Sensor, View, view
-from skincal.envs.tactile import TactileSkin, drawn_age_s
+from skincal.envs.sensing import View
+from skincal.envs.tactile import drawn_age_s
+from skincal.envs.world import World
 from skincal.errors import input_error
-from skincal.files import whole_file
-from skincal.hand.driver import HandCommand, HandDriver, HandState
+from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.errors import HandError
+from skincal.hand.simulated import SimulatedDriver, write_truth
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
 from skincal.robot import HandDescription
@@ -39,7 +37,7 @@ _RELEASE_S = 0.25
 _SOLVER_ITERATIONS = 50
 
 
-class ReferenceHand(HandDriver):
+class ReferenceHand(SimulatedDriver):
     """A hand that holds a marble or a bolt; its clock runs as fast as the computer allows.
 
     The same seed, effects and commands give the same states.
@@ -82,41 +80,29 @@ class ReferenceHand(HandDriver):
     ) -> None:
         if task not in BODIES:
             raise input_error('driver "reference", option task', " or ".join(BODIES), repr(task))
-        if not 0 < rate_hz <= PHYSICS_HZ or PHYSICS_HZ % rate_hz:
-            expected = f"a divisor of the physics' {PHYSICS_HZ} Hz"
-            raise input_error('driver "reference", option rate_hz', expected, rate_hz)
         check_engine(engine, 'driver "reference", option engine')
+        super().__init__(rate_hz, PHYSICS_HZ)
         self._engine, self.real_time = engine, real_time
         self.clock: Any = time if real_time else None
-        self._kind: ObjectName = task
-        self._seed, self._orientation_deg = seed, orientation_deg
-        self._steps, self._truth_path = PHYSICS_HZ // rate_hz, truth_path
-        self._pinch = read_pinch(hand)
-        self._skin = TactileSkin(self._pinch)
-        self._drawer = Drawer(ranges_for(task, ranges), task, self._pinch, self._skin.taxels)
-        self._grasp = Grasp(self._pinch, self._drawer.nominal, GraspOptions())
+        self._seed, self._orientation_deg, self._truth_path = seed, orientation_deg, truth_path
+        self._world = World(read_pinch(hand), task, ranges_for(task, ranges))
         truth_rng, effect_rng = np.random.default_rng([seed, 0]).spawn(2)
-        self._truth, self._sample = self._drawer.episode(truth_rng)
+        self._truth, self._sample = self._world.drawer.episode(truth_rng)
         # Whoever puts an object between the fingers knows its size.
         radius = f"object.{task}.radius_m"
-        self._truth |= {radius: self._drawer.nominal[radius]} | self._hidden(effects or {}, effect_rng)
-        self._scene: Scene | None = None
-        self._moving, self._halted = threading.Lock(), threading.Event()
+        nominal = {radius: self._world.drawer.nominal[radius]}
+        self._truth |= nominal | self._hidden(effects or {}, effect_rng)
+        self._seen: View | None = None
 
     @property
     def description(self) -> HandDescription:
         """The hand."""
-        return self._pinch.description
-
-    @property
-    def period_s(self) -> float:
-        """Time between two states [s]."""
-        return self._steps / PHYSICS_HZ
+        return self._world.pinch.description
 
     @property
     def object_width_m(self) -> float:
         """Width of the object [m]."""
-        return 2 * number(self._truth, f"object.{self._kind}.radius_m")
+        return 2 * number(self._truth, f"object.{self._world.kind}.radius_m")
 
     @property
     def truth(self) -> dict[str, Any]:
@@ -131,7 +117,7 @@ class ReferenceHand(HandDriver):
             if name not in known:
                 expected = f"effects of the skin: {', '.join(known)}"
                 raise input_error('driver "reference", option effects', expected, f'"{name}"')
-            drawn = EFFECTS[name].at_strength(strength, rng, self._skin.layout)
+            drawn = EFFECTS[name].at_strength(strength, rng, self._world.skin.layout)
             for key, value in drawn.items():
                 found[f"skin.effects.{name}.{key}"] = float(value) if np.ndim(value) == 0 else value
         return found
@@ -139,51 +125,44 @@ class ReferenceHand(HandDriver):
     def connect(self) -> None:
         """The fingers stand open about the object, which a person holds."""
         self._halted.clear()
-        if self._scene is not None:
+        world, values = self._world, self._truth
+        if world.scene is not None:
             return
         self._rng = np.random.default_rng([self._seed, 1])
-        values = self._truth
-        self._body = body_of(self._kind, values)
-        self._sensor = Sensor.of(self._pinch, values)
-        scene = make_scene(self._engine, self._pinch, _SOLVER_ITERATIONS)
-        place = array(values, f"object.{self._kind}.position_m")
-        turn = turn_of(self._kind, values, self._orientation_deg)
-        width = self._grasp.open(scene, values, self._body, turn, place)
-        self._desired = self._grasp.posture(width)
-        self._skin.begin(values, self._sensor.pose, self._body, drawn_age_s(self._rng))
+        world.begin(values, body_of(world.kind, values))
+        world.scene = make_scene(self._engine, world.pinch, _SOLVER_ITERATIONS)
+        place = array(values, f"object.{world.kind}.position_m")
+        turn = turn_of(world.kind, values, self._orientation_deg)
+        width = world.grasp.open(world.scene, values, world.body, turn, place)
+        self._desired = world.grasp.posture(width)
+        world.begin_skin(drawn_age_s(self._rng))
         # A driver's guard gives observe() little time, and compiling takes seconds.
-        self._skin.prepare()
-        self._scene, self._periods, self._touched_s = scene, 0, 0.0
+        world.skin.prepare()
+        self._periods, self._touched_s = 0, 0.0
         if self.clock is not None:
             self._began_s = self.clock.monotonic()
         if self._truth_path is not None:
-            text = json.dumps({"format": TRUTH_FORMAT, "seed": self._seed, "values": self.truth}, indent=1)
-            with whole_file(self._truth_path, force=True, mark=TRUTH_FORMAT) as file:
-                file.write_text(text + "\n", encoding="utf-8")
+            write_truth(self._truth_path, TRUTH_FORMAT, {"seed": self._seed, "values": self.truth})
 
     @property
     def _connected(self) -> Scene:
-        if self._scene is None:
+        if self._world.scene is None:
             raise HandError('driver "reference": expected a hand that is connected', "order")
-        return self._scene
+        return self._world.scene
 
     def observe(self) -> HandState:
         """Move on by one period, or to the present of a clock that it keeps pace with; say what the sensors say."""
-        scene = self._connected
+        world, scene = self._world, self._connected
         self._move_on(scene, least=1)
         time_s = self._periods * self.period_s
-        noise = self._drawer.step(self._rng, self._sample)
-        weight = self._body.mass_kg * self._pinch.gravity_m_per_s2
-        push = noise.get(f"object.{self._kind}.random_force_n", 0.0)
-        scene.force_n = np.broadcast_to(weight + push, 3).tolist()
-        self._view = view(scene, self._sensor)
-        taxel_noise = np.asarray(noise.get("skin.taxel_noise_counts", 0.0))
-        image = self._skin.image(self._view.skin_contact(self._body), time_s, taxel_noise)
-        offset = array(self._truth, "finger.joint_offset_rad")
+        world.noise = world.drawer.step(self._rng, self._sample)
+        world.push()
+        self._seen = world.look()
+        image = world.image(self._seen.skin_contact(world.body), time_s)
         drives = scene.drives
         return HandState(
             time_s=time_s,
-            q_rad=drives.motor_rad + offset + noise.get("finger.joint_noise_rad", 0.0),
+            q_rad=world.measured_rad(),
             dq_rad_per_s=drives.speed_rad_per_s.copy(),
             tau_nm=drives.torque_nm.copy(),
             q_desired_rad=self._desired.copy(),
@@ -194,9 +173,7 @@ class ReferenceHand(HandDriver):
     def _move_on(self, scene: Scene, least: int) -> None:
         """Move on by so many periods at least: as many as have passed of the clock that it keeps pace with."""
         periods = max(least, self._due())
-        with self._moving:
-            if self._halted.is_set():
-                self._hold(scene)
+        with self._simulating():
             scene.run(periods * self._steps)
         if self.clock is not None:
             self.clock.sleep(max(0.0, (self._periods + periods) * self.period_s - self._passed_s()))
@@ -225,28 +202,18 @@ class ReferenceHand(HandDriver):
         self._move_on(scene, least=0)
         if not self._halted.is_set():
             self._desired = np.array(command.q_desired_rad, dtype=np.float64)
-            offset = array(self._truth, "finger.joint_offset_rad")
-            scene.drives.target_rad = self._desired - offset
+            self._world.command(self._desired)
 
     def object_position_m(self) -> FloatArray | None:
-        seen: View | None = getattr(self, "_view", None)
+        seen = self._seen
         return None if seen is None or seen.dropped else seen.position_m.copy()
 
-    def _hold(self, scene: Scene) -> None:
-        scene.drives.hold()
-        self._desired = scene.drives.motor_rad + array(self._truth, "finger.joint_offset_rad")
-
-    def stop(self) -> None:
-        """Hold to where the motors are."""
-        self._halted.set()
-        if self._scene is not None and self._moving.acquire(blocking=False):
-            try:
-                self._hold(self._scene)
-            finally:
-                self._moving.release()
+    def _hold(self) -> None:
+        scene = self._world.scene
+        if scene is not None:
+            scene.drives.hold()
+            self._desired = scene.drives.motor_rad + self._world.offset_rad
 
     def close(self) -> None:
         """End the session."""
-        scene, self._scene = self._scene, None
-        if scene is not None:
-            scene.close()
+        self._world.close()

@@ -14,18 +14,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.envs.bodies import Body, body_of
 from skincal.envs.bullet_scene import BulletScene
-from skincal.envs.drawing import Drawer, Value, Values, array, is_chosen
-from skincal.envs.grasp import Grasp
+from skincal.envs.drawing import Value, Values, array, is_chosen
 from skincal.envs.needed import ObjectName, ranges_for
 from skincal.envs.observations import KINDS, Observation, ObservationStack, state_values
 from skincal.envs.picture import Board, Picture, PictureState, display_there, picture
 from skincal.envs.pinch import Pinch, read_pinch
 from skincal.envs.rewards import reward_terms
 from skincal.envs.scene import PHYSICS_HZ, Scene, check_engine, make_scene
-from skincal.envs.sensing import Sensor, View, view
-from skincal.envs.tactile import SkinContact, TactileSkin, drawn_age_s
+from skincal.envs.sensing import View
+from skincal.envs.tactile import SkinContact, drawn_age_s
 from skincal.envs.task_options import EpisodeOptions, TaskOptions, read_options
 from skincal.envs.trajectories import POLICY_HZ
+from skincal.envs.world import World
 from skincal.errors import input_error
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
@@ -91,14 +91,14 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self.render_mode = render_mode
         self.ranges = ranges_for(self.object_name, self.preset if ranges is None else ranges)
         self.pinch: Pinch = read_pinch(hand)
-        self.skin = TactileSkin(self.pinch, self.options.resolution_m)
-        self._drawer = Drawer(self.ranges, self.object_name, self.pinch, self.skin.taxels)
-        self._grasp = Grasp(self.pinch, self._drawer.nominal, self.options.grasp)
-        self._scene: Scene | None = None
+        self.world = World(
+            self.pinch, self.object_name, self.ranges, self.options.grasp, self.options.resolution_m
+        )
+        self.skin = self.world.skin
         n = self.pinch.joints
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (n,), np.float32)
         self._observation = ObservationStack(
-            self.policy, self._drawer.nominal, joints=n, taxels=self.skin.taxels, counts=self.skin.range_counts,
+            self.policy, self.world.drawer.nominal, joints=n, taxels=self.skin.taxels, counts=self.skin.range_counts,
             objects=self.objects, target=self.target_size, limit=self.target_limit, ahead=len(AHEAD),
             own=self.own_size,
         )  # fmt: skip
@@ -141,37 +141,36 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """
         super().reset(seed=seed)
         asked = read_options(EpisodeOptions, options or {}, "options")
-        self._drawer.check(asked.randomize or (), asked.values)
+        self.world.drawer.check(asked.randomize or (), asked.values)
         self._asked = asked
         self._begin(asked)
-        self._noise = self._drawer.step(self.np_random, self._sample, asked.randomize, asked.values)
+        self._draw_noise()
         self._look()
         observation = self._observe()
         self._show()
         return observation, self._info({})
 
     def _begin(self, asked: EpisodeOptions) -> None:
-        """Draw an episode, and takes the object."""
-        values, self._sample = self._drawer.episode(self.np_random, asked.randomize, asked.values)
+        """Draw an episode, and take the object."""
+        world = self.world
+        values, self._sample = world.drawer.episode(self.np_random, asked.randomize, asked.values)
         age = drawn_age_s(self.np_random)
         self._age_s = age if is_chosen("skin", asked.randomize) else 0.0
         if self.policy is not PolicyKind.tactile:
             self._fix_sensor(values, asked)
-        self._values, self._body_now = values, self._body(values)
-        self._offset_rad = array(values, "finger.joint_offset_rad")
-        self._sensor = Sensor.of(self.pinch, values)
+        world.begin(values, self._body(values))
         self._step, self._steps = 0, max(1, round(self._duration_s(asked) * POLICY_HZ))
         rotation = self._place(values, asked)
         self._aim(self._plan(asked, self._steps + 1 + max(AHEAD)))
-        if self._scene is None:
+        if world.scene is None:
             window = self.render_mode == "human" and display_there()
             visible, iterations = self.render_mode is not None, self.options.solver_iterations
-            self._scene = make_scene(self.engine, self.pinch, iterations, window=window, visible=visible)
+            world.scene = make_scene(self.engine, self.pinch, iterations, window=window, visible=visible)
         places = self._places(values)
-        command = self._grasp.take(self._scene, values, self._body_now, rotation, *places)
+        command = world.grasp.take(world.scene, values, world.body, rotation, *places)
         self._desired = self._clipped(command)
         if self.policy is PolicyKind.tactile:
-            self.skin.begin(values, self._sensor.pose, self._body_now, self._age_s)
+            world.begin_skin(self._age_s)
         self._observation.begin(values)
 
     def _aim(self, targets_m: FloatArray) -> None:
@@ -187,7 +186,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def _fix_sensor(self, values: Values, asked: EpisodeOptions) -> None:
         """Policies without touch cannot know where the sensor is: for them it stays at the middle of its range."""
-        nominal = self._drawer.nominal
+        nominal = self.world.drawer.nominal
         for name in ("y_m", "beta_deg", "alpha_deg", "x_offset_m", "y_offset_m"):
             path = f"skin.{name}"
             if path not in asked.values:
@@ -203,20 +202,16 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         Args:
             action: (n,) in [-1, 1]; what lies beyond is cut off, what is NaN counts as 0.
         """
-        scene = self._scene
+        scene = self.world.scene
         if scene is None:
             raise gymnasium.error.ResetNeeded("Cannot call env.step() before calling env.reset()")
         wanted = np.array(action, dtype=np.float64)
         wanted[np.isnan(wanted)] = 0.0
         wanted = np.minimum(np.maximum(wanted, -1.0), 1.0)
         self._desired = self._clipped(self._desired + wanted * self.options.speed_rad_per_s / POLICY_HZ)
-        # The controller sees the angles with the sensors' offsets.
-        scene.drives.target_rad = self._desired - self._offset_rad
-        self._noise = self._drawer.step(
-            self.np_random, self._sample, self._asked.randomize, self._asked.values
-        )
-        weight = self._body_now.mass_kg * self.pinch.gravity_m_per_s2
-        scene.force_n = (weight + self._drawn(f"object.{self.object_name}.random_force_n")).tolist()
+        self.world.command(self._desired)
+        self._draw_noise()
+        self.world.push()
         before = self._view.q_rad
         self._run(scene)
         self._step += 1
@@ -238,13 +233,12 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
                 scene.release()
         scene.run(max(steps, 0))
 
-    def _drawn(self, path: str) -> Value:
-        """Return a value that is drawn in each step, or else for the episode."""
-        return self._noise.get(path, self._values[path])
+    def _draw_noise(self) -> None:
+        asked = self._asked
+        self.world.noise = self.world.drawer.step(self.np_random, self._sample, asked.randomize, asked.values)
 
     def _look(self) -> None:
-        assert self._scene is not None
-        self._view: View = view(self._scene, self._sensor)
+        self._view: View = self.world.look()
 
     def _dropped(self) -> bool:
         """Return whether the object is lost."""
@@ -278,8 +272,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         seen, limits = self._view, self.pinch.description.limits
         margin = self.options.rewards
         speed = np.abs(seen.q_rad - before_rad) * POLICY_HZ / self.options.speed_rad_per_s
-        assert self._scene is not None
-        torque = np.abs(self._scene.drives.torque_nm) / limits.torque_nm
+        torque = np.abs(self.world.running.drives.torque_nm) / limits.torque_nm
         past = np.maximum(seen.q_rad - limits.upper_rad, limits.lower_rad - seen.q_rad)
         return reward_terms(
             margin,
@@ -298,9 +291,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def _observe(self) -> Observation:
         seen, k = self._view, self._step
-        assert self._scene is not None
-        motor = self._scene.drives.motor_rad.copy()
-        measured = motor + self._offset_rad + self._drawn("finger.joint_noise_rad")
+        motor, measured = self.world.running.drives.motor_rad.copy(), self.world.measured_rad()
         values: dict[str, Any] = {
             "desired": self._desired,
             "measured": measured,
@@ -311,15 +302,13 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         if self.policy is PolicyKind.ideal:
             values["truth"] = self._contact_truth()
         if self.policy is PolicyKind.tactile:
-            self.image = self.skin.image(
-                self.skin_contact(), k / POLICY_HZ, np.asarray(self._drawn("skin.taxel_noise_counts"))
-            )
+            self.image = self.world.image(self.skin_contact(), k / POLICY_HZ)
             values["image"] = self.image
         target = self._target_m()
         own: dict[str, ArrayLike] = {
             **values,
             "motor": motor,
-            "true_error": self._desired - self._offset_rad - seen.q_rad,
+            "true_error": self._desired - self.world.offset_rad - seen.q_rad,
             "to_target": target - seen.position_m,
             "distance": self._error_m(),
             "ahead": self._ahead[k],
@@ -330,12 +319,12 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def skin_contact(self) -> SkinContact | None:
         """Return the present contact as the skin takes it; None where nothing touches."""
-        return self._view.skin_contact(self._body_now)
+        return self._view.skin_contact(self.world.body)
 
     @property
     def ignored_ranges(self) -> tuple[str, ...]:
         """Parameters of the ranges that are not used: effects of the rig that measured, not of the skin."""
-        return self._drawer.ignored
+        return self.world.drawer.ignored
 
     @property
     def truth(self) -> View:
@@ -360,29 +349,31 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             "success": ended and not self._dropped(),
             "reward_terms": dict(terms),
             "session_s": self._age_s,
-            "randomized": {path: _plain(value) for path, value in self._values.items()},
-            "noise": {path: _plain(value) for path, value in self._noise.items()},
+            "randomized": {path: _plain(value) for path, value in self.world.values.items()},
+            "noise": {path: _plain(value) for path, value in self.world.noise.items()},
         }
 
     def render(self) -> Picture | None:  # type: ignore[override]
         """Return the hand and beside it the sensor (360, 840, 3), in the mode ``rgb_array``; else None."""
         if self.render_mode != "rgb_array":
             return None
-        if self._scene is None:
+        scene = self.world.scene
+        if scene is None:
             raise gymnasium.error.ResetNeeded("Cannot call env.render() before calling env.reset()")
-        assert isinstance(self._scene, BulletScene)
-        return picture(self._scene, self._shown())
+        assert isinstance(scene, BulletScene)
+        return picture(scene, self._shown())
 
     def _show(self) -> None:
         """Keep PyBullet's window, if there is one, up to date and at the pace of life."""
-        if isinstance(self._scene, BulletScene) and self._scene.window:
+        scene = self.world.scene
+        if isinstance(scene, BulletScene) and scene.window:
             if self._step == 0:
-                self._board = Board(self._scene, self._shown())
+                self._board = Board(scene, self._shown())
             self._board.show(self._shown())
 
     def _shown(self) -> PictureState:
         return PictureState(
-            centre_m=self._grasp.centre_m,
+            centre_m=self.world.grasp.centre_m,
             layout=self.skin.layout,
             image=self.image if self.policy is PolicyKind.tactile else None,
             target_m=self._target_m(),
@@ -391,9 +382,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def close(self) -> None:
         """End the physics; may be called twice."""
-        if self._scene is not None:
-            self._scene.close()
-            self._scene = None
+        self.world.close()
 
 
 def _worst(values: FloatArray) -> float:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from skincal.bounded import parse_csv, read_text
+from skincal.errors import input_error, text_of
+from skincal.files import reason
 from skincal.model.arrays import FloatArray
 
 POLICY_HZ: Final = 10
@@ -20,6 +24,8 @@ SMOOTH_STEPS: Final = 5
 CIRCLE_RADIUS_M: Final = 5e-3
 TO_SIDE_S: Final = 2.0
 ROUND_S: Final = 6.0
+MOST_M: Final = 0.5
+"""Largest distance of a target from the middle of a skin [m]."""
 BOLT_AMPLITUDE_M: Final = 6e-3
 BOLT_HZ: Final = (0.25, 0.5)
 ORIENTATIONS_DEG: Final = (-45.0, 0.0, 45.0, 90.0)
@@ -74,3 +80,24 @@ def planned(trajectory: str | ArrayLike, steps: int) -> FloatArray:
         return FIXED[trajectory](steps)
     given = np.asarray(trajectory, dtype=np.float64)[:steps]
     return np.concatenate([given, np.repeat(given[-1:], steps - len(given), axis=0)])
+
+
+def read_targets(path: Path) -> list[list[float]]:
+    """Return the trajectory (T, 2) of a CSV file [m].
+
+    Raises:
+        InputError: it has no columns u_m and v_m, or a target that lies on no skin.
+    """
+    try:
+        header, *rows = parse_csv(read_text(path)) or [[]]
+        u, v = (header.index(name) for name in ("u_m", "v_m"))
+        targets = [[float(row[u]), float(row[v])] for row in rows if row]
+        if beyond := [x for target in targets for x in target if not abs(x) <= MOST_M]:
+            raise ValueError(f"a target at {beyond[0]:g} m; no skin is larger than {MOST_M:g} m")
+        if not targets:
+            raise ValueError("no rows")
+        return targets
+    except (OSError, ValueError, IndexError) as error:
+        got = reason(error) if isinstance(error, OSError) else text_of(error)
+        expected = "circle, random, still, or a CSV file with the columns u_m and v_m [m]"
+        raise input_error(f"--trajectory {path}", expected, got) from error

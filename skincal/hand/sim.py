@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import threading
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,13 +11,13 @@ import numpy as np
 
 from skincal.calibration import read_calibration
 from skincal.errors import input_error
-from skincal.files import whole_file
-from skincal.hand.driver import HandCommand, HandDriver, HandState
+from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.errors import HandError
+from skincal.hand.simulated import SimulatedDriver, write_truth
 from skincal.robot import hand_named
 from skincal.robot.description import HandDescription
 from skincal.sim import SimOptions, SimulatedHand, SkinMemory, Truth, TruthOptions
-from skincal.sim.bullet import check_engine
+from skincal.sim.physics_client import check_engine
 
 TRUTH_FORMAT = "skincal-sim-truth/1"
 _TRUTH_STREAM, _NOISE_STREAM = 0, 1
@@ -31,7 +29,7 @@ BREAK_S = 1.0
 """Gap between the last remembered contact of a skin and the start of a resumed session [s]."""
 
 
-class SimDriver(HandDriver):
+class SimDriver(SimulatedDriver):
     """A simulated hand with a reference skin whose true parameters are drawn by the seed.
 
     Its clock runs as fast as the computer allows: a call of :meth:`observe` advances it by one period. The same seed,
@@ -77,10 +75,7 @@ class SimDriver(HandDriver):
     ) -> None:
         check_engine()
         self._options = options or SimOptions()
-        if not 0 < rate_hz <= self._options.physics_hz or self._options.physics_hz % rate_hz:
-            expected = f"a divisor of the physics' {self._options.physics_hz} Hz"
-            raise input_error('driver "sim", option rate_hz', expected, rate_hz)
-        self._steps = self._options.physics_hz // rate_hz
+        super().__init__(rate_hz, self._options.physics_hz)
         if not 0 <= start_s < LATEST_S:
             expected = f"a time from 0 to {LATEST_S:g} s"
             raise input_error('driver "sim", option start_s', expected, start_s)
@@ -97,18 +92,11 @@ class SimDriver(HandDriver):
         if calibration is not None:
             self.truth = self.truth.with_skin(read_calibration(calibration), self._description)
         self._hand: SimulatedHand | None = None
-        self._moving = threading.Lock()
-        self._halted = threading.Event()
 
     @property
     def description(self) -> HandDescription:
         """The hand."""
         return self._description
-
-    @property
-    def period_s(self) -> float:
-        """Time between two states [s]."""
-        return self._steps / self._options.physics_hz
 
     @property
     def simulated(self) -> SimulatedHand:
@@ -132,15 +120,12 @@ class SimDriver(HandDriver):
             later = [round(1e3 * start_s)] if start_s > 0 else []
             rng = np.random.default_rng([self._seed, _NOISE_STREAM, *later])
             self._hand = SimulatedHand(description, self.truth, rng, self._options, start_s, memory)
-            if self._truth_path is not None:
-                self._write_truth(self._truth_path, self._hand)
+            self._write_truth(self._hand)
 
     def observe(self) -> HandState:
         """Advance the hand by one period and return its state."""
         hand = self.simulated
-        with self._moving:
-            if self._halted.is_set():
-                hand.hold()
+        with self._simulating():
             hand.advance(self._steps)
             return hand.reading()
 
@@ -149,23 +134,16 @@ class SimDriver(HandDriver):
         if not self._halted.is_set():
             self.simulated.command(command.q_desired_rad)
 
-    def stop(self) -> None:
-        """Hold the motors where they are, which releases the forces."""
-        self._halted.set()
-        # While a period is running, that call releases them before the next one.
-        if self._hand is not None and self._moving.acquire(blocking=False):
-            try:
-                self._hand.hold()
-            finally:
-                self._moving.release()
+    def _hold(self) -> None:
+        if self._hand is not None:
+            self._hand.hold()
 
     def close(self) -> None:
         """End the session; write the truth again, with the position errors of the session's contacts."""
         hand, self._hand = self._hand, None
         if hand is None:
             return
-        if self._truth_path is not None:
-            self._write_truth(self._truth_path, hand)
+        self._write_truth(hand)
         hand.close()
 
     def _capped(self) -> HandDescription:
@@ -175,14 +153,7 @@ class SimDriver(HandDriver):
             return hand
         return replace(hand, meta=replace(hand.meta, indenter=replace(hand.meta.indenter, radius_m=radius_m)))
 
-    def truth_dict(self) -> dict[str, object]:
-        """Return what is hidden from the fit, as plain numbers, lists and texts."""
-        return self._truth_dict(self.simulated)
-
-    def _truth_dict(self, hand: SimulatedHand) -> dict[str, object]:
-        head = {"format": TRUTH_FORMAT, "seed": self._seed, "hand": self._description.name}
-        return {**head, **hand.truth_dict()}
-
-    def _write_truth(self, path: Path, hand: SimulatedHand) -> None:
-        with whole_file(path, force=True, mark=TRUTH_FORMAT) as file:
-            file.write_text(json.dumps(self._truth_dict(hand), indent=2) + "\n", encoding="utf-8")
+    def _write_truth(self, hand: SimulatedHand) -> None:
+        if self._truth_path is not None:
+            truth = {"seed": self._seed, "hand": self._description.name, **hand.truth_dict()}
+            write_truth(self._truth_path, TRUTH_FORMAT, truth)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 
 from skincal.dataset import DatasetMeta, IndenterSpec, MountSpec, PositionSpec, SensorSpec, SurfaceSpec
-from skincal.files import whole_file
 from skincal.hand.errors import HandError
+from skincal.hand.simulated import write_truth
 from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState
 from skincal.model import (
     Contacts,
@@ -94,9 +93,7 @@ class StageSim(StageDriver):
         self._time_s, self._tip = 0.0, np.array([0.0, 0.0, 0.01])
         self._wanted, self._halted = self._tip.copy(), False
         if self._truth_path is not None:
-            with whole_file(self._truth_path, force=True, mark=TRUTH_FORMAT) as file:
-                truth = {"format": TRUTH_FORMAT, **self.truth()}
-                file.write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
+            write_truth(self._truth_path, TRUTH_FORMAT, self.truth())
 
     def truth(self) -> dict[str, float]:
         """Return what is hidden from the fit."""

@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Final, Literal, get_args
+from typing import Annotated, Final, Literal, get_args
 
 import numpy as np
 
+from skincal.dataset.keys import Key
 from skincal.errors import InputError, Problem
 from skincal.model.arrays import FloatArray
 
@@ -85,12 +86,26 @@ Source = Literal["calibrated", "assumed"]
 Numbers = float | tuple[float, ...]
 """One figure for all joints or taxels, or one for each."""
 
+_Figure = Annotated[Numbers, Key("a number, or a list of numbers")]
+
 MODES: Final[tuple[str, ...]] = get_args(Mode)
 SOURCES: Final[tuple[str, ...]] = get_args(Source)
 
 
+@dataclass(frozen=True, kw_only=True)
+class SetFigures:
+    """Figures that a parameter may have, in code and in a file; None: not set."""
+
+    low: _Figure | None = None
+    high: _Figure | None = None
+    mean: _Figure | None = None
+    sigma: _Figure | None = None
+    sigma_from: str | None = None
+    value: _Figure | None = None
+
+
 @dataclass(frozen=True)
-class Parameter:
+class Parameter(SetFigures):
     """A parameter that is drawn anew every episode or every step.
 
     The figures are in the unit that the parameter's name carries. Each is one number, or a tuple with one
@@ -117,12 +132,6 @@ class Parameter:
     distribution: str
     mode: Mode = "episode"
     source: Source = "assumed"
-    low: Numbers | None = None
-    high: Numbers | None = None
-    mean: Numbers | None = None
-    sigma: Numbers | None = None
-    sigma_from: str | None = None
-    value: Numbers | None = None
 
     def __post_init__(self) -> None:
         if found := problems(self, "parameter"):

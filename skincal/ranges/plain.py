@@ -13,7 +13,7 @@ from skincal.dataset.keys import Key, Word
 from skincal.dataset.schema import Table, read_table
 from skincal.errors import InputError, Problem
 from skincal.ranges.names import EFFECTS_PREFIX, TABLES, find
-from skincal.ranges.parameter import DISTRIBUTIONS, Mode, Numbers, Parameter, Source
+from skincal.ranges.parameter import DISTRIBUTIONS, Mode, Parameter, SetFigures, Source
 from skincal.ranges.ranges import JointDraws, Ranges
 from skincal.ranges.rules import collection_problems, unknown_name
 from skincal.ranges.sampling import nested
@@ -25,7 +25,6 @@ _INNER: Final = ("finger", "object", "object.marble", "object.bolt", "skin", "sk
 _JOINT: Final = "skin.joint"
 
 _Tables = Mapping[str, Any]
-_Figure = Annotated[Numbers, Key("a number, or a list of numbers")]
 
 
 @dataclass(frozen=True)
@@ -37,16 +36,10 @@ class _File(Table, unknown="refuse"):
 
 
 @dataclass(frozen=True)
-class _Parameter(Table, unknown="refuse"):
+class _Parameter(SetFigures, Table, unknown="refuse"):
     distribution: Annotated[str, Word(options=DISTRIBUTIONS)]
     mode: Mode
     source: Source
-    low: _Figure | None = None
-    high: _Figure | None = None
-    mean: _Figure | None = None
-    sigma: _Figure | None = None
-    sigma_from: str | None = None
-    value: _Figure | None = None
 
 
 @dataclass(frozen=True)

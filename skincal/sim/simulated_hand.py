@@ -34,7 +34,12 @@ class SimulatedHand:
         options: options of the physics.
         start_s: start of the hand's clock [s]: drifts of a resumed session continue.
         memory: contact history of the skin, to which new contacts are added; None: none.
+
+    Attributes:
+        felt: the true contact at the latest image.
     """
+
+    felt: TrueContact
 
     def __init__(
         self,
@@ -48,7 +53,6 @@ class SimulatedHand:
         options = options or SimOptions()
         self.description = description
         self.truth = truth
-        self.truth_log: list[TrueContact] = []
         self._memory, past = memory, memory.past if memory is not None else []
         self._touches = [look for look in past if look.contact.force_n > _TOUCH_N]
         self._options = options
@@ -173,7 +177,7 @@ class SimulatedHand:
 
     def _look(self, q: tuple[float, ...]) -> None:
         contact = self._contact(q)
-        self.truth_log.append(contact)
+        self.felt = contact
         look = Look(contact, self._measured_angles(), self._drives.torque_nm.copy())
         if contact.force_n > _TOUCH_N:
             self._touches.append(look)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from calibrations import make_calibration
 from effects.effect_sessions import SHORT
+from published import LAYOUT
 
 from skincal.calibration import (
     Effect,
@@ -20,10 +21,8 @@ from skincal.calibration import (
 )
 from skincal.effects import EFFECTS, EffectSkin
 from skincal.errors import InputError
-from skincal.model import TaxelLayout
 
 COARSE_M = 1e-3
-LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 
 
 def case_of(name: str) -> Effect:

@@ -11,10 +11,10 @@ import pytest
 from calibrations import make_calibration
 
 from skincal.calibration import read_calibration, write_calibration
-from skincal.cli.collect import Rig
-from skincal.cli.diagnose import SESSION, Rounds
 from skincal.cli.main import main
 from skincal.collect import Mount, Plan, PlannedPress, collect
+from skincal.collect.rig import Rig
+from skincal.collect.rounds import SESSION, Rounds
 from skincal.dataset import Dataset, read_dataset
 from skincal.dataset.joined import GAP_S
 from skincal.diagnosis.newcal import parameters_of
@@ -47,8 +47,17 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return read_dataset(folder / "run")
 
 
+def never(*_: object, **__: object) -> None:
+    raise AssertionError("pressed again, or asked for another cap")
+
+
 def rounds(out: Path, data: Dataset, seed: int = SEED, driver: str = "sim") -> Rounds:
-    return Rounds.of(out, data, Rig.of(driver, seed, None, None, None, None, beyond_limits=False))
+    rig = Rig.of(driver, None, seed)
+
+    def press(plan: Plan, folder: Path, source: str, start_s: float) -> None:
+        rig.press(plan, folder, source, start_s=start_s, change_cap=never)
+
+    return Rounds.of(out, data, rig, press)
 
 
 def test_a_round_is_pressed_once_and_joins_the_session(run: Dataset, tmp_path: Path, monkeypatch):
@@ -61,13 +70,10 @@ def test_a_round_is_pressed_once_and_joins_the_session(run: Dataset, tmp_path: P
     assert 0 < later <= GAP_S + 1e-6
     assert both.frames.counts[: len(run.frames)] == pytest.approx(run.frames.counts)
 
-    def never(*_: object, **__: object) -> None:
-        raise AssertionError("pressed again")
-
     monkeypatch.setattr(Rig, "press", never)
     again = rounds(tmp_path / "new", run)
     assert again.press(run, plan(2, 4), 1).presses.press.tolist() == both.presses.press.tolist()
-    assert "1 rounds" in again.saved()
+    assert again.saved == 1
     again.keep_in(tmp_path, 2, 1)
     assert len(read_dataset(tmp_path / SESSION).presses) == 5
     again.done()

@@ -46,7 +46,7 @@ def test_what_a_run_leaves_behind(trained):
     assert about.size == 5 * (16 + 6) + 4
     assert about.observation[0] == {"name": "image", "size": 16, "steps_ago": 4}
     assert about.observation[-1] == {"name": "movement", "size": 2, "steps_ago": 0}
-    assert about.actions == 6
+    assert about.actions == 6 and len(about.ranges_sha256) == 64 and "stable-baselines3" in about.versions
     assert about.environment["solver_iterations"] == 20 and about.environment["duration_s"] == 6.0
 
 
@@ -195,7 +195,10 @@ def test_evaluation_of_a_bolt(tmp_path, capsys):
             ("marble", "bad.onnx"),
             "bad.onnx: expected a policy written by `skincal train` (.onnx); got no ONNX model",
         ),
-        (("marble", "bolt.onnx"), "bolt.onnx: expected a policy for marble; got one for bolt"),
+        (
+            ("marble", "bolt.onnx"),
+            "bolt.onnx: expected a policy for marble; got one for bolt. skincal eval bolt",
+        ),
         (
             ("marble", "small.onnx"),
             "expected a policy from 114 observed values to 6 actions; got one from 6 to 2",

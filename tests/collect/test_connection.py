@@ -341,13 +341,6 @@ def test_another_session_in_the_same_place_is_refused(rig: Rig):
     assert len(rig.run(other, restart=True).dataset.presses) == 2
 
 
-def test_an_existing_output_is_left_alone(whole: Rig):
-    before = (whole.out / "presses.csv").read_bytes()
-    with pytest.raises(InputError, match="--force"):
-        whole.run()
-    assert (whole.out / "presses.csv").read_bytes() == before
-
-
 def test_a_dataset_that_was_written_is_not_written_again(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     with monkeypatch.context() as patch:
         patch.setattr(Journal, "remove", lambda self: (_ for _ in ()).throw(WorkError("cut off")))

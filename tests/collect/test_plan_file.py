@@ -117,8 +117,3 @@ def test_what_spreadsheets_write_is_read(tmp_path: Path, content: str):
     (tmp_path / "plan.csv").write_text(content, encoding="utf-8")
     (press,) = read_plan(tmp_path / "plan.csv", MOUNT).presses
     assert (press.u_m, press.v_m, press.force_n) == (0.0, 0.0, 1.0)
-
-
-def test_no_file_is_an_error(tmp_path: Path):
-    with pytest.raises(InputError, match="no such file"):
-        read_plan(tmp_path / "none.toml", MOUNT)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from published import LAYOUT
 
 from skincal.collect import FullProtocol, PaperProtocol, Plan, PlannedPress, full_plan, paper_plan
 from skincal.collect.protocols import patch_grid
 from skincal.errors import InputError
 from skincal.model import TaxelLayout
 
-LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 SEEDS = st.integers(0, 2**32 - 1)
 
 

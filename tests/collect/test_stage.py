@@ -96,20 +96,17 @@ def test_a_stage_is_no_hand() -> None:
         create_driver(DRIVER, seed=1)
 
 
-@pytest.mark.parametrize(
-    ("more", "given"),
-    [(["--plan-only"], "run-plan.toml"), ([], "run"), (["--truth", "notes.json"], "notes.json")],
-)
-def test_the_command_takes_the_place_of_no_input_and_no_stranger(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: list[str], given: str
+def test_the_file_of_truth_takes_the_place_of_no_strangers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    text = 'format = "skincal-plan/1"\nname = "x"\n[[press]]\nu_m = 0\nv_m = 0\nforce_n = 1\n'
-    plan = "p.toml" if given == "notes.json" else given
-    for name in (plan, given):
-        Path(name).write_text(text)
-    assert run("collect", "--driver", DRIVER, "--plan", plan, "--out", "run", "--force", *more) == 2
-    assert Path(given).read_text() == text
+    plan, notes = Path("p.toml"), Path("notes.json")
+    plan.write_text('format = "skincal-plan/1"\nname = "x"\n[[press]]\nu_m = 0\nv_m = 0\nforce_n = 1\n')
+    notes.write_text("mine")
+    assert (
+        run("collect", "--driver", DRIVER, "--plan", plan, "--out", "run", "--force", "--truth", notes) == 2
+    )
+    assert notes.read_text() == "mine"
 
 
 def test_the_command_collects_with_a_stage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,10 +15,10 @@ import pytest
 from commands import run
 
 from benchmarks.remote_cost import Clock, Link
-from skincal.cli.rescale import read_deployed
 from skincal.dataset import HOLD, read_dataset
 from skincal.deploy import deploy, letters, marble_targets, record
 from skincal.deploy.observation import PolicyObservation
+from skincal.deploy.run_file import read_run_file
 from skincal.envs.pinch import read_pinch
 from skincal.envs.reference_hand import ReferenceHand
 from skincal.errors import InputError, WorkError
@@ -58,9 +58,7 @@ class Empty(ReferenceHand):
         super().connect()
         scene = self._connected
         scene.release()
-        scene.engine.resetBasePositionAndOrientation(
-            scene.body, [1, 1, 1], [0, 0, 0, 1], physicsClientId=scene.client
-        )
+        scene.engine.resetBasePositionAndOrientation(scene.body, [1, 1, 1], [0, 0, 0, 1])
 
 
 def test_marble_is_rolled(policy: Policy) -> None:
@@ -184,7 +182,7 @@ def test_a_run_that_ends_early_is_kept(
     assert found is not None and (found.phase == HOLD).sum() == 40
     assert [p.name for p in tmp_path.iterdir()] == ["rolled"]
     with pytest.raises(InputError, match="ended early"):
-        read_deployed(out)
+        read_run_file(out)
 
 
 def full(*_: object, **more: object) -> None:

@@ -99,12 +99,12 @@ def test_the_verb_scales_the_calibration(tmp_path: Path, capsys: pytest.CaptureF
 )  # fmt: skip
 def test_a_run_that_deploy_cannot_have_made_is_refused(tmp_path: Path, old: str, new: str) -> None:
     from benchmarks.fuzz_readers import DEPLOYED
-    from skincal.cli.rescale import read_deployed
+    from skincal.deploy.run_file import read_run_file
 
     text = json.dumps(DEPLOYED)
     (tmp_path / "deploy.json").write_text(text)
-    assert read_deployed(tmp_path)["steps"] == 80
+    assert read_run_file(tmp_path).steps == 80
     assert old in text
     (tmp_path / "deploy.json").write_text(text.replace(old, new, 1))
     with pytest.raises(InputError, match=r"deploy\.json"):
-        read_deployed(tmp_path)
+        read_run_file(tmp_path)

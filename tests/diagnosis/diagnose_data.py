@@ -6,29 +6,12 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from effects.effect_sessions import BASE, FINGER, contacts_at
+from effects.effect_sessions import BASE, contacts_at
+from published import META
 
-from skincal.dataset import (
-    Dataset,
-    DatasetMeta,
-    Frames,
-    IndenterSpec,
-    MountSpec,
-    PositionSpec,
-    Presses,
-    SensorSpec,
-    SurfaceSpec,
-)
+from skincal.dataset import Dataset, Frames, Presses
 from skincal.effects import Samples, Steps, hold_session, hold_times
 from skincal.model import Sphere
-
-META = DatasetMeta(
-    sensor=SensorSpec(4, 4, (0.0025, 0.0025), (0.004, 0.004), value_min=0, value_max=255, integer=True),
-    surface=SurfaceSpec("cylinder", FINGER.radius_m),
-    indenter=IndenterSpec("sphere", 0.006),
-    mount=MountSpec(0.0235, 0.0, (0.0195, 0.0275), (-20.0, 20.0), beta_deg=0.0, beta_range_deg=(-12.0, 12.0)),
-    position=PositionSpec(0.001, 0.002),
-)
 
 
 @cache

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from published import FINGER, LAYOUT
 
 from skincal.effects import (
     COVARIATES,
@@ -17,12 +18,10 @@ from skincal.effects import (
     hold_session,
     hold_times,
 )
-from skincal.model import Contacts, Cylinder, Patch, SensorPose, Skin, SkinParameters, Sphere, TaxelLayout
+from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters, Sphere
 
 Floats = NDArray[np.float64]
 
-FINGER = Cylinder(0.0115)
-LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 PATCH = Patch.build(FINGER, LAYOUT, SensorPose(0.0235, 0.2, 0.05), resolution_m=0.7e-3)
 SKIN = Skin(PATCH, SkinParameters(4e8, 70.0))
 BASE = EffectSkin(SKIN, FINGER)

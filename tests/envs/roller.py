@@ -15,14 +15,14 @@ def rolling(env: Any, to_m: np.ndarray, *, force_gain_m_per_n: float = 0.002) ->
     seen = env.truth
     if seen.skin is None or seen.thumb is None:
         return np.zeros(env.action_space.shape)
-    chains, sensor = env.pinch.kinematics, env._sensor
+    chains, sensor = env.pinch.kinematics, env.world.sensor
     u, v = to_m - seen.position_m
     cos, sin = np.cos(sensor.pose.alpha_rad), np.sin(sensor.pose.alpha_rad)
     normal, along = np.array(seen.skin.normal), seen.tip.rotation[:, 1]
     across = np.cross(along, normal)
     across /= np.linalg.norm(across)
     # On a round finger the line of the centres turns as the object rolls.
-    lever = 1 + env._body_now.radius_m / sensor.radius_m
+    lever = 1 + env.world.body.radius_m / sensor.radius_m
     way = (u * cos - v * sin) * lever * across + (u * sin + v * cos) * along
     press = force_gain_m_per_n * (1.5 - (seen.skin.force_n + seen.thumb.force_n) / 2)
     skin, thumb = chains.frames(seen.q_rad)

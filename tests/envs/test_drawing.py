@@ -96,28 +96,6 @@ def test_a_missing_parameter_is_named_and_described(tmp_path: Path, path: str) -
         make(ranges=file)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("low = 0.0215", "low = 0.3", r"\[skin.y_m\] low: expected not above high"),
-        ("[skin.alpha_deg]", "[skin.alpha]", r"\[skin.alpha\]: expected one of .*skin.alpha_deg"),
-        (
-            '[skin.alpha_deg]\ndistribution = "uniform"',
-            '[skin.alpha_deg]\ndistribution = "even"',
-            r'\[skin.alpha_deg\] distribution: expected one of "uniform", "log_uniform", "normal", "constant"',
-        ),
-    ],
-)
-def test_files_that_are_wrong_are_refused_in_words(tmp_path: Path, old: str, new: str, message: str) -> None:
-    file = tmp_path / "mine.toml"
-    write_ranges(preset("iros24"), file)
-    text = file.read_text(encoding="utf-8")
-    assert old in text
-    file.write_text(text.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(InputError, match=message):
-        make(ranges=file)
-
-
 def test_what_cannot_change_in_a_step_is_refused() -> None:
     ranges = preset("iros24").replace({"finger.k_p_nm_per_rad": Parameter.uniform(4.8, 5.2, mode="step")})
     with pytest.raises(InputError, match=r"\[finger.k_p_nm_per_rad\] mode: expected episode"):

@@ -71,7 +71,7 @@ def test_a_pull_moves_the_object_alike(name: str) -> None:
         env.reset(seed=1, options={"randomize": "none"} | ({"orientation_deg": 45.0} if name == BOLT else {}))
         for _ in range(5):
             env.step(np.zeros(6))
-        scene, before = env._scene, env.truth
+        scene, before = env.world.scene, env.truth
         scene.force_n = (np.array(scene.force_n) + before.tip.rotation[:, 1]).tolist()
         scene.run(30)
         moved[engine] = before.tip.turned(scene.object_frame().origin_m - before.body.origin_m)
@@ -84,8 +84,8 @@ def test_a_pull_moves_the_object_alike(name: str) -> None:
 def test_every_contact_has_the_friction_of_its_pair() -> None:
     env = make(engine="mujoco", policy="desired")
     env.reset(seed=0, options={"randomize": "none", "values": {"finger.lateral_friction": 0.5}})
-    model, tips = env._scene._model, sorted(env._scene._tip_geoms)
-    expected = 0.5 * env._values["object.marble.lateral_friction"]
+    model, tips = env.world.scene._model, sorted(env.world.scene._tip_geoms)
+    expected = 0.5 * env.world.values["object.marble.lateral_friction"]
     for pair in range(model.npair):
         of_tips = sorted([model.pair_geom1[pair], model.pair_geom2[pair]]) == tips
         assert model.pair_friction[pair, 0] == pytest.approx(0.25 if of_tips else expected)
@@ -112,12 +112,12 @@ def test_contact_is_the_spring_that_was_asked_for() -> None:
         env.reset(seed=0, options={"randomize": "none", "values": {"object.marble.mass_kg": mass}})
         for _ in range(10):
             env.step(np.zeros(6))
-        scene = env._scene
+        scene = env.world.scene
         touching = [c for c in scene._data.contact if c.dist < 0]
         skin, thumb = scene.touches()
         stiffness = (skin.force_n + thumb.force_n) / -sum(c.dist for c in touching)
         across = 1 / (1 / 6e-3 + 1 / 11.5e-3)
-        elasticity = env._values["skin.elasticity_pa_per_m"]
+        elasticity = env.world.values["skin.elasticity_pa_per_m"]
         expected = np.sqrt(np.pi * elasticity * np.sqrt(6e-3 * across) * env.options.grasp.stiffness_at_n)
         assert stiffness == pytest.approx(expected, rel=0.02)
 

@@ -96,7 +96,7 @@ def test_what_each_policy_sees_of_the_joints() -> None:
     env = make(policy="joint-angles")
     observation, info = env.reset(seed=1)
     desired, measured, error = np.split(observation["policy"][72:90], 3)
-    motor = np.array(env._scene.drives.motor_rad)
+    motor = np.array(env.world.scene.drives.motor_rad)
     offset, noise = info["randomized"]["finger.joint_offset_rad"], info["noise"]["finger.joint_noise_rad"]
     assert measured == pytest.approx(motor + offset + noise, abs=1e-6)
     assert error == pytest.approx(desired - measured, abs=1e-6)
@@ -195,7 +195,7 @@ def test_a_world_that_has_gone_astray_ends_the_episode(
     env = make()
     env.reset(seed=0)
     astray = (np.full(6, angle_rad), np.zeros(6))
-    monkeypatch.setattr(env._scene, "joints", lambda: astray)
+    monkeypatch.setattr(env.world.scene, "joints", lambda: astray)
     observation, reward, terminated, truncated, info = env.step(STILL)
     assert terminated and not truncated and info["drop"]
     assert env.observation_space.contains(observation) and np.isfinite(reward)

@@ -8,26 +8,14 @@ import numpy as np
 import pytest
 from calibrations import make_calibration
 from making import BOLT, make
+from published import FINGER, LAYOUT
 
 from skincal.envs.bodies import Bolt
 from skincal.envs.pinch import read_pinch
 from skincal.envs.tactile import TactileSkin
-from skincal.model import (
-    Contacts,
-    Converter,
-    Cylinder,
-    MeshIndenter,
-    Patch,
-    SensorPose,
-    Skin,
-    SkinParameters,
-    Sphere,
-    TaxelLayout,
-)
+from skincal.model import Contacts, Converter, MeshIndenter, Patch, SensorPose, Skin, SkinParameters, Sphere
 from skincal.ranges import Parameter, from_calibration, preset
 
-FINGER = Cylinder(0.0115)
-LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 STILL = np.zeros(6)
 
 

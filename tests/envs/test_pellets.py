@@ -35,7 +35,7 @@ def test_one_less_is_asked_for_after_each_part_until_one_is_left() -> None:
 def test_letting_go_of_all_ends_the_episode() -> None:
     env = make(PELLETS, policy="desired")
     env.reset(seed=1, options={"pellets": 2, "randomize": "none"})
-    open_hand = env._grasp.posture(0.03) - env._desired
+    open_hand = env.world.grasp.posture(0.03) - env._desired
     ended, steps = False, 0
     while not ended:
         *_, ended, late, info = env.step(np.clip(open_hand / 0.03, -1, 1))
@@ -51,7 +51,7 @@ def test_the_skin_feels_each_pellet() -> None:
     env.step(np.zeros(6))
     felt = env.skin_contact()
     assert felt is not None and len(felt.contacts.force_n) == 2
-    one = env.skin._skin.values(env._body_now.indenter, felt.contacts)
+    one = env.skin._skin.values(env.world.body.indenter, felt.contacts)
     together = env.skin._values(felt, 0.1)
     np.testing.assert_allclose(together, one.sum(axis=0))
     assert (one.max(axis=1) > 0).all()

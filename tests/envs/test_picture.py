@@ -8,12 +8,10 @@ import gymnasium
 import numpy as np
 import pytest
 from making import make
+from published import LAYOUT
 
 import skincal.envs
 from skincal.envs.picture import HEIGHT, WIDTH, Board, PictureState, colours, panel
-from skincal.model import TaxelLayout
-
-LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 
 
 @pytest.mark.parametrize("name", skincal.envs.ENVIRONMENTS)
@@ -64,10 +62,10 @@ def test_the_board_has_the_colours_of_the_image() -> None:
     env: Any = make(render_mode="rgb_array")
     env.reset(seed=0)
     image = np.linspace(0.0, 100.0, 16)
-    shown = PictureState(env._grasp.centre_m, LAYOUT, image, np.zeros(2), np.zeros(2))
-    before, board = env.render(), Board(env._scene, shown)
+    shown = PictureState(env.world.grasp.centre_m, LAYOUT, image, np.zeros(2), np.zeros(2))
+    before, board = env.render(), Board(env.world.scene, shown)
     board.show(shown)
-    seen = [env._scene.engine.getVisualShapeData(tile)[0][7] for tile in board._tiles]
+    seen = [env.world.scene.engine.getVisualShapeData(tile)[0][7] for tile in board._tiles]
     assert np.array(seen)[:, :3] == pytest.approx(colours(image / 100.0) / 255.0, abs=1e-6)
     # It stands in the view, and the physics does not feel it.
     assert np.any(env.render()[:, :WIDTH] != before[:, :WIDTH])

@@ -112,14 +112,6 @@ def test_disordered_messages_change_nothing() -> None:
         )
 
 
-def test_latency_is_borne() -> None:
-    hands = Hands()
-    with served(hands) as server, Proxy(server.address, lambda message, forth: [0.02]) as proxy:
-        with GuardedHand(RemoteDriver(proxy.address)) as hand:
-            drive(hand, 5)
-        assert len(hands.last.commands) == 5
-
-
 def test_a_slow_and_lossy_link_is_borne() -> None:
     hands = Hands()
     options = ServeOptions(watchdog_s=3.0, command_age_s=2.0)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
+from published import RADIUS_M
 
 from skincal.model import (
     Contacts,
-    Cylinder,
     FlatPunch,
     Indenter,
     MeshIndenter,
@@ -16,16 +16,9 @@ from skincal.model import (
     SensorPose,
     Sphere,
     Surface,
-    TaxelLayout,
 )
 
-RADIUS_M = 0.0115
-FINGER = Cylinder(RADIUS_M)
 POSE = SensorPose(y_m=0.0235, alpha_rad=0.3, beta_rad=0.1)
-
-
-def paper_layout() -> TaxelLayout:
-    return TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 
 
 def cylinder_mesh(sections: int, *, open_base: bool = False) -> trimesh.Trimesh:

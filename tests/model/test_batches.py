@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from model_shapes import FINGER, POSE, indenters, paper_layout, presses_on
+from model_shapes import POSE, indenters, presses_on
+from published import FINGER, LAYOUT
 
 from skincal.model import Contacts, Patch, Skin, SkinParameters, StressLaw
 
-PATCH = Patch.build(FINGER, paper_layout(), POSE, resolution_m=0.5e-3)
+PATCH = Patch.build(FINGER, LAYOUT, POSE, resolution_m=0.5e-3)
 SKIN = Skin(PATCH, SkinParameters(4e8, 70.0))
 MEMBERSHIP = (PATCH.taxel[:, None] == np.arange(16)).astype(float)
 PRESSES, FORCES = 9, 25

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from model_shapes import FINGER, RADIUS_M, paper_layout, sphere_mesh
+from model_shapes import sphere_mesh
+from published import FINGER, LAYOUT, RADIUS_M
 
 from skincal.model import (
     Contacts,
@@ -21,11 +22,11 @@ from skincal.model import (
     TaxelLayout,
 )
 
-LAYOUT = TaxelLayout.grid(8, 8, taxel_size_m=1e-3, pitch_m=1e-3)
+FINE = TaxelLayout.grid(8, 8, taxel_size_m=1e-3, pitch_m=1e-3)
 
 
 def _skin(surface: Surface) -> Skin:
-    return Skin(Patch.build(surface, LAYOUT, SensorPose(0.0, 0.0), margin_m=2e-3), SkinParameters(5e8, 1.0))
+    return Skin(Patch.build(surface, FINE, SensorPose(0.0, 0.0), margin_m=2e-3), SkinParameters(5e8, 1.0))
 
 
 def _on(surface: Surface, force_n: float, u: float = 0.0, v: float = 0.0) -> Contacts:
@@ -83,7 +84,7 @@ def test_a_press_through_the_finger_is_refused(surface: Surface, indenter: Inden
 @pytest.mark.parametrize("force", [5e-324, 1e-300, 1e-12, 1e12, 1e300])
 @pytest.mark.parametrize("elasticity", [1e-300, 1.0, 1e15, 1e300])
 def test_extreme_numbers_end(indenter: Indenter, force: float, elasticity: float):
-    patch = Patch.build(FINGER, paper_layout(), SensorPose(0.0, 0.0), resolution_m=1e-3)
+    patch = Patch.build(FINGER, LAYOUT, SensorPose(0.0, 0.0), resolution_m=1e-3)
     contacts = Contacts([[0.0, 0.0, RADIUS_M]], [[0.0, 0.0, 1.0]], [force])
     response = Skin(patch, SkinParameters(elasticity, 1.0)).respond(indenter, contacts)
     assert response.status[0] in (Status.OK, Status.AT_BORDER, Status.THROUGH_FINGER, Status.UNKNOWN)

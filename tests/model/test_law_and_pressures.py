@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from model_shapes import FINGER, POSE, indenters, paper_layout, presses_on
+from model_shapes import POSE, indenters, presses_on
+from published import FINGER, LAYOUT
 
 from skincal.model import (
     Contacts,
@@ -21,7 +22,7 @@ from skincal.model import (
     TaxelLayout,
 )
 
-PATCH = Patch.build(FINGER, paper_layout(), POSE, resolution_m=0.5e-3)
+PATCH = Patch.build(FINGER, LAYOUT, POSE, resolution_m=0.5e-3)
 SKIN = Skin(PATCH, SkinParameters(4e8, 70.0))
 MEMBERSHIP = (PATCH.taxel[:, None] == np.arange(16)).astype(float)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from model_shapes import FINGER, RADIUS_M, box_mesh, paper_layout, presses_on, sphere_mesh
+from model_shapes import box_mesh, presses_on, sphere_mesh
+from published import FINGER, LAYOUT, RADIUS_M
 
 from skincal.model import (
     Converter,
@@ -22,7 +23,6 @@ from skincal.model import (
     TaxelLayout,
 )
 
-LAYOUT = paper_layout()
 PLANE = Plane()
 COARSE = {"resolution_m": 0.5e-3}
 PATCHES = {

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from model_shapes import FINGER, RADIUS_M, cylinder_mesh, paper_layout, surface_of
+from model_shapes import cylinder_mesh, surface_of
+from published import FINGER, LAYOUT, RADIUS_M
 
 from skincal.model import MeshSurface, Patch, SensorPose
 
@@ -12,8 +13,8 @@ POSE = SensorPose(0.0235, 0.3, beta_rad=0.05)
 
 def _errors(sections: int) -> tuple[float, float, float]:
     """Largest error of place [m], normal [-] and area [-] of the paper's patch on a mesh of the finger."""
-    exact = Patch.build(FINGER, paper_layout(), POSE, resolution_m=0.5e-3)
-    patch = Patch.build(surface_of(cylinder_mesh(sections)), paper_layout(), POSE, resolution_m=0.5e-3)
+    exact = Patch.build(FINGER, LAYOUT, POSE, resolution_m=0.5e-3)
+    patch = Patch.build(surface_of(cylinder_mesh(sections)), LAYOUT, POSE, resolution_m=0.5e-3)
     return (
         np.linalg.norm(patch.points_m - exact.points_m, axis=1).max(),
         np.linalg.norm(patch.normals - exact.normals, axis=1).max(),

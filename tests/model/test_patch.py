@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from model_shapes import FINGER, POSE, cylinder_mesh, paper_layout, surface_of
+from model_shapes import POSE, cylinder_mesh, surface_of
+from published import FINGER, LAYOUT
 
 from skincal.model import (
     Contacts,
@@ -20,7 +21,7 @@ from skincal.model import (
 
 
 def test_the_papers_patch_has_14884_points():
-    patch = Patch.build(FINGER, paper_layout(), POSE)
+    patch = Patch.build(FINGER, LAYOUT, POSE)
     assert len(patch) == 14884 == 122**2
     np.testing.assert_allclose(patch.areas_m2, (0.25e-3) ** 2)
     np.testing.assert_array_equal(np.bincount(patch.taxel + 1), [14884 - 1600, *[100] * 16])
@@ -29,7 +30,7 @@ def test_the_papers_patch_has_14884_points():
 
 def test_a_point_lies_where_the_contract_says():
     pose, radius = SensorPose(y_m=0.02, alpha_rad=0.4, beta_rad=-0.2), 0.0115
-    patch = Patch.build(FINGER, paper_layout(), pose)
+    patch = Patch.build(FINGER, LAYOUT, pose)
     uv, _ = patch_cells(patch.layout, 0.25e-3, 8e-3)
     u, v = uv.T
     beta = pose.beta_rad + (u * np.cos(0.4) - v * np.sin(0.4)) / radius
@@ -121,14 +122,14 @@ def test_too_many_edges_cut_the_patch_evenly(rule):
 
 
 def test_no_margin_is_a_margin():
-    patch = Patch.build(Plane(), paper_layout(), SensorPose(0.0, 0.0), margin_m=0.0)
+    patch = Patch.build(Plane(), LAYOUT, SensorPose(0.0, 0.0), margin_m=0.0)
     assert len(patch) == 58**2
 
 
 def test_margin_beyond_the_edge_of_a_mesh_is_left_out():
     surface = surface_of(cylinder_mesh(64))
-    inside = Patch.build(surface, paper_layout(), SensorPose(0.03, 0.0))
-    at_end = Patch.build(surface, paper_layout(), SensorPose(0.07 - 0.01, 0.0))
+    inside = Patch.build(surface, LAYOUT, SensorPose(0.03, 0.0))
+    at_end = Patch.build(surface, LAYOUT, SensorPose(0.07 - 0.01, 0.0))
     assert len(inside) == 14884
     assert 0.7 * 14884 < len(at_end) < 14884
     assert at_end.points_m[:, 1].max() <= 0.07
@@ -138,16 +139,16 @@ def test_margin_beyond_the_edge_of_a_mesh_is_left_out():
 
 def test_a_taxel_beyond_the_edge_is_refused():
     with pytest.raises(ValueError, match="every taxel to lie on the surface; got"):
-        Patch.build(surface_of(cylinder_mesh(64)), paper_layout(), SensorPose(0.07 - 0.005, 0.0))
+        Patch.build(surface_of(cylinder_mesh(64)), LAYOUT, SensorPose(0.07 - 0.005, 0.0))
 
 
 def test_an_overlapping_patch_loses_its_margin():
     thin = Cylinder(0.0035)
-    patch = Patch.build(thin, paper_layout(), SensorPose(0.02, 0.0))
+    patch = Patch.build(thin, LAYOUT, SensorPose(0.02, 0.0))
     assert np.ptp(np.arctan2(patch.points_m[:, 0], patch.points_m[:, 2])) <= 2 * np.pi
     assert patch.areas_m2.sum() == pytest.approx(2 * np.pi * 0.0035 * 30.5e-3, rel=0.02)
     with pytest.raises(ValueError, match="wrapped round by more than half a turn"):
-        Patch.build(Cylinder(0.002), paper_layout(), SensorPose(0.02, 0.0))
+        Patch.build(Cylinder(0.002), LAYOUT, SensorPose(0.02, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -155,7 +156,7 @@ def test_an_overlapping_patch_loses_its_margin():
 )
 def test_lengths_that_make_no_sense_are_refused(resolution_m, margin_m):
     with pytest.raises(ValueError, match="expected a finite"):
-        Patch.build(Plane(), paper_layout(), SensorPose(0.0, 0.0), resolution_m, margin_m)
+        Patch.build(Plane(), LAYOUT, SensorPose(0.0, 0.0), resolution_m, margin_m)
 
 
 def test_a_pose_must_be_finite():
@@ -203,7 +204,7 @@ def test_points_that_do_not_fit_are_refused(changes, message):
 )
 def test_tiles_hold_their_points(surface: Surface):
     """Every point lies in its tile's ball and slab, once with its area; seen face on, a slab is thin."""
-    patch = Patch.build(surface, paper_layout(), POSE, 0.5e-3)
+    patch = Patch.build(surface, LAYOUT, POSE, 0.5e-3)
     tiled = patch.tiled
     away = tiled.points[:3].reshape(3, tiled.tiles.shape[1], -1) - tiled.tiles[:3, :, None]
     assert np.all(np.linalg.norm(away, axis=0).max(axis=1) <= tiled.tiles[3] * (1 + 1e-15))
@@ -215,8 +216,8 @@ def test_tiles_hold_their_points(surface: Surface):
 
 
 def test_moved_patch_is_the_one_built_there():
-    first = Patch.build(FINGER, paper_layout(), SensorPose(0.0, 0.0), 0.5e-3)
-    there = Patch.build(FINGER, paper_layout(), POSE, 0.5e-3)
+    first = Patch.build(FINGER, LAYOUT, SensorPose(0.0, 0.0), 0.5e-3)
+    there = Patch.build(FINGER, LAYOUT, POSE, 0.5e-3)
     moved = first.moved(there.points_m, there.normals)
     np.testing.assert_array_equal(moved.tiled.index, first.tiled.index)
     np.testing.assert_array_equal(moved.tiled.points[:3].T, there.points_m[moved.tiled.index])

@@ -5,18 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from model_shapes import (
-    FINGER,
     POSE,
-    RADIUS_M,
     cylinder_mesh,
     indenters,
-    paper_layout,
     plain_cast,
     plain_loads,
     presses_on,
     sphere_mesh,
     surface_of,
 )
+from published import FINGER, LAYOUT, RADIUS_M
 
 from skincal.model import (
     Contacts,
@@ -34,7 +32,7 @@ from skincal.model import (
 
 E = 4e8
 ALL = indenters()
-PATCH = Patch.build(FINGER, paper_layout(), POSE)
+PATCH = Patch.build(FINGER, LAYOUT, POSE)
 SKIN = Skin(PATCH, SkinParameters(E, 68.0))
 BALL = Sphere(0.006)
 every = pytest.mark.parametrize("indenter", ALL.values(), ids=ALL)
@@ -105,7 +103,7 @@ def test_points_that_face_away_carry_and_feel_nothing():
 
 def test_gaps_and_margin_carry_force_that_no_taxel_feels():
     in_gap = presses_on(Plane(), 0.0, 0.0, 0.05)
-    patch = Patch.build(Plane(), paper_layout(), SensorPose(0.0235, 0.0))
+    patch = Patch.build(Plane(), LAYOUT, SensorPose(0.0235, 0.0))
     response = Skin(patch, SkinParameters(E, 1.0)).respond(Sphere(0.002), in_gap)
     assert response.force_n[0] == pytest.approx(0.05)
     assert response.loads_n.sum() == 0.0
@@ -143,7 +141,7 @@ def _odd_contacts() -> Contacts:
 
 @pytest.mark.parametrize("indenter", [BALL, sphere_mesh(3)], ids=["sphere", "mesh"])
 def test_odd_cases(indenter):
-    skin = Skin(Patch.build(FINGER, paper_layout(), SensorPose(0.0235, 0.0)), SkinParameters(E, 68.0))
+    skin = Skin(Patch.build(FINGER, LAYOUT, SensorPose(0.0235, 0.0)), SkinParameters(E, 68.0))
     response = skin.respond(indenter, _odd_contacts())
     for k, (_, _, status, force) in enumerate(ODD):
         assert Status(response.status[k]) is status, k
@@ -187,7 +185,7 @@ def test_no_contacts_and_no_points():
     nothing = presses_on(FINGER, 0.0, 0.0, 1.0)[:0]
     assert SKIN.loads(BALL, nothing).shape == (0, 16)
     assert SKIN.respond(BALL, nothing).centroid_m.shape == (0, 3)
-    empty = Patch(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=int), paper_layout())
+    empty = Patch(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=int), LAYOUT)
     response = Skin(empty, SkinParameters(E, 1.0)).respond(BALL, presses_on(FINGER, 0.0, 0.0, 1.0))
     assert response.status[0] == Status.NOT_TOUCHED
     assert not response.loads_n.any()
@@ -222,7 +220,7 @@ def test_a_mesh_of_the_finger_tends_to_the_finger():
     exact = SKIN.loads(BALL, contacts)
     error = []
     for sections in (32, 64, 128):
-        patch = Patch.build(surface_of(cylinder_mesh(sections)), paper_layout(), POSE)
+        patch = Patch.build(surface_of(cylinder_mesh(sections)), LAYOUT, POSE)
         loads = Skin(patch, SkinParameters(E, 1.0)).loads(BALL, contacts)
         error.append(np.abs(loads - exact).max() / contacts.force_n.max())
     assert np.all(np.divide(error[:-1], error[1:]) > 2)

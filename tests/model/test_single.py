@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from model_shapes import bolt_mesh, box_mesh, cylinder_mesh, plain_loads, sphere_mesh, surface_of
+from published import LAYOUT
 from scipy.spatial.transform import Rotation
 
 from skincal.envs.bodies import Bolt
@@ -23,7 +24,6 @@ from skincal.model import (
     TaxelLayout,
 )
 
-LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 FREE = TaxelLayout(
     1, 3, [[-3e-3, 0.0], [0.0, 1e-3], [4e-3, -2e-3]], [[2e-3, 4e-3], [3e-3, 3e-3], [2e-3, 1e-3]]
 )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from model_shapes import FINGER, RADIUS_M, cylinder_mesh, paper_layout, surface_of
+from model_shapes import cylinder_mesh, surface_of
+from published import FINGER, LAYOUT, RADIUS_M
 
 from skincal.model import Cylinder, Plane, SensorPose, patch_cells
 
@@ -95,7 +96,7 @@ def test_points_with_nan_stay_nan(surface, tolerance_m):
 @surfaces
 @poses
 def test_a_surface_that_can_be_unrolled_keeps_areas(surface, tolerance_m, pose):
-    uv, size = patch_cells(paper_layout(), 1e-3, 5e-3)
+    uv, size = patch_cells(LAYOUT, 1e-3, 5e-3)
     np.testing.assert_allclose(surface.cell_areas(pose, uv, size), size.prod(axis=1), rtol=2e-3)
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import nlopt
 import numpy as np
 import pytest
+from published import FINGER as SURFACE
+from published import LAYOUT
 
-from skincal.model import Contacts, Cylinder, Patch, SensorPose, Skin, SkinParameters, Sphere, TaxelLayout
+from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters, Sphere
 from skincal.prediction import ObservedImages, best_places
 
-SURFACE = Cylinder(0.0115)
-LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 POSE = SensorPose(0.0235, -0.06, 0.03)
 SKIN = Skin(Patch.build(SURFACE, LAYOUT, POSE), SkinParameters(4e8, 66.0))
 INDENTER = Sphere(0.006)

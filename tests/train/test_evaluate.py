@@ -14,9 +14,8 @@ pytest.importorskip("gymnasium", reason="needs skincal[policy]")
 import gymnasium
 import toy_task
 
-from skincal.errors import InputError
 from skincal.train import Description, PolicyKind, Task
-from skincal.train.evaluate import Trial, check_fits, episode, evaluate
+from skincal.train.evaluate import Trial, episode, evaluate
 from skincal.train.scores import score
 
 
@@ -93,10 +92,3 @@ def test_an_episode_step_by_step(toy):
     steps = list(episode(GOOD, toy, TRIAL, 0))
     assert len(steps) == 80
     assert [step.over for step in steps] == [False] * 79 + [True]
-
-
-def test_a_policy_that_sees_something_else(toy):
-    with pytest.raises(
-        InputError, match="expected a policy from 10 observed values to 2 actions; got one from 12"
-    ):
-        check_fits(Actor(GOOD.act, size=12), toy)

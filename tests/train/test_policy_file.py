@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from onnx import TensorProto, helper, numpy_helper
 
 from skincal.errors import InputError, WorkError
 from skincal.train import Description, Network, PolicyKind, Task, bundled_policies, policy_path, read_policy
-from skincal.train.evaluate import check_task
 from skincal.train.onnx_file import as_onnx, write_policy
 
 ABOUT = Description(
@@ -232,13 +230,6 @@ def test_actions_are_numbers(file):
         read_policy(file)(np.full(6, np.nan))
 
 
-def test_a_policy_of_another_task(file):
-    with pytest.raises(
-        InputError, match=r"expected a policy for bolt; got one for marble\. skincal eval marble"
-    ):
-        check_task(read_policy(file), Task.bolt)
-
-
 def test_names(file, tmp_path):
     assert policy_path(file) == file
     with pytest.raises(InputError, match="expected a policy file"):
@@ -252,9 +243,3 @@ def test_bundled_policies_are_sound():
         policy = read_policy(path)
         assert name.startswith(f"{policy.description.task}-{policy.description.policy}")
         assert np.abs(policy(np.zeros(policy.description.size))).max() <= 1.0
-
-
-def test_descriptions_are_frozen():
-    with pytest.raises(AttributeError):
-        ABOUT.steps = 3  # type: ignore[misc]
-    assert replace(ABOUT, steps=3).steps == 3

@@ -239,17 +239,6 @@ def test_it_learns(tmp_path, backend):
     assert error[-1] < error[0] / 3
 
 
-def test_description(tmp_path):
-    about = small_runs.run(tmp_path / "run", small_runs.CHECKPOINT_STEPS).description
-    read = read_policy(tmp_path / "run" / "policy.onnx").description
-    assert read == about
-    steps = small_runs.CHECKPOINT_STEPS
-    assert (read.task, read.policy, read.seed, read.steps) == ("marble", "tactile", 3, steps)
-    assert read.size == 10
-    assert len(read.ranges_sha256) == 64
-    assert "stable-baselines3" in read.versions
-
-
 def test_published_settings():
     settings = Settings()
     assert settings.steps_per_round == 480
@@ -272,13 +261,6 @@ def test_a_damaged_checkpoint(tmp_path, copied):
         InputError, match=r"checkpoint: expected a whole checkpoint of this run; got .*remove"
     ):
         small_runs.run(tmp_path / "run", 2 * small_runs.CHECKPOINT_STEPS)
-
-
-def test_no_run(tmp_path):
-    with pytest.raises(
-        InputError, match=r"run\.toml: expected the description of the training run; got no such file"
-    ):
-        train(tmp_path, small_runs.make)
 
 
 def test_two_processes_at_one_run(tmp_path, copied):
