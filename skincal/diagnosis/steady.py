@@ -73,6 +73,4 @@ def _tells(place_m: FloatArray, path: FloatArray, other: FloatArray, free: int) 
     # Noise along a surface has two axes, that of a single joint hardly more than one.
     spread = np.linalg.eigvalsh((place_m - other).T @ (place_m - other))
     axes = float(spread.sum() ** 2 / max(float((spread**2).sum()), np.finfo(float).tiny))
-    return (before - after) * free > after * float(
-        fdtri(max(axes, 1.0), max(axes, 1.0) * free, 1 - _SURE)
-    )
+    return (before - after) * free > after * float(fdtri(max(axes, 1.0), max(axes, 1.0) * free, 1 - _SURE))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import pickle
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,3 +71,20 @@ def test_weak_effect_is_named_beside_a_strong_one():
     assert set(gains) == set(hidden)
     # What the memory explains is next to nothing of what the levels do.
     assert gains["hysteresis"] < 0.02 * gains["taxel_offset"]
+
+
+def test_fits_made_in_other_processes_change_nothing():
+    sent = list[int]()
+
+    def elsewhere(function: Callable[[Any], Any], arguments: Sequence[Any]) -> list[Any]:
+        sent.append(len(arguments))
+        tasks = pickle.loads(pickle.dumps(list(arguments)))
+        return pickle.loads(pickle.dumps([function(task) for task in tasks]))
+
+    data = made(**KINDS["hysteresis"])  # type: ignore[arg-type]
+    here = found("hysteresis")
+    there = diagnose(data, replace(calibration(), sensor=data.meta.sensor), seed=1, mapper=elsewhere)
+    assert max(sent) > 1
+    assert [e.name for e in here.effects] == [e.name for e in there.effects]
+    assert here.calibration.model == there.calibration.model
+    assert here.gap.closed == there.gap.closed
