@@ -46,20 +46,17 @@ def order_finding(order: TaxelOrder, layout: TaxelLayout) -> Finding:
     )
 
 
-def find_taxel_order(dataset: Dataset) -> Finding | None:
-    """Return the finding ``taxel_order`` if another order of its taxels explains the images of a dataset; else None.
+def search_for_order(dataset: Dataset, mapper: Mapper = map) -> Callable[[], Finding | None]:
+    """Begin to look for another order of the taxels that explains the images of a dataset.
 
     Uniform pressure says nothing of the order, and neither do corrupted words, or presses that no fit can use.
-    """
-    return search_for_order(dataset)()
-
-
-def search_for_order(dataset: Dataset, mapper: Mapper = map) -> Callable[[], Finding | None]:
-    """Begin what :func:`find_taxel_order` does, and return what waits for the result.
 
     Args:
         dataset: the session.
         mapper: one with several processes looks for it while this one goes on.
+
+    Returns:
+        What waits for the result: the finding ``taxel_order``, or None.
     """
     asked: list[tuple[FitProblem, SearchBox]] = []
     if not (uniform_pressure(dataset) or is_corrupted(findings_of_check(dataset))):

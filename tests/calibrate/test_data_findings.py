@@ -10,7 +10,7 @@ import pytest
 from inference.made import made
 from report.diagnosis_cases import calibration
 
-from skincal.calibrate.data_findings import find_taxel_order, with_findings_of_check
+from skincal.calibrate.data_findings import search_for_order, with_findings_of_check
 from skincal.calibration import Finding
 from skincal.dataset import read_dataset
 from skincal.errors import Problem
@@ -44,4 +44,4 @@ def test_stretched_positions_are_no_order(stretch: tuple[float, float]):
     assert radius is not None
     beta, along = stretch[0] * beta, y + stretch[1] * (data.presses.position_m[:, 1] - y)
     places = np.column_stack([radius * np.sin(beta), along, radius * np.cos(beta)])
-    assert find_taxel_order(replace(data, presses=replace(data.presses, position_m=places))) is None
+    assert search_for_order(replace(data, presses=replace(data.presses, position_m=places)))() is None

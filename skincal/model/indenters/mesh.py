@@ -59,11 +59,6 @@ class MeshIndenter(Indenter):
         return self.mesh.vertices_m
 
     @property
-    def identity(self) -> tuple[FloatArray, IntArray]:
-        """All that it is made of: two with the same are the same."""
-        return self.mesh.vertices_m, self.mesh.faces
-
-    @property
     def depth_m(self) -> float:
         """Half the shortest side of the box round it [m]."""
         return self._depth_m

@@ -47,18 +47,12 @@ class MeshSurface(Surface):
 
         self._mesh = TriangleMesh("surface mesh", vertices_m, faces)
         self._mesh.check_winding()
-        self._settings = step_m, crease_rad
         self._outward = _outward_sign(self._mesh)
         self._walker = Walker(self._mesh, corner_normals(self._mesh, crease_rad), positive("step_m", step_m))
         centroids = self._mesh.vertices_m[self._mesh.faces].mean(axis=1)
         self._centroids = KDTree(centroids)
         corners = self._mesh.vertices_m[self._mesh.faces]
         self._face_reach_m = float(np.linalg.norm(corners - centroids[:, None], axis=2).max())
-
-    @property
-    def identity(self) -> tuple[FloatArray, IntArray, tuple[float, float]]:
-        """All that it is made of: two with the same are the same."""
-        return self._mesh.vertices_m, self._mesh.faces, self._settings
 
     def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Lay points of the patch on the mesh. See :meth:`Surface.wrap`.
