@@ -35,6 +35,7 @@ class Gap:
         closed: (before² - after²) / (before² - floor²); NaN where there is no gap.
         interval: where ``closed`` lies, 95 %.
         added: where after² - before² lies, 95 % [counts²].
+        kept: where what is left of the gap, beyond the part that must be closed, lies, 95 % [counts²].
         presses: rows of the presses looked at.
         frames: number of frames, or of hold means.
         slack_before_m: root mean square of what presses had to move [m].
@@ -48,6 +49,7 @@ class Gap:
     closed: float
     interval: tuple[float, float]
     added: tuple[float, float]
+    kept: tuple[float, float]
     presses: IntArray
     frames: int
     slack_before_m: float
@@ -61,8 +63,11 @@ class Gap:
 
     @property
     def stays(self) -> bool:
-        """Whether most of it surely stays: what is named does not explain what is missing."""
-        return self.interval[1] < C.closes
+        """Whether most of it surely stays: what is named does not explain what is missing.
+
+        In squares, not in parts of the gap: of a gap that is hardly there any part may seem to stay.
+        """
+        return self.before > self.floor and self.kept[0] > 0
 
 
 def placed_presses(fitter: Fitter, state: State, rows: IntArray, others: Sequence[State] = ()) -> State:
@@ -115,16 +120,16 @@ def gap_of(observed: Observed, before: State, after: State, rng: np.random.Gener
     errors = errors[errors[:, 3] > 0]
     if not len(errors):
         nothing = (float("nan"), float("nan"))
-        return Gap(0.0, 0.0, 0.0, float("nan"), nothing, nothing, rows, 0, 0.0, 0.0, errors)
+        return Gap(0.0, 0.0, 0.0, float("nan"), nothing, nothing, nothing, rows, 0, 0.0, 0.0, errors)
     b, a, f, n = errors.sum(axis=0)
     scale = min(1.0, min(a, b) / f) if f > 0 else 1.0
     errors[:, 2] *= scale
     f *= scale
     drawn = errors[rng.integers(0, len(errors), (_DRAWS, len(errors)))].sum(axis=1)
+    added, due = drawn[:, 1] - drawn[:, 0], C.closes * (drawn[:, 0] - drawn[:, 2])
     return Gap(
         float(np.sqrt(b / n)), float(np.sqrt(a / n)), float(np.sqrt(f / n)), *_closed(b, a, f, drawn),
-        _ends((drawn[:, 1] - drawn[:, 0]) / drawn[:, 3]), rows, int(n // whole.session.counts.shape[1] if
-        whole.session.counts is not None else 0),
+        _ends(added / drawn[:, 3]), _ends((added + due) / drawn[:, 3]), rows, int(n // whole.layout.taxels),
         _rms(first.move[rows]), _rms(second.move[rows]), errors,
     )  # fmt: skip
 

@@ -300,7 +300,7 @@ def _noise_at_rest(counts: FloatArray, second: FloatArray, noise: Noise) -> tupl
     tried = noise.frame * np.geomspace(0.6, 1.6, 12)
     seen = np.empty((len(tried), len(mean)))
     for k, sigma in enumerate(tried):
-        one = replace(noise, sigma=np.full(len(mean), sigma))
+        one = replace(noise, sigma=np.full(len(mean), sigma), grows=0.0)  # with the load, and here is none
         x, written, _, _ = one._table
         level = np.interp(mean, written, x) if len(x) else mean
         inside = (mean > written[0]) & (mean < written[-1]) if len(x) else np.zeros(len(mean), dtype=bool)

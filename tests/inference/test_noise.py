@@ -37,6 +37,16 @@ def test_noise_that_grows_is_told_from_noise_that_does_not():
     assert found.frame == pytest.approx(1.0, rel=0.2)
 
 
+def test_noise_at_rest_does_not_grow_with_the_level_there():
+    counts, hold = frames(1.0, 2.0, 40.0, 0.03)
+    idle = 2 * np.rint((40.7 + np.random.default_rng(5).standard_normal((3000, 16))) / 2)
+    counts = np.concatenate([counts, idle])
+    rest = np.concatenate([np.full(len(hold), -1), np.zeros(3000, np.int64)])
+    hold, force = np.concatenate([hold, np.full(3000, -1)]), np.zeros(len(counts))
+    found = noise_of(counts, hold, rest, force, 0.0, 295.0, integer=True)
+    assert found.frame == pytest.approx(1.0, rel=0.05) and found.grows == pytest.approx(0.03, rel=0.2)
+
+
 def test_a_clipped_level_reads_what_its_frames_do_on_average():
     rng = np.random.default_rng(2)
     noise = Noise(np.ones(3), 0.0, 1.0, 0.0, 255.0)
