@@ -121,3 +121,8 @@ class Diagnosis(Shown):
     def contact_law(self) -> FittedLaw | None:
         """How the contact differs from the elastic foundation, where the new calibration has it."""
         return None if self.verdict == "unknown" else self.calibration.contact_law
+
+    @property
+    def only_places(self) -> bool:
+        """Whether all that is named lives in the places: presses that may move take it up, and images show no gap."""
+        return bool(self.effects) and all(one.by_places for one in self.effects)
