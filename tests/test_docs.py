@@ -23,7 +23,7 @@ from skincal.fitting.fit_options import FitOptions, GridSteps
 from skincal.fitting.places import MOST
 from skincal.fitting.sigmas import FIELD_PART, FORCE_SIGMA, GAIN_SIGMA, MISFIT, SPREADS
 from skincal.inference.constants import CONSTANTS
-from skincal.inference.twins import THICKNESSES_M
+from skincal.inference.twins import LAWS
 
 ROOT = Path(__file__).parent.parent
 PAGES = [
@@ -135,5 +135,5 @@ def test_the_trust_page_says_what_a_p_value_is_made_of() -> None:
     assert f"the null's {100 * CONSTANTS.null_quantile:g} % quantile by a quarter" in text
     assert CONSTANTS.slack == 1.25
     assert f"gain {CONSTANTS.least_gain:g} nats" in text
-    layers = [f"{1e3 * thick:g}" for thick in THICKNESSES_M]
+    layers = [f"{1e3 * thick:g}" for thick in LAWS["layer"]]
     assert f"elastic layers of {layers[0]}, {layers[1]} and {layers[2]} mm" in text

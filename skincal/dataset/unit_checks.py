@@ -11,6 +11,7 @@ from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Sheet
 from skincal.dataset.rest import noise_at_rest, rest_levels
 from skincal.dataset.tables import HOLD, IDLE, Frames
+from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.dataset.word_checks import bytes_swapped, correlation, find_below_zero, find_falls, find_wrapped
 from skincal.errors import first_of
 from skincal.model.arrays import FloatArray, IntArray
@@ -169,13 +170,14 @@ def _check_words(dataset: Dataset, sheet: Sheet, counts: FloatArray) -> bool:
         )  # fmt: skip
         return True
     of_presses = counts is dataset.presses.counts
-    wrapped = find_wrapped(counts, expected_load(dataset) if of_presses else None)
+    rests = not uniform_pressure(dataset)
+    wrapped = find_wrapped(counts, expected_load(dataset) if of_presses else None, rests=rests)
     if wrapped is None and not of_presses and dataset.frames is not None:
         # The first ones, none left out: a fall is one from one frame to the next.
         rows = np.arange(min(len(dataset.frames), MOST_FRAMES))
         frames = dataset.frames
         wrapped = find_falls(frames.counts_of(rows), frames.press[rows], frames.force_n[rows])
-        if wrapped is None:
+        if wrapped is None and rests:
             rows = _some(frames)
             force = np.where(frames.press[rows] < 0, 0.0, frames.force_n[rows])
             wrapped = find_below_zero(counts, np.broadcast_to(force[:, None], counts.shape))

@@ -77,13 +77,14 @@ class Wrapped:
     mend: str = ""
 
 
-def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped | None:
+def find_wrapped(counts: FloatArray, load: FloatArray | None = None, *, rests: bool = True) -> Wrapped | None:
     """Return the readings that passed the end of their word and came out at the other end; None if there are none.
 
     Args:
         counts: readings as stored, shape (n, J).
         load: estimated load of each taxel, in any unit, shape (n, J); it also shows wrapped signed words that fill
             their whole range. None: unknown.
+        rests: whether taxels are mostly at rest; under uniform pressure they are not.
     """
     finite = np.isfinite(counts)
     if not finite.any():
@@ -115,7 +116,7 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None) -> Wrapped 
                 # Both ends meet in a signed word, where all readings lie below zero and beyond by the same.
                 mend = f"add {size:g} to those that came out low"
                 return Wrapped(bits, signed, np.flatnonzero(found), int(found.sum()), mend=mend)
-            if (below := find_below_zero(counts, load)) is not None:
+            if rests and (below := find_below_zero(counts, load)) is not None:
                 return below
             if load is not None and (lost := _below_rest(counts, load, high / size)).any():
                 return _by_load(bits, "", lost, NO_WORD_MENDS)
