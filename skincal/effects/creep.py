@@ -14,7 +14,7 @@ import numpy as np
 
 from skincal.effects.effect import MemoryEffect, State
 from skincal.effects.parameter import Values, form, start, strength
-from skincal.effects.recursion import compiled, relaxed
+from skincal.effects.recursion import RELAX, relaxed
 from skincal.effects.samples import Samples
 from skincal.model.arrays import FloatArray
 
@@ -39,7 +39,7 @@ class Creep(MemoryEffect):
     )
 
     def prepare(self) -> None:
-        compiled()
+        RELAX.prepare()
 
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State

@@ -10,13 +10,10 @@ rest, does not depend on speed, and grows in proportion to the load.
 
 from __future__ import annotations
 
-from functools import cache
-from typing import Any
-
 import numpy as np
 
 from skincal.effects.effect import MemoryEffect, State
-from skincal.effects.loops import loop
+from skincal.effects.loops import Loop
 from skincal.effects.parameter import Values, form, start, strength
 from skincal.effects.samples import Samples
 from skincal.model.arrays import FloatArray
@@ -43,7 +40,7 @@ class Hysteresis(MemoryEffect):
     )
 
     def prepare(self) -> None:
-        compiled()
+        _PLAY.prepare()
 
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State
@@ -57,7 +54,7 @@ def _played(x: FloatArray, upper: FloatArray, state: FloatArray | None) -> tuple
     """Return the mean of play operators (K, J) over loads (K, J) >= 0, and the operators (n, J) after the last."""
     z = np.zeros((len(upper), x.shape[1])) if state is None else state.copy()
     mean = np.zeros(x.shape)
-    compiled()(np.array(x), np.array(upper), z, mean)
+    _PLAY(np.array(x), np.array(upper), z, mean)
     return mean, z
 
 
@@ -73,7 +70,4 @@ def _play(
             mean[k, j] /= len(upper)
 
 
-@cache
-def compiled() -> Any:
-    """Compile the loop, or load it; numba is imported with the first effect that needs it."""
-    return loop(_play, "play", "void(f8[:, ::1], f8[::1], f8[:, ::1], f8[:, ::1])")
+_PLAY = Loop(_play, "void(f8[:, ::1], f8[::1], f8[:, ::1], f8[:, ::1])")

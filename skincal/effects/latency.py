@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from skincal.effects.effect import MemoryEffect, State
 from skincal.effects.parameter import Values, form, start, strength
-from skincal.effects.recursion import Relaxing, compiled, relaxed
+from skincal.effects.recursion import RELAX, Relaxing, relaxed
 from skincal.effects.samples import Samples
 from skincal.model.arrays import FloatArray
 
@@ -45,7 +45,7 @@ class Latency(MemoryEffect):
         return delay * (1 - part)
 
     def prepare(self) -> None:
-        compiled()
+        RELAX.prepare()
 
     def run(
         self, loads_n: FloatArray, samples: Samples, values: Values, state: State

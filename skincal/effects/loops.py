@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 
-def loop(function: Callable[..., None], name: str, signature: str) -> Any:
-    """Compile a loop, or load it; numba is imported only then.
+class Loop:
+    """Plain scalar code on arrays that are passed in, compiled or loaded when it is needed; so is numba imported."""
 
-    Args:
-        function: plain scalar code on arrays that are passed in.
-        name: of the cache file.
-        signature: numba's, of what it takes.
-    """
-    from skincal.model.press.jit import cached, telling
+    def __init__(self, function: Callable[..., None], signature: str) -> None:
+        """Take the code, and numba's signature of what it takes."""
+        self._function, self._signature = function, signature
 
-    with telling():
-        return cached(function, name, {"nogil": True, "error_model": "numpy"}, signature)
+    def __call__(self, *arrays: Any) -> None:
+        """Run it."""
+        self._compiled(*arrays)
+
+    def prepare(self) -> None:
+        """Compile it."""
+        _ = self._compiled
+
+    @cached_property
+    def _compiled(self) -> Any:
+        from skincal.model.press.jit import cached, telling
+
+        settings = {"nogil": True, "error_model": "numpy"}
+        with telling():
+            return cached(self._function, self._function.__name__, settings, self._signature)

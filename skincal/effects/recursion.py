@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from skincal.effects.loops import loop
+from skincal.effects.loops import Loop
 from skincal.model.arrays import FloatArray
 
 _SMALL = 1e-4
@@ -42,7 +41,7 @@ def relaxed(
     # Mean of exp(-s) over the step, and the weight of the older end of the line.
     mean = np.where(h < _SMALL, 1 - h / 2 + h**2 / 6, -np.expm1(-h) / np.where(h > 0, h, 1.0))
     x, q, out = np.array(x), before.lagging.copy(), np.zeros(x.shape)
-    compiled()(x, np.array(before.input_now), np.stack([keep, 1 - mean, mean - keep]), q, out)
+    RELAX(x, np.array(before.input_now), np.stack([keep, 1 - mean, mean - keep]), q, out)
     return out, Relaxing(float(time_s[-1]), x[-1], q)
 
 
@@ -61,7 +60,5 @@ def _relax(
             out[k, j] /= constants
 
 
-@cache
-def compiled() -> Any:
-    """Compile the loop, or load it; numba is imported with the first effect that needs it."""
-    return loop(_relax, "relax", "void(f8[:, ::1], f8[::1], f8[:, :, ::1], f8[:, ::1], f8[:, ::1])")
+RELAX = Loop(_relax, "void(f8[:, ::1], f8[::1], f8[:, :, ::1], f8[:, ::1], f8[:, ::1])")
+"""For effects that relax, to be prepared."""

@@ -16,8 +16,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 
+from skincal.fitting.lookup import allocating
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, as_floats
@@ -266,7 +266,7 @@ def blocks(
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@allocating
 def _along(signal, x, begin):
     """(B, J, k) products of the signal (M, J) with columns (M, J, k), block by block."""
     out = np.zeros((len(begin) - 1, x.shape[1], x.shape[2]))

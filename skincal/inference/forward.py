@@ -257,12 +257,9 @@ class Forward:
             self._patches[state.pose] = Patch.build(
                 self.surface, self.layout, state.pose, resolution, margin, rule
             )
-        return self._with(self._patches[state.pose], state, effects)
-
-    def _with(self, patch: Patch, state: State, effects: Effects | None = None) -> EffectSkin:
         scale = np.exp(state.log_s)
         skin = Skin(
-            patch,
+            self._patches[state.pose],
             SkinParameters(float(np.exp(state.log_e)), scale if scale.ndim else float(scale)),
             self._converter,
         )

@@ -17,7 +17,7 @@ from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.forward import State
 from skincal.inference.start import raw_residual
-from skincal.inference.twins import LAWS, twin_values
+from skincal.inference.twins import LAWS, name_of, twin_values
 from skincal.model.arrays import FloatArray
 
 FOUNDATION = "fitted law"
@@ -62,7 +62,7 @@ def law_residuals(fitter: Fitter, base: Fitted, mapper: Mapper = map) -> dict[st
     found = {FOUNDATION: np.zeros(fitter.counts.shape)}
     for law, numbers in LAWS.items():
         left = mapper(_twin_residual, [(fitter, base.state, law, number) for number in numbers])
-        found |= {f"{law} {number:g}": x for number, x in zip(numbers, left, strict=True) if x is not None}
+        found |= {name_of(law, number): x for number, x in zip(numbers, left, strict=True) if x is not None}
         if len(found) > 1:
             break
     return found

@@ -13,11 +13,10 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numba import njit
 
+from skincal.fitting.lookup import allocating
 from skincal.model import (
     ContactLaw,
     Contacts,
@@ -40,9 +39,6 @@ STEP_M = 2.5e-4
 """How far the places of the lattice lie apart [m]."""
 _FEW_CELLS = 3
 """A point's cell does not rise by more than so much of its side where a press can meet it."""
-_SETTINGS: dict[str, Any] = {
-    "cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz", "arcp"},
-}  # fmt: skip
 _FLAT_M = 1e-6
 """A patch is flat if its points leave a plane by no more [m]."""
 _LATTICE = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1))
@@ -272,7 +268,7 @@ def _cast(
             )
 
 
-@njit(**_SETTINGS)
+@allocating
 def _by_size(values, count, below):
     """Which of the first values are below a bound, smallest first: Shell's sort; numba's own is slow to compile."""
     order = np.empty(count, np.int64)
@@ -296,7 +292,7 @@ def _by_size(values, count, below):
     return order[:n]
 
 
-@njit(**_SETTINGS)
+@allocating
 def _balls(
     points, normals, areas, taxel, weights, centres, ups, radius, most, share, taxels, power, reference, bare
 ):
@@ -446,7 +442,7 @@ def _balls(
     return out
 
 
-@njit(**_SETTINGS)
+@allocating
 def _look_up(terms, row, load, most, move):
     """Cubic through four nodes of the square root; beyond the last a line."""
     orders, nodes, taxels = terms.shape[0], terms.shape[2], terms.shape[3]

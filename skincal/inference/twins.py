@@ -23,6 +23,11 @@ LAWS = {"layer": (1e-3, 3e-3, 10e-3), "power": (0.85, 1.2)}
 _POISSON, _SPACING_M, _HALF_WIDTH_M, _FORCES, _TRIES, _ALIKE = 0.4, 0.25e-3, 6e-3, 12, 7, 0.02
 
 
+def name_of(law: str, number: float) -> str:
+    """Name of a law of ``LAWS`` for a reader."""
+    return f"{law} {1e3 * number:g} mm" if law == "layer" else f"{law} {number:g}"
+
+
 def twin_values(forward: Forward, state: State, law: str, number: float) -> FloatArray | None:
     """Levels (K, J) above rest of the session under another law of ``LAWS``; None where it cannot be solved."""
     f, e, bare = forward, float(np.exp(state.log_e)), float(state.law[-1])

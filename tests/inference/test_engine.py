@@ -23,6 +23,11 @@ def test_nothing_is_named_where_nothing_is_hidden(kind: str):
     assert (found(kind).verdict, found(kind).effects) == ("none", ())
 
 
+def test_laws_of_the_null_are_named_for_readers():
+    laws = dict.fromkeys(found(QUIET[0]).found.null.laws)
+    assert list(laws) == ["fitted law", "layer 1 mm", "layer 3 mm", "layer 10 mm"]
+
+
 @pytest.mark.parametrize("kind", NAMED)
 def test_what_is_hidden_is_named(kind: str):
     (one,) = found(kind).effects
