@@ -16,6 +16,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
+import typer
+
 from skincal.cli.options import example, option
 from skincal.files import refuse_existing
 from skincal.files.manifest import write_manifest
@@ -107,7 +109,7 @@ def skincal(*arguments: str, quiet: bool = False) -> str:
     command = [sys.executable, "-m", "skincal", *arguments]
     done = subprocess.run(command, stdout=subprocess.PIPE if quiet else None, text=True, check=False)
     if done.returncode:
-        sys.exit(done.returncode)
+        raise typer.Exit(done.returncode)  # the verb has said why
     return done.stdout or ""
 
 

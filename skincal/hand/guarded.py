@@ -14,6 +14,7 @@ hangs, ``timeout_s``. Python cannot leave a driver that hangs in foreign code wi
 from __future__ import annotations
 
 import atexit
+import gc
 import sys
 import time
 from abc import ABC, abstractmethod
@@ -137,6 +138,9 @@ class Guarded(ABC, Generic[Description, State, Command]):
             self._call("connect", self._made.connect, timeout_s=patience * options.connect_timeout_s)
             found = self._call("description", self._described, timeout_s=options.timeout_s)
             self._check_state, self._check_command = found
+            # A full garbage collection looks at every object of the process, for as long as a state may be late, in
+            # whichever period it falls. Those that are there by now are left out until the rig is released.
+            gc.freeze()
         except BaseException as error:
             # The exit of a `with` block that was not entered is not called.
             if isinstance(error, HandError) and error.stopped is not None:
@@ -355,6 +359,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
     def _give_back(self, worker: Worker, timeout_s: float | None = None) -> HandError | None:
         """Close the driver and let the worker end; return the error of closing, or None."""
         self._closed = True
+        gc.unfreeze()
         atexit.unregister(self._at_exit)
         options = self._options
         timeout_s = timeout_s or options.connect_timeout_s

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 import threading
@@ -663,3 +664,15 @@ def test_a_period_that_changes_is_that_of_the_connection() -> None:
     with GuardedHand(driver, QUICK) as hand:
         driver.period = lambda: 0.0
         assert hand.period_s == PERIOD_S
+
+
+def test_garbage_of_the_rest_of_the_process_is_not_looked_for_while_a_hand_moves() -> None:
+    class Node:
+        pass
+
+    before = [Node() for _ in range(100)]  # instances of a class are what a collection looks at
+    with GuardedHand(FakeHand(), QUICK) as hand:
+        hand.observe()
+        gc.collect()
+        assert not any(type(one) is Node for one in gc.get_objects())
+    assert sum(type(one) is Node for one in gc.get_objects()) == len(before)
