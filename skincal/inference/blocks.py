@@ -98,6 +98,12 @@ class Products:
         out -= np.swapaxes(self.z[:, :, rows], 1, 2) @ self.z[:, :, columns]
         return out
 
+    @cached_property
+    def whole(self) -> Products:
+        """Those of all blocks as one."""
+        one = (x.sum(axis=0)[None] for x in (self.dense, self.mixed, self.single))
+        return Products(self.taxel, self.place, *one, self.z.reshape(1, -1, self.z.shape[2]))
+
 
 @dataclass(frozen=True, eq=False)
 class Rows:

@@ -76,12 +76,18 @@ def gains(
 
 def whole(blocks: Blocks, columns: IntArray) -> tuple[FloatArray, FloatArray]:
     """Curvature (n, n) and slope (n,) of some columns by all blocks."""
-    return blocks.products.between(columns, columns).sum(axis=0), blocks.b[:, columns].sum(axis=0)
+    return blocks.products.whole.between(columns, columns)[0], blocks.b[:, columns].sum(axis=0)
 
 
 def full_step(h: FloatArray, b: FloatArray, prior: FloatArray, pull: FloatArray) -> FloatArray:
     """The step (n,) by a curvature (n, n) and a slope (n,); ``prior`` and ``pull`` (n,) are of the same columns."""
     return _inverse(h + np.diag(prior)) @ (b - pull)
+
+
+def last_of_step(h: FloatArray, b: FloatArray, prior: FloatArray, pull: FloatArray) -> tuple[float, float]:
+    """The last number of the same step, and its standard error."""
+    inverse = _inverse(h + np.diag(prior))
+    return float(inverse[-1] @ (b - pull)), float(np.sqrt(inverse[-1, -1]))
 
 
 def _inverse(h: FloatArray) -> FloatArray:

@@ -2,8 +2,8 @@
 
 A null session has this session's presses, noise, rest and fitted parameters. Its residual is drawn: noise, or counts on
 a staircase; the own numbers of presses by their priors; and what a contact law other than the model's leaves after the
-base model has been fitted to it (twins). With the columns of this session the gain of a candidate is then the same
-linear algebra as for the data, so that a null session costs milliseconds.
+base model has been fitted to it (twins), as far as the session itself can have that. With the columns of this session
+the gain of a candidate is then the same linear algebra as for the data, so that a null session costs milliseconds.
 """
 
 from __future__ import annotations
@@ -13,14 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skincal.fitting.tasks import Mapper
+from skincal.inference.blocks import Blocks
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.forward import State
+from skincal.inference.gains import last_of_step, whole
 from skincal.inference.start import raw_residual
 from skincal.inference.twins import LAWS, name_of, twin_values
 from skincal.model.arrays import FloatArray
 
 FOUNDATION = "fitted law"
+"""Name of the law of null sessions that have no other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +61,16 @@ class Null:
 
 
 def law_residuals(fitter: Fitter, base: Fitted, mapper: Mapper = map) -> dict[str, FloatArray]:
-    """(N, J) whitened residual that each contact law leaves after the base model's fit; zero for the fitted one."""
-    found = {FOUNDATION: np.zeros(fitter.counts.shape)}
+    """(N, J) what other contact laws leave after the base model's fit, whitened, robust weights in."""
+    found = dict[str, FloatArray]()
     for law, numbers in LAWS.items():
         left = mapper(_twin_residual, [(fitter, base.state, law, number) for number in numbers])
-        found |= {name_of(law, number): x for number, x in zip(numbers, left, strict=True) if x is not None}
-        if len(found) > 1:
+        found |= {
+            name_of(law, number): x * _weights(fitter)
+            for number, x in zip(numbers, left, strict=True)
+            if x is not None
+        }
+        if found:
             break
     return found
 
@@ -81,21 +88,58 @@ def _twin_residual(twin: tuple[Fitter, State, str, float]) -> FloatArray | None:
     return np.nan_to_num(raw_residual(other, fit.state))
 
 
-def drawn_residuals(
-    laws: dict[str, FloatArray], fitter: Fitter, base: Fitted, rng: np.random.Generator, sessions: int
-) -> tuple[tuple[str, ...], FloatArray]:
-    """Names of laws (S,), and residuals (N, J, S) of noise and law; nuisances are added where they go."""
-    names = tuple(list(laws)[k % len(laws)] for k in range(sessions))
+def drawn_noise(fitter: Fitter, base: Fitted, rng: np.random.Generator, sessions: int) -> FloatArray:
+    """(N, J, S) residuals of noise; laws are added behind the columns, nuisances where they go."""
     # The noise is known within its standard error.
     times = 1 + fitter.forward.noise.within * rng.standard_normal(sessions)
     if fitter.forward.noise.coarse:
         drawn = _on_stairs(fitter, base, rng, times)
     else:
         drawn = times * rng.standard_normal((*fitter.counts.shape, sessions), dtype=np.float32)
-    for k, name in enumerate(names):
-        drawn[..., k] += laws[name]
-    # Without robust weights: noise that is Gaussian has none.
-    return names, drawn * (np.isfinite(fitter.counts) * fitter.before.weights)[..., None]
+    return drawn * _weights(fitter)[..., None]
+
+
+def _weights(fitter: Fitter) -> FloatArray:
+    return np.where(np.isfinite(fitter.counts), fitter.before.weights, 0.0)
+
+
+def parts_of_laws(
+    blocks: Blocks, prior: FloatArray, pull: FloatArray, sigma: FloatArray, laws: int
+) -> FloatArray:
+    """How much of what each law leaves the session can have (L,), 0 to 1.
+
+    The residual of a law is a column like others: its multiple is fitted beside the base model alone, and beside every
+    effect that may be missing. The most that either allows counts.
+
+    Args:
+        blocks: of the columns of the base model, those of candidates, and those of L laws last.
+        prior: (m,) precisions of the base model's columns.
+        pull: (m,) slope of their prior.
+        sigma: of the candidates' columns beforehand.
+        laws: L.
+    """
+    beside, most = len(prior) + len(sigma), np.zeros(laws)
+    prior, pull = np.append(prior, 1 / sigma**2), np.append(pull, np.zeros(len(sigma)))
+    for known in (beside - len(sigma), beside):
+        for k in range(laws):
+            h, b = whole(blocks, np.append(np.arange(known), beside + k))
+            part, error = last_of_step(h, b, np.append(prior[:known], 0.0), np.append(pull[:known], 0.0))
+            most[k] = max(most[k], part + C.alike * error)
+    return np.minimum(most, 1.0)
+
+
+def with_laws(blocks: Blocks, parts: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """``drawn`` (B, n, S) and ``drawn_chi`` (B, S) of sessions of which each has one law, so much of it.
+
+    Args:
+        blocks: with columns of L laws behind all others.
+        parts: (L, S), 0 for the laws that a session does not have.
+    """
+    every = np.arange(blocks.b.shape[1])
+    laws = every[len(every) - len(parts) :]
+    by_law = blocks.products.between(every, laws)
+    chi = blocks.drawn_chi + 2 * np.einsum("bls,ls->bs", blocks.drawn[:, laws], parts)
+    return blocks.drawn + by_law @ parts, chi + np.einsum("blm,ls,ms->bs", by_law[:, laws], parts, parts)
 
 
 def _on_stairs(fitter: Fitter, base: Fitted, rng: np.random.Generator, times: FloatArray) -> FloatArray:

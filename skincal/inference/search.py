@@ -37,7 +37,7 @@ from skincal.inference.equation_errors import EquationErrors
 from skincal.inference.fit import Fitted, Fitter, law_widths
 from skincal.inference.forward import LAW, Effects, Seen, State
 from skincal.inference.gains import full_step, gains, whole
-from skincal.inference.null import Null, drawn_residuals, law_residuals
+from skincal.inference.null import FOUNDATION, Null, drawn_noise, law_residuals, parts_of_laws, with_laws
 from skincal.inference.score import Score, folds_of
 from skincal.inference.slopes import Slopes
 from skincal.inference.start import Task, fitted
@@ -327,20 +327,27 @@ class Search:
         self.heard("null sessions")
         base, fitter = self.base, self.fitter
         found, w, errors = self._linear(base)
-        laws, draws = drawn_residuals(
-            law_residuals(fitter, base, self.mapper), fitter, base, self.rng, self.null_sessions
-        )
+        laws = law_residuals(fitter, base, self.mapper)
+        others = Slopes.of(np.stack([np.zeros(fitter.counts.shape), *laws.values()], axis=2)[..., 1:])
+        draws = drawn_noise(fitter, base, self.rng, self.null_sessions)
+        w = replace(w, columns=Slopes.joined([w.columns, others]))
         linear = fitter.built(base.seen, base.free, w, errors, draws=draws, rng=self.rng)
+        names = [FOUNDATION, *laws]
+        turn = np.arange(self.null_sessions) % len(names)
         b, n = linear.blocks, len(linear.prior)
+        sigma = np.array([x for c in found for x in c.start.sigma])
+        parts = parts_of_laws(b, linear.prior, linear.pull, sigma, len(laws))[:, None]
+        parts = parts * (turn == 1 + np.arange(len(laws))[:, None])
+        drawn, drawn_chi = with_laws(b, parts)
         gained: dict[str, FloatArray] = {}
-        for c, each in zip(found, self._gains(linear, found, b.drawn, np.zeros(n)), strict=True):
+        for c, each in zip(found, self._gains(linear, found, drawn, np.zeros(n)), strict=True):
             own = each.sum(axis=0)
             gained[c.name] = np.maximum(gained[c.name], own) if c.name in gained else own
         # What the base model's own fit takes up is taken up there, too.
         h = b.products.between(np.arange(n), np.arange(n))
-        c = np.linalg.solve(h.sum(axis=0) + np.diag(linear.prior), b.drawn[:, :n].sum(axis=0))
-        chi = b.drawn_chi - 2 * np.einsum("pns,ns->ps", b.drawn[:, :n], c) + np.einsum("ns,pns->ps", c, h @ c)
-        return Null(laws, gained, left(chi, b.count, b.press))
+        c = np.linalg.solve(h.sum(axis=0) + np.diag(linear.prior), drawn[:, :n].sum(axis=0))
+        chi = drawn_chi - 2 * np.einsum("pns,ns->ps", drawn[:, :n], c) + np.einsum("ns,pns->ps", c, h @ c)
+        return Null(tuple(names[k] for k in turn), gained, left(chi, b.count, b.press))
 
     def _gains(
         self, linear: Fitted, found: Sequence[Candidate], b: FloatArray, pull: FloatArray

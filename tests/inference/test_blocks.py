@@ -10,6 +10,7 @@ import pytest
 from skincal.inference.blocks import Rows, Whitened, blocks
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.gains import full_step, gains, whole
+from skincal.inference.null import parts_of_laws, with_laws
 from skincal.inference.score import held_out
 from skincal.inference.slopes import Slopes
 
@@ -147,3 +148,51 @@ def test_gains_are_those_of_fits_with_and_without():
             h[:, k][:, :, k].sum(axis=0) + np.diag(all_prior), found.b[:, k].sum(axis=0) - all_pull
         )
         assert full_step(*whole(found, k), all_prior, all_pull) == pytest.approx(step)
+
+
+def test_products_of_the_whole_are_the_sum_of_those_of_blocks():
+    (compact, _), (_, press, phase, at) = some_single(), case()
+    found = blocks(compact, Rows.of(press, phase, compact.seen), at, PRECISION).products
+    some, others = np.array([4, 1, 3]), np.array([0, 3, 1, 6])
+    assert found.whole.between(some, others)[0] == pytest.approx(found.between(some, others).sum(axis=0))
+
+
+def test_null_sessions_have_as_much_of_a_law_as_they_are_given():
+    w, press, phase, at = case()
+    rng = np.random.default_rng(5)
+    law, draws = (rng.standard_normal((*w.residual.shape, k)) for k in (2, 3))
+    parts = np.array([[0.3, 0.0, 0.0], [0.0, 0.9, 0.0]])
+    beside = replace(w, columns=Slopes.joined([w.columns, Slopes.of(law)]))
+    rows = Rows.of(press, phase, w.seen)
+    found = blocks(beside, rows, at, PRECISION, draws, np.random.default_rng(2))
+    drawn = blocks(beside, rows, at, PRECISION, draws + law @ parts, np.random.default_rng(2))
+    b, chi = with_laws(found, parts)
+    assert b == pytest.approx(drawn.drawn) and chi == pytest.approx(drawn.drawn_chi)
+
+
+def test_a_session_says_how_much_of_a_law_it_can_have():
+    """Beside an effect that is there, too, which without it would be taken for the contrary of the law."""
+    rng, n, part = np.random.default_rng(6), 60, 0.4
+    press, phase = np.repeat(np.arange(12), 5), np.ones(n)
+    base, effect, law = rng.standard_normal((3, n, TAXELS, 1))
+    law, noise = law - 0.8 * effect, 0.02 * rng.standard_normal((n, TAXELS))
+    columns = Slopes.of(np.concatenate([base, effect, law], axis=2))
+    seen, none = np.ones((n, TAXELS), dtype=bool), np.zeros((n, TAXELS, 0))
+
+    def parts(hidden: float) -> np.ndarray:
+        residual = base[..., 0] + hidden * effect[..., 0] + part * law[..., 0] + noise
+        w = Whitened(
+            residual / 0.02,
+            columns.weighted(np.full((n, TAXELS), 50.0)),
+            np.zeros((n, TAXELS, 3)),
+            none.sum(axis=2),
+            none,
+            seen,
+            np.zeros((n, TAXELS)),
+        )
+        found = blocks(w, Rows.of(press, phase, seen), np.zeros((12, 3)), PRECISION)
+        return parts_of_laws(found, np.full(1, 1e-9), np.zeros(1), np.ones(1), 1)
+
+    assert parts(0.0) == pytest.approx([part], abs=0.01)
+    assert parts(3.0) == pytest.approx([part], abs=0.01)
+    assert parts(-3.0) == pytest.approx([1.0])
