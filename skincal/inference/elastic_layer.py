@@ -1,8 +1,8 @@
-"""A rigid sphere pressed into an elastic layer that is bonded to a rigid cylinder; shares no code with skincal.
+"""A rigid sphere pressed into an elastic layer that is bonded to a rigid cylinder.
 
-skincal's model is an elastic foundation: stress follows from the penetration of the same point. A real skin is a
+The skin model is an elastic foundation: stress follows from the penetration of the same point. A real skin is a
 layer of rubber on a hard core, which also gives way beside the place that is pressed. This solver is that layer, so
-that the fit can be judged on images whose contact law is not its own.
+that fits can be judged on images whose contact law is not their own.
 
 The layer is flat for its elasticity (its curvature is small over a contact) and curved for the gap. Its surface moves
 by ``u = K p``; K is a product in Fourier space (compliance of a bonded layer, e.g. Johnson, Contact Mechanics, 1985,
