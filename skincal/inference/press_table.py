@@ -39,6 +39,8 @@ STEP_M = 2.5e-4
 """How far the places of the lattice lie apart [m]."""
 _FEW_CELLS = 3
 """A point's cell does not rise by more than so much of its side where a press can meet it."""
+_FELT = 1e-7
+"""A taxel feels nothing of a point if it feels no more of its load: sums over the others would take longer."""
 _FLAT_M = 1e-6
 """A patch is flat if its points leave a plane by no more [m]."""
 _LATTICE = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1))
@@ -210,7 +212,7 @@ def _loads(
     out = np.zeros((len(most), NODES, patch.layout.taxels if weights is None else weights.shape[1]))
     stress = contact.stress(law)
     power, reference = (1.0, 1.0) if stress is None else (stress.exponent, stress.reference_m)
-    own = np.zeros((0, 1)) if weights is None else np.ascontiguousarray(weights)
+    on = _on_taxels(patch, weights)
     for number, indenter in enumerate(indenters):
         rows = np.flatnonzero(presses.indenter == number)
         stiff, indenter = contact.stiffness(indenter, law), contact.pressed_by(indenter)
@@ -219,7 +221,7 @@ def _loads(
             def balls(rows: IntArray, radius: float = indenter.radius_m, stiff: float = stiff) -> None:
                 normals = presses.normals[rows]
                 out[rows] = stiff * _balls(
-                    patch.points_m, patch.normals, patch.areas_m2, patch.taxel, own,
+                    patch.points_m, patch.normals, patch.areas_m2, on,
                     presses.points_m[rows] + radius * normals, normals, radius, most[rows] / stiff, share,
                     out.shape[2], power, reference, bare,
                 )  # fmt: skip
@@ -231,6 +233,16 @@ def _loads(
         elif len(rows):
             _cast(out, patch, indenter, presses, rows, most, stress, weights)
     return out
+
+
+def _on_taxels(patch: Patch, weights: FloatArray | None) -> tuple[IntArray, IntArray, FloatArray]:
+    """Where each point's taxels begin in (N + 1,), which they are, and how much of its load each feels."""
+    if weights is None:
+        feels = patch.taxel >= 0
+        return np.append(0, np.cumsum(feels)), patch.taxel[feels], np.ones(int(feels.sum()))
+    point, taxel = np.nonzero(np.abs(weights) > _FELT)
+    begin = np.searchsorted(point, np.arange(len(weights) + 1))
+    return begin, taxel, np.ascontiguousarray(weights[point, taxel])
 
 
 def _cast(
@@ -293,11 +305,8 @@ def _by_size(values, count, below):
 
 
 @allocating
-def _balls(
-    points, normals, areas, taxel, weights, centres, ups, radius, most, share, taxels, power, reference, bare
-):
-    count, nodes = len(centres), len(share)
-    spread = weights.shape[0] > 0
+def _balls(points, normals, areas, on, centres, ups, radius, most, share, taxels, power, reference, bare):
+    (begin, taxel, part), count, nodes = on, len(centres), len(share)
     out = np.zeros((count, nodes, taxels))
     n = len(points)
     # Stress at parts of the greatest depth, and its integral from the surface: most of the time would go into powers.
@@ -366,13 +375,9 @@ def _balls(
                     total += area[i]
                     lever += area[i] * gap[i]
                     f = area[i] * face[i]
-                    if spread:
-                        for j in range(taxels):
-                            heavy[j] += f * weights[which[i], j]
-                            moment[j] += f * gap[i] * weights[which[i], j]
-                    elif taxel[which[i]] >= 0:
-                        heavy[taxel[which[i]]] += f
-                        moment[taxel[which[i]]] += f * gap[i]
+                    for e in range(begin[which[i]], begin[which[i] + 1]):
+                        heavy[taxel[e]] += f * part[e]
+                        moment[taxel[e]] += f * part[e] * gap[i]
                     at += 1
                 level = (load + lever) / total
                 for j in range(taxels):
@@ -398,7 +403,7 @@ def _balls(
             rise = max(min(0.5 * np.sqrt(area[i]) * abs(steep), depth[i]) * per_m, 1e-4)
             if met - rise >= levels[steps - 1]:
                 continue
-            mine, f = taxel[which[i]], whole * area[i] / (2 * rise)
+            f = whole * area[i] / (2 * rise)
             for s in range(steps - 1, 0, -1):
                 deep = levels[s] - met
                 if deep <= -rise:
@@ -418,11 +423,8 @@ def _balls(
                 load = f * mean
                 carry[s] += load
                 load *= face[i]
-                if spread:
-                    for j in range(taxels):
-                        own[s, j] += load * weights[which[i], j]
-                elif mine >= 0:
-                    own[s, mine] += load
+                for e in range(begin[q], begin[q + 1]):
+                    own[s, taxel[e]] += load * part[e]
         # Cubics through the square roots of loads over that of the force, which are nearly lines.
         root, own = np.sqrt(carry), np.sqrt(own)
         s = 2

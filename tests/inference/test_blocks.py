@@ -173,7 +173,7 @@ def test_null_sessions_have_as_much_of_a_law_as_they_are_given():
 def test_a_session_says_how_much_of_a_law_it_can_have():
     """Beside an effect that is there, too, which without it would be taken for the contrary of the law."""
     rng, n, part = np.random.default_rng(6), 60, 0.4
-    press, phase = np.repeat(np.arange(12), 5), np.ones(n)
+    press, phase = np.repeat(np.arange(12), 5), np.ones(n, dtype=np.int64)
     base, effect, law = rng.standard_normal((3, n, TAXELS, 1))
     law, noise = law - 0.8 * effect, 0.02 * rng.standard_normal((n, TAXELS))
     columns = Slopes.of(np.concatenate([base, effect, law], axis=2))
