@@ -29,7 +29,7 @@ class Creep(MemoryEffect):
     )
     search_from = tuple(
         start({"amplitude": 0.1, "time_constant_s": tau, "breadth": b})
-        for tau, b in ((0.3, 0.0), (1.5, 0.0), (8.0, 0.0), (1.5, 2.0))
+        for tau, b in ((0.3, 0.7), (1.5, 0.7), (8.0, 0.7), (1.5, 2.0))
     )
     covariates = ("time",)
     asks = ("frames", "clock")

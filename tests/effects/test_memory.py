@@ -9,9 +9,10 @@ import pytest
 from effect_sessions import BASE, SHORT, contacts_at, skin_with
 from scipy.signal import lsim
 
-from skincal.effects import Samples, SkinStream
+from skincal.effects import Samples, SkinStream, effect
 from skincal.effects.recursion import relaxed
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNKNOWN, UNLOAD
+from skincal.effects.starts import Start
 from skincal.model import Converter, Sphere
 
 BALL = Sphere(0.006)
@@ -69,6 +70,20 @@ def test_creep_reaches_its_limit_as_an_exponential():
     base = total("creep", held, amplitude=0.0)
     shown = total("creep", held, amplitude=0.3, time_constant_s=2.0)
     np.testing.assert_allclose(shown[1:] / base[1:], 1 + 0.3 * (1 - np.exp(-time[1:] / 2.0)), atol=1e-6)
+
+
+@pytest.mark.parametrize("begin", effect("creep").search_from)
+def test_a_search_for_creep_begins_where_its_numbers_matter(begin: Start):
+    """A single exponential does not change to first order with its breadth, and a fit by slopes would stay one."""
+    (point,) = begin.points
+    sizes = {"time_constant_s": 0.1 * point["time_constant_s"], "breadth": 0.1}
+    here = total("creep", course(UP_AND_DOWN), **point)
+    for name, size in sizes.items():
+        up, down = (
+            total("creep", course(UP_AND_DOWN), **{**point, name: point[name] + sign * size})
+            for sign in (1, -1)
+        )
+        assert np.abs(up - down).max() > 2 * np.abs(up + down - 2 * here).max() > 0
 
 
 def test_creep_does_not_depend_on_how_often_it_is_sampled():
