@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -20,8 +20,10 @@ from skincal.errors import WorkError, first_of
 from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.tasks import Mapper
-from skincal.fitting.wiring import TaxelOrder, order_of_problem
 from skincal.model import TaxelLayout
+
+if TYPE_CHECKING:
+    from skincal.fitting.wiring import TaxelOrder
 
 MOST_NAMED = 8
 """So many moved taxels are named."""
@@ -63,7 +65,7 @@ def search_for_order(dataset: Dataset, mapper: Mapper = map) -> Callable[[], Fin
         with suppress(WorkError):
             problem = fit_problem(dataset, FitOptions(), choose_way(dataset, "auto"))
             asked.append((problem, search_box(dataset)))
-    found = mapper(_order_of, asked)
+    found = mapper(order_of, asked)
 
     def wait() -> Finding | None:
         order = next(iter(found), None)
@@ -72,10 +74,11 @@ def search_for_order(dataset: Dataset, mapper: Mapper = map) -> Callable[[], Fin
     return wait
 
 
-def _order_of(asked: tuple[FitProblem, SearchBox]) -> TaxelOrder | None:
-    with suppress(WorkError):
-        return order_of_problem(*asked)
-    return None
+def order_of(asked: tuple[FitProblem, SearchBox]) -> TaxelOrder | None:
+    """Return what :func:`skincal.fitting.wiring.order_of_problem` does, of one argument for a mapper."""
+    from skincal.fitting.wiring import order_of_problem  # it takes a moment, which another process may have
+
+    return order_of_problem(*asked)
 
 
 def in_order(dataset: Dataset, order: TaxelOrder) -> Dataset:

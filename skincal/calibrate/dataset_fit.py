@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from skincal.calibrate.data_findings import (
     findings_of_check,
     in_order,
     is_corrupted,
+    order_of,
     with_findings_of_check,
     with_moving_rest,
     with_other_order,
@@ -24,15 +27,16 @@ from skincal.calibration import Calibration
 from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
 from skincal.dataset.rest import REST_IN_DOUBT, rest_in_doubt
-from skincal.fitting.errors import NOWHERE, FitError
 from skincal.fitting.fit_options import FitOptions, SearchBox
-from skincal.fitting.problem import FEW_PRESSES, NO_POSITION, USED, FitProblem
+from skincal.fitting.problem import FEW_PRESSES, NO_POSITION, NOWHERE, USED, FitError, FitProblem
 from skincal.fitting.result import FitResult
 from skincal.fitting.solve import LEAST_TO_FIT, Progress, default_steps, solve
 from skincal.fitting.tasks import Mapper
-from skincal.fitting.wiring import TaxelOrder, order_of_problem
 from skincal.shown import Shown
 from skincal.workers.processes import mapper, one_blas_thread
+
+if TYPE_CHECKING:
+    from skincal.fitting.wiring import TaxelOrder
 
 PRESS_MORE = (
     "Press harder or nearer the taxels, so that more of them answer, or lower --active-counts or --min-active; "
@@ -90,8 +94,12 @@ def calibrate(
     kept = None if checkpoint is None else Checkpoint(checkpoint, fit_key(sha, way.method, options, box))
     slabs = {} if kept is None else kept.load()
     result, failure = None, None
+    orders: list[Iterable[TaxelOrder | None]] = []
     with mapper(workers, scheduler) as spread:
-        orders = spread(_order, [(problem, box)])  # looked for while the grid is evaluated
+
+        def look_for_order() -> None:
+            orders.append(spread(order_of, [(problem, box)]))
+
         try:
             result = solve(
                 problem,
@@ -102,10 +110,13 @@ def calibrate(
                 slabs=slabs,
                 store=kept,
                 progress=progress,
+                meanwhile=look_for_order,
             )
         except FitError as error:
             failure = error
-        [order] = orders
+        if not orders:
+            look_for_order()
+        [order] = orders[0]
     if is_corrupted(findings_of_check(dataset)):
         order = None  # no order puts such images right
     if failure is not None:
@@ -126,11 +137,6 @@ def calibrate(
         calibration = with_other_order(calibration, order)
     calibration = with_findings_of_check(calibration, dataset)
     return Outcome(calibration, result, len(slabs), way)
-
-
-def _order(of: tuple[FitProblem, SearchBox]) -> TaxelOrder | None:
-    """Return what :func:`order_of_problem` does, of one argument for a mapper."""
-    return order_of_problem(*of)
 
 
 def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:

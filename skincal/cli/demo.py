@@ -19,8 +19,6 @@ from typing import Annotated, Any
 import typer
 
 from skincal.cli.options import example, option
-from skincal.files import refuse_existing
-from skincal.files.manifest import write_manifest
 
 EPILOG = example("skincal demo --out demo")
 
@@ -48,6 +46,8 @@ def demo(
 
     Takes some minutes. The last step needs `skincal[policy]`; without it, the rest runs.
     """
+    from skincal.files.manifest import write_manifest
+
     make_room(out)
     try:
         _show(out)
@@ -61,6 +61,9 @@ def make_room(out: Path) -> None:
     Raises:
         InputError: the folder holds something else.
     """
+    from skincal.files import refuse_existing
+    from skincal.files.manifest import write_manifest
+
     refuse_existing(out, force=True, marker=MARKER)
     if out.exists():
         shutil.rmtree(out)

@@ -110,13 +110,17 @@ def fit(
     """
     from skincal.files import refuse_existing
     from skincal.units import in_unit
-    from skincal.workers.processes import mapper
+    from skincal.workers.processes import mapper, rare_collections
 
     bound_counts2 = _bound(bound)
     refuse_existing(out, dataset, *([effects] if effects else []), force=force, marker="calibration.toml")
-    with mapper(workers, scheduler) as spread:  # workers start while this process imports and reads
+    with (
+        rare_collections(),
+        mapper(workers, scheduler) as spread,
+    ):  # workers start while this process imports and reads
         here = map if scheduler is not None else spread  # a cluster need not have what draws
-        here(import_module, ["skincal.report.fit" if report else "skincal.calibrate"])
+        first = "skincal.report.fit_images" if report else "skincal.calibrate"
+        here(import_module, [first, "skincal.fitting.wiring"])
         from skincal import api
         from skincal.calibrate import Outcome, choose_way
         from skincal.calibrate.dataset_fit import why_dropped
@@ -162,12 +166,13 @@ def fit(
             def write_extras(folder: Path) -> None:
                 if not report:
                     return
-                from skincal.report.fit import write_fit_report
-                from skincal.report.fit_uniform import write_uniform_report
-
                 if isinstance(found, Outcome):
+                    from skincal.report.fit import write_fit_report
+
                     write_fit_report(found.result, found.calibration, data, folder, here)
                 else:
+                    from skincal.report.fit_uniform import write_uniform_report
+
                     write_uniform_report(found, data, folder)
 
             write_calibration(found.calibration, out, force=force, beside=write_extras)

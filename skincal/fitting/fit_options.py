@@ -47,7 +47,6 @@ GENERAL_STEPS = GridSteps(2.5e-3, 2.5e-3, math.radians(13.5), 4)
 """Where every combination is worth nlopt on the skin model itself: some hundreds of combinations. The continuous
 refinement finds its way from so far: in sessions like the paper's it ended at the same peak as from a fine grid."""
 
-
 LOCAL_STEPS = GridSteps(1.25e-3, 1.0e-3, math.radians(5.0), 12)
 """Where the grid takes the surface to look everywhere as at the sensor's nominal place, and only has to find where the
 skin model itself is asked."""

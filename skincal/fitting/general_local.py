@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.lattice import square
+from skincal.fitting.posterior import Bounds
 from skincal.fitting.presses import solve_small
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Floats, Ints
@@ -98,17 +99,12 @@ class LocalPlaces:
         bounds = np.abs(rig.layout.bounds_m).max(axis=0)
         half = float(bounds.max()) + SKIN_M
 
-        def pose(across: float, along: float) -> SensorPose:
-            if rig.arc_radius_m is None:
-                return SensorPose(along, 0.0, x_m=across)
-            return SensorPose(along, 0.0, beta_rad=across / rig.arc_radius_m)
-
         across, along = centre_m.tolist()
         uv = square(np.arange(-half - _BEYOND_M, half + _BEYOND_M + _STEP_M, _STEP_M))
         try:
-            laid, _ = rig.surface.wrap(pose(across, along), uv)
+            laid, _ = rig.surface.wrap(rig.pose(across, along, 0.0), uv)
             ends = [
-                rig.surface.wrap(pose(across + a, along + b), np.zeros((1, 2)))[0][0]
+                rig.surface.wrap(rig.pose(across + a, along + b, 0.0), np.zeros((1, 2)))[0][0]
                 for a, b in ((_STEP_M, 0.0), (-_STEP_M, 0.0), (0.0, _STEP_M), (0.0, -_STEP_M))
             ]
         except ValueError:
@@ -120,7 +116,7 @@ class LocalPlaces:
         place = np.full((len(points_m), 2), np.nan)
         known = np.isfinite(points_m).all(axis=1)
         place[known] = centre_m + _arcs(laid[there], uv[there], points_m[known])
-        local = LocalSurface(rig.surface, pose(across, along), half)
+        local = LocalSurface(rig.surface, rig.pose(across, along, 0.0), half)
         return cls(local, place, centre_m, metric / (2 * _STEP_M))
 
     def problem(self, problem: FitProblem) -> FitProblem:
@@ -142,6 +138,10 @@ class LocalPlaces:
         out = macro.copy()
         out[..., :2] = self.centre_m + self.metric * (macro[..., :2] - self.centre_m)
         return out
+
+    def bounds(self, bounds: Bounds) -> Bounds:
+        """Bounds of the macro variables with the centre in arc lengths."""
+        return Bounds(self.arcs(bounds.low), self.arcs(bounds.high))
 
     def labels(self, macro: Floats) -> Floats:
         """The inverse of :meth:`arcs`."""

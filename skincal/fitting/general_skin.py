@@ -6,7 +6,7 @@ import numpy as np
 
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Floats, Ints
-from skincal.model import Contacts, Converter, Patch, SensorPose, Skin, SkinParameters
+from skincal.model import Contacts, Converter, Patch, Skin, SkinParameters
 from skincal.model.arrays import FloatArray
 
 RESOLUTION_M = 0.25e-3
@@ -41,14 +41,9 @@ class SkinShares:
     ) -> None:
         assert problem.contacts is not None
         self.problem, self.contacts = problem, problem.contacts
-        radius = problem.rig.arc_radius_m
-        if radius is None:
-            pose = SensorPose(y_m, alpha_rad, x_m=across_m)
-        else:
-            pose = SensorPose(y_m, alpha_rad, beta_rad=across_m / radius)
         rig = problem.rig
         try:
-            patch = Patch.build(rig.surface, rig.layout, pose, resolution_m)
+            patch = Patch.build(rig.surface, rig.layout, rig.pose(across_m, y_m, alpha_rad), resolution_m)
         except ValueError:
             self.skin: Skin | None = None
         else:

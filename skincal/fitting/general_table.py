@@ -18,7 +18,6 @@ from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.special import ive
 
 from skincal.fitting.general_skin import RESOLUTION_M, SkinShares
@@ -159,6 +158,8 @@ def smoothed(shares: Floats, variance: Floats) -> Floats:
 
 def _spline(knots: Floats) -> Floats:
     """Coefficients (4, K - 1, K) of the cubic splines (three knots: parabolas) that are 1 at one knot each."""
+    from scipy.interpolate import CubicSpline  # takes a moment, and few fits have such tables
+
     return np.ascontiguousarray(CubicSpline(knots, np.eye(len(knots))).c)
 
 
@@ -187,24 +188,15 @@ def reach_of(peak: Peak) -> TableReach:
 
 def joined(parts: Sequence[SkinTable]) -> SkinTable:
     """One table of all presses, of tables of some."""
-    first = parts[0]
-    slot = np.full_like(first.slot, -1)
-    planes, presses = 0, 0
-    plane: list[Ints] = []
-    for part in parts:
-        slot = np.where(part.slot >= 0, part.slot + presses, slot)
-        plane.append(np.where(part.plane >= 0, part.plane + planes, -1))
-        planes, presses = planes + len(part.shares), presses + len(part.plane)
-    return SkinTable(
-        np.concatenate([p.shares for p in parts]),
-        np.concatenate([p.lit for p in parts]),
-        np.concatenate(plane),
-        np.concatenate([p.anchor_m for p in parts]),
-        slot,
-        np.concatenate([p.log_ratio for p in parts]),
-        first.centre,
-        first.reach,
-    )
+    planes = np.cumsum([0, *(len(part.shares) for part in parts)])
+    presses = np.cumsum([0, *(len(part.plane) for part in parts)])
+    stacked = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("shares", "lit", "anchor_m", "log_ratio")
+    }
+    plane = [np.where(p.plane >= 0, p.plane + n, -1) for p, n in zip(parts, planes, strict=False)]
+    slot = [np.where(p.slot >= 0, p.slot + n, -1) for p, n in zip(parts, presses, strict=False)]
+    return replace(parts[0], **stacked, plane=np.concatenate(plane), slot=np.max(slot, axis=0))
 
 
 def run_table(problem: FitProblem, presses: Ints, macro: Floats, reach: TableReach) -> SkinTable:

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.fitting.kernel import build_table
-from skincal.fitting.lookup import KernelTable
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.slab import place
-from skincal.fitting.types import Floats
+from skincal.fitting.types import Floats, Ints
 from skincal.model.press.jit import telling
 
 _SEARCH_STEP_M = 0.25e-3
@@ -97,8 +96,8 @@ def evaluate_slab(problem: FitProblem, grid: MacroGrid, turn: int, settings: Mic
     observed = (problem.values * weight)[:, None, None]
     results = np.zeros((3, *grid.shape[1:]))
     for e, log_elasticity in enumerate(grid.log_elasticity):
-        planes = table.level(0, log_force - log_elasticity, problem.indenter)
-        slack, shares = place_presses(problem, grid, turn, settings, table, planes)
+        level = table.level(0, log_force - log_elasticity, problem.indenter)
+        slack, shares = place_presses(problem, grid, turn, settings, table.size_of, level)
         forces = shares * problem.force_n[:, None, None, None]
         scale, squares = least_squares_scale(forces, np.broadcast_to(observed, forces.shape))
         mse = squares / max(1.0, float((weight > 0).sum()))
@@ -123,26 +122,29 @@ def place_presses(
     grid: MacroGrid,
     turn: int,
     settings: MicroSettings,
-    table: KernelTable,
-    planes: NDArray[np.float32],
+    size_of: Ints,
+    level: tuple[NDArray[np.float32], tuple[float, float, Floats]],
 ) -> tuple[Floats, Floats]:
     """Slacks (K, X, Y, 2) [m] of every press under every centre, and its weighted load shares there (K, X, Y, J).
 
     Each press has a lattice of contact positions relative to the sensor's centre that all combinations share, so laid
-    that every grid value of the centre, with slack zero, falls on a node.
+    that every grid value of the centre, with slack zero, falls on a node. ``level`` is what
+    :meth:`skincal.fitting.lookup.KernelTable.level` returns, and ``size_of`` the size of each taxel (J,).
     """
+    planes, lattice = level
     rows, slack_rows, row_stride = _axis(grid.across_m, settings.slack_m)
     cols, slack_cols, col_stride = _axis(grid.y_m, settings.slack_m)
     weight = np.where(problem.saturated, 0.0, problem.weight)
     shape = (len(problem), len(grid.across_m), len(grid.y_m))
     taxels, alpha = problem.rig.layout.taxels, float(grid.alpha_rad[turn])
     slack, shares = np.zeros((*shape, 2)), np.empty((*shape, taxels))
-    room = np.empty((len(rows), len(cols))), *np.empty((2, len(grid.y_m), len(rows))), np.empty((3, taxels))
+    room_of_one = np.empty((3, taxels)), np.empty(taxels, dtype=np.int64)
+    room = np.empty((len(rows), len(cols))), *np.empty((2, len(grid.y_m), len(rows))), room_of_one
     how = 1.0 / settings.sigma_counts**2, settings.stiffness, settings.slack_m
     with telling():
         place(
             # Centres are read-only in one process and not in another: two types to compile.
-            (planes, table.size_of, table.centres_m.copy(), (table.step_m, table.half_m)),
+            (planes, size_of, problem.rig.layout.centres_m.copy(), lattice),
             (weight, problem.values * weight),
             (problem.across_m[:, None] + rows, problem.along_m[:, None] + cols),
             (problem.across_m[:, None] - grid.across_m, problem.along_m[:, None] - grid.y_m),

@@ -20,6 +20,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skincal.fitting.lookup import KernelTable, allocating, inlined
 from skincal.fitting.types import Floats
@@ -30,7 +31,6 @@ MAX_NODES = 640
 
 STEP_M = 0.1e-3
 """Lattice step of tables, unless a contact is so large that it would need too many nodes [m]."""
-
 
 RATIO_STEP = 0.05
 """Spacing of the tabled logarithms of F/E. Linear interpolation between them is good to 3e-4 of a load share."""
@@ -88,7 +88,8 @@ def build_table(
             for level, depth in enumerate(_penetrations(field, ratios)):
                 load = np.maximum(depth - field.gap_m, 0.0) * area
                 if spread_m > 0:
-                    load = blur @ load @ blur
+                    u, v = load.any(axis=1), load.any(axis=0)
+                    load = blur[:, u] @ load[np.ix_(u, v)] @ blur[v]
                 for m, (du, dv) in enumerate(sizes):
                     box_shares(load, du / step, dv / step, 1.0 / ratios[level], shares[i, m, a, level])
     # The border is zero, so that an offset clamped to it reads zero.
@@ -98,7 +99,27 @@ def build_table(
         (float(knots[0]), float(knots[1] - knots[0]) if len(knots) > 1 else 1.0)
         for knots in (alphas_rad, log_ratios)
     )
-    return KernelTable(shares, size_of.reshape(-1), layout.centres_m, turns, spacing, step, count * step)
+    return KernelTable(
+        shares,
+        size_of.reshape(-1),
+        layout.centres_m,
+        turns,
+        spacing,
+        step,
+        count * step,
+        _reach(shares) * step,
+    )
+
+
+def _reach(shares: NDArray[np.float32]) -> Floats:
+    """Offset (I, L) in lattice steps from which cubic look-ups of ``shares``, at a ratio or the next, are zero."""
+    side = shares.shape[-1]
+    off: Floats = np.abs(np.arange(side, dtype=np.float64) - side // 2)
+    along = np.logical_or(shares.any(axis=(1, 2, 4)), shares.any(axis=(1, 2, 5)))
+    # A look-up takes in two nodes on either side, and a spread pressure ends with the table.
+    reach = np.minimum((along * (off + 2)).max(axis=2), side // 2 - 1.5)
+    reach[:, :-1] = np.maximum(reach[:, :-1], reach[:, 1:])
+    return reach
 
 
 def _field(surface: Surface, indenter: Indenter, alpha_rad: float, count: int, step_m: float) -> _Field:

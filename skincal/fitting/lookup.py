@@ -105,22 +105,26 @@ def cubic(planes: Any, plane: Any, row: Any, col: Any) -> Any:  # pragma: no cov
 
 @inlined
 def at_level(
-    planes: Any, size_of: Any, centres: Any, lattice: Any, u: float, v: float, press: int, out: Any
-) -> None:  # pragma: no cover - compiled
-    """Fill ``out`` (3, J) with the load shares of all taxels under one contact, and their slopes by u and v [1/m].
+    planes: Any, size_of: Any, centres: Any, lattice: Any, u: float, v: float, press: int, near: Any, out: Any
+) -> int:  # pragma: no cover - compiled
+    """Fill ``out`` (3, J) with the load shares of taxels under one contact, and their slopes by u and v [1/m].
 
     Args:
         planes: (K, M, N, N) load shares of presses, by taxel size.
         size_of: (J,) which size each taxel has.
         centres: (J, 2) of the taxels [m].
-        lattice: step and half the width of the planes [m].
+        lattice: step and half the width of the planes, and the reach (K,) of the presses' load shares [m].
         u: contact in patch coordinates [m].
         v: the same.
         press: which.
+        near: (J,) filled with the numbers of the taxels that the contact may reach.
         out: filled.
+
+    Returns:
+        The number of the taxels that it may reach.
     """
-    step, half = lattice
-    reach, side = half - 1.5 * step, planes.shape[2]
+    step, half, reaches = lattice
+    reach, side, count = reaches[press], planes.shape[2], 0
     for j in range(len(centres)):
         du, dv = u - centres[j, 0], v - centres[j, 1]
         if abs(du) < reach and abs(dv) < reach:
@@ -128,8 +132,11 @@ def at_level(
                 planes[press, size_of[j]], keys((du + half) / step, side), keys((dv + half) / step, side)
             )
             out[0, j], out[1, j], out[2, j] = value, by_row / step, by_col / step
+            near[count] = j
+            count += 1
         else:
             out[0, j] = out[1, j] = out[2, j] = 0.0
+    return count
 
 
 class KernelTable(NamedTuple):
@@ -144,6 +151,7 @@ class KernelTable(NamedTuple):
         ratios: the same of log(F_n / E), that in [m³].
         step_m: lattice step [m].
         half_m: offset of the outermost nodes [m].
+        reach_m: (I, L) offset along u or v from which what is looked up is zero, at a ratio and the next [m].
     """
 
     shares: NDArray[np.float32]
@@ -153,19 +161,34 @@ class KernelTable(NamedTuple):
     ratios: tuple[float, float]
     step_m: float
     half_m: float
+    reach_m: Floats
 
-    def level(self, turn: int, log_ratio: Floats, indenter: Ints) -> NDArray[np.float32]:
-        """Load shares (K, M, N, N) of presses at the tabled turn number ``turn`` and at log(F/E) ``log_ratio`` (K,)."""
+    def level(
+        self, turn: int, log_ratio: Floats, indenter: Ints
+    ) -> tuple[NDArray[np.float32], tuple[float, float, Floats]]:
+        """Load shares of presses (K,) at a tabled turn, without what is zero all round.
+
+        Args:
+            turn: its number.
+            log_ratio: (K,) log(F/E) of the presses.
+            indenter: (K,) index of the indenter.
+
+        Returns:
+            (K, M, N, N) load shares, and their lattice: step, half the width, and reach as in ``reach_m`` (K,) [m].
+        """
         levels, (first, step) = self.shares.shape[3], self.ratios
         position = np.clip((log_ratio - first) / step, 0.0, levels - 1.0)
         low = np.minimum(position.astype(np.intp), levels - 2)
         part = (position - low).astype(np.float32)[:, None, None, None]
-        shares = self.shares[:, :, turn]
+        reach = self.reach_m[indenter, low]
+        edge = int(self.half_m / self.step_m - float(reach.max()) / self.step_m - 1.5 + 1e-6)
+        inner = slice(edge, self.shares.shape[-1] - edge)
+        shares = self.shares[:, :, turn, :, inner, inner]
         between, above = shares[indenter, :, low], shares[indenter, :, low + 1]
         between *= 1 - part
         above *= part
         between += above
-        return between
+        return between, (self.step_m, self.half_m - edge * self.step_m, reach)
 
 
 class ImageTable(NamedTuple):
@@ -210,7 +233,7 @@ class Tables(NamedTuple):
 _NONE, _PAIRS, _WHOLE, _CUBICS = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.intp), np.zeros((4, 0, 0))
 
 NO_KERNELS = KernelTable(
-    np.zeros((0, 0, 0, 0, 0, 0), np.float32), _WHOLE, _PAIRS, (0.0, 1.0), (0.0, 1.0), 1.0, 0.0
+    np.zeros((0, 0, 0, 0, 0, 0), np.float32), _WHOLE, _PAIRS, (0.0, 1.0), (0.0, 1.0), 1.0, 0.0, _PAIRS
 )
 NO_IMAGES = ImageTable(
     np.zeros((0, 0, 0, 0), np.float32), np.zeros((0, 0, 0), np.bool_), _WHOLE.reshape(0, 0), _PAIRS, _NONE, _WHOLE,
@@ -232,9 +255,9 @@ def _in_kernels(
 ) -> int:  # pragma: no cover - compiled
     """Look up kernels: see :func:`look_up`; linear between turns and between ratios."""
     shares, step = tables.shares, tables.step_m
-    reach, side = tables.half_m - 1.5 * step, shares.shape[4]
     a, wa = _bracket(alpha, tables.turns[0], tables.turns[1], shares.shape[2])
     r, wr = _bracket(log_ratio, tables.ratios[0], tables.ratios[1], shares.shape[3])
+    reach, side = tables.reach_m[kind, r], shares.shape[4]
     # Corners of the interpolation: the turn below and above, the ratio below and above; there may be one turn.
     corners, count = 4 if shares.shape[2] > 1 else 2, 0
     for j in range(len(tables.centres_m)):

@@ -7,12 +7,16 @@ missed, or counted twice, weighs the macro variables for which it is there again
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from skincal.fitting.lattice import minima, square
-from skincal.fitting.presses import Places, PressModel, PressStates, to_patch
+from skincal.fitting.lookup import compiled
+from skincal.fitting.presses import Places, PressModel, PressStates
 from skincal.fitting.types import Bools, Floats, Ints
 from skincal.fitting.volume import MERGED, Fold, fold_of
+from skincal.model.press.jit import telling
 
 SAME_M = 0.03e-3
 """Places that are no further apart are one."""
@@ -46,13 +50,11 @@ def settled_twice(press: Ints, uv_m: Floats, fold: Fold) -> Bools:
         (W, N).
     """
     merged = (fold.a <= MERGED).reshape(uv_m.shape[:2])
+    i, j = np.nonzero(np.tril(press[:, None] == press, -1))
+    reach = np.where(merged[:, i] & merged[:, j], SAME_FOLD_M, SAME_M)
     twin = np.zeros(uv_m.shape[:2], dtype=bool)
-    for i in range(1, len(press)):
-        for j in range(i - 1, -1, -1):
-            if press[j] != press[i]:
-                break
-            reach = np.where(merged[:, i] & merged[:, j], SAME_FOLD_M, SAME_M)
-            twin[:, i] |= np.abs(uv_m[:, i] - uv_m[:, j]).max(axis=1) < reach
+    near = np.abs(uv_m[:, i] - uv_m[:, j]).max(axis=2) < reach
+    np.logical_or.at(twin.T, i, near.T)
     return twin
 
 
@@ -71,11 +73,10 @@ def mirrored(press: Ints, slack_m: Floats, mirror_m: Floats, count: int) -> Bool
     spots = len(press)
     slack, mirror = slack_m.reshape(count, spots, 2), mirror_m.reshape(count, spots, 2)
     reach = 0.3 * np.abs(mirror - slack).max(axis=2) + SAME_M
+    i, j = np.nonzero((press[:, None] == press) & ~np.eye(spots, dtype=bool))
     found = np.zeros((count, spots), dtype=bool)
-    for i in range(spots):
-        for j in np.flatnonzero(press == press[i]):
-            if i != j:
-                found[:, i] |= np.abs(slack[:, j] - mirror[:, i]).max(axis=1) < reach[:, i]
+    near = np.abs(slack[:, j] - mirror[:, i]).max(axis=2) < reach[:, i]
+    np.logical_or.at(found.T, i, near.T)
     return found.reshape(-1)
 
 
@@ -90,22 +91,20 @@ def find_places(model: PressModel, macro: Floats, sigmas: Floats) -> Places:
         macro: (5,) macro variables.
         sigmas: (6,) in the order of ``HYPER``.
     """
-    problem = model.problem
-    press, nuisance = _on_lattice(model, macro, sigmas)
+    found = _on_lattice(model, macro, sigmas)
     for _ in range(2):
-        here = model.settle(macro, sigmas, press, nuisance, iterations=12)
+        here = model.settle(macro, sigmas, found.press, found.nuisance, iterations=12)
         start = here.nuisance.copy()
         start[:, :2] = fold_of(model, here).mirror_m
-        there = model.settle(macro, sigmas, press, start, iterations=20)
-        both = PressStates._make(np.concatenate(pair) for pair in zip(here, there, strict=True))
-        press, nuisance = _distinct(both, len(problem), MOST)
-    across = problem.across_m[press] + nuisance[:, 0] - macro[0]
-    along = problem.along_m[press] + nuisance[:, 1] - macro[1]
-    return Places(press, to_patch(across, along, macro[2]), nuisance[:, 2])
+        there = model.settle(macro, sigmas, found.press, start, iterations=20)
+        found = _distinct(
+            PressStates._make(np.concatenate(pair) for pair in zip(here, there, strict=True)), MOST
+        )
+    return found.places
 
 
-def _on_lattice(model: PressModel, macro: Floats, sigmas: Floats) -> tuple[Ints, Floats]:
-    """Press (N,) and nuisance (N, 3) of the places that a lattice of starts leads to."""
+def _on_lattice(model: PressModel, macro: Floats, sigmas: Floats) -> PressStates:
+    """The places that a lattice of starts leads to."""
     count = len(model.problem)
     half = int(model.problem.rig.slack_m / _STEP_M + 1e-9)
     axis = np.arange(-half, half + 1) * _STEP_M
@@ -121,18 +120,35 @@ def _on_lattice(model: PressModel, macro: Floats, sigmas: Floats) -> tuple[Ints,
     q = rough.objective.reshape(count, len(axis), len(axis))
     low = (minima(q) & (q - q.min(axis=(1, 2), keepdims=True) < _DEEP)).reshape(-1)
     state = model.settle(macro, sigmas, press[low], rough.nuisance[low], iterations=12)
-    return _distinct(state, count, FIRST)
+    return _distinct(state, FIRST)
 
 
-def _distinct(state: PressStates, count: int, most: int) -> tuple[Ints, Floats]:
-    """Press (N,) and nuisance (N, 3) of places of ``count`` presses, each once, best first, ``most`` a press."""
-    kept: list[int] = []
-    for k in range(count):
-        mine: list[int] = []
-        for i in sorted(np.flatnonzero(state.press == k), key=lambda i: state.objective[i]):
-            if state.objective[i] > state.objective[mine[0] if mine else i] + MARGIN or len(mine) == most:
-                break
-            if all(np.abs(state.uv_m[i] - state.uv_m[m]).max() > _APART_M for m in mine):
-                mine.append(int(i))
-        kept += mine
-    return state.press[kept], state.nuisance[kept]
+def _distinct(state: PressStates, most: int) -> PressStates:
+    """Each place once, best first, ``most`` a press."""
+    kept, order = np.empty_like(state.press), np.lexsort((state.objective, state.press))
+    with telling():
+        count = _keep_distinct(order, state.press, state.objective, state.uv_m, most, kept)
+    return state.some(kept[:count])
+
+
+@compiled
+def _keep_distinct(
+    order: Any, press: Any, objective: Any, uv_m: Any, most: int, kept: Any
+) -> int:  # pragma: no cover - compiled
+    """Fill ``kept`` with the numbers of places to keep, of places (N,) in ``order``; return how many they are."""
+    count = first = 0
+    for n in range(len(order)):
+        i = order[n]
+        if n == 0 or press[i] != press[order[n - 1]]:
+            first = count
+        own = count - first
+        if own == most or (own > 0 and objective[i] > objective[kept[first]] + MARGIN):
+            continue
+        apart = True
+        for m in range(first, count):
+            u, v = uv_m[i, 0] - uv_m[kept[m], 0], uv_m[i, 1] - uv_m[kept[m], 1]
+            apart = apart and max(abs(u), abs(v)) > _APART_M
+        if apart:
+            kept[count] = i
+            count += 1
+    return count

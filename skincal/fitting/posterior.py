@@ -12,7 +12,7 @@ sigmas are sampled in :mod:`skincal.fitting.sampling`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -21,9 +21,9 @@ from skincal.fitting.lattice import best_of_each
 from skincal.fitting.places import find_places, mirrored, settled_twice
 from skincal.fitting.presses import Places, PressModel, PressStates, half_inverse
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.shared_integral import log_integral
+from skincal.fitting.shared_integral import eliminated, log_integral
 from skincal.fitting.sigmas import SPREADS, estimated_sigmas, far_sigmas, log_centres, log_prior, trust_of
-from skincal.fitting.types import Floats, Ints
+from skincal.fitting.types import Floats
 from skincal.fitting.volume import fold_of, log_volume, untracked
 
 SETTLE = 12
@@ -91,7 +91,10 @@ def log_posterior(model: PressModel, places: Places, bounds: Bounds, points: Flo
     if inside.any():
         points = points[inside]
         total, chance, state = press_evidence(model, places, points)
-        total = total - _log_scatter(problem, np.exp(points[:, 5:]))
+        # Less the logarithms of the standard deviations of all readings.
+        own, grown = problem.observation.parts(problem.used)
+        noise, misfit = np.exp(2 * points[:, 7:9, None]).transpose(1, 0, 2)
+        total = total - 0.5 * np.log(noise * own + misfit * grown).sum(axis=1)
         total = total + log_integral(problem.shared, state, chance, problem.alive)
         out[inside] = total + log_prior(problem, points[:, 5:])
     return out
@@ -125,13 +128,6 @@ def press_evidence(model: PressModel, places: Places, points: Floats) -> tuple[F
     return total - len(model.problem) * (2 * points[:, 5] + points[:, 6]), chance, state
 
 
-def _log_scatter(problem: FitProblem, sigmas: Floats) -> Floats:
-    """Sum of the logarithms of the standard deviations of all readings (W,)."""
-    own, grown = problem.observation.parts(problem.used)
-    variance = sigmas[:, 2:3] ** 2 * own + sigmas[:, 3:4] ** 2 * grown
-    return 0.5 * np.log(variance).sum(axis=1)
-
-
 def climb(model: PressModel, bounds: Bounds, start: Floats, *, sigmas: Floats | None = None) -> Peak:
     """From a grid point to the most probable point: Gauss-Newton over all variables, sigmas by expectation.
 
@@ -161,7 +157,9 @@ def climb(model: PressModel, bounds: Bounds, start: Floats, *, sigmas: Floats | 
         limit = np.array([0.5e-3, 0.5e-3, 0.1, 0.4, 0.2])
         step *= min(1.0, float((limit / np.maximum(np.abs(step[:5]), 1e-30)).min()))
         trial = np.clip(macro + step[:5], bounds.low, bounds.high)
-        changed = model if far else _with_theta(model, problem.shared.theta + step[5:])
+        changed = (
+            model if far else replace(model, problem=problem.with_shared(problem.shared.theta + step[5:]))
+        )
         there, tried = _at(changed, here, trial, sigmas)
         if _value(changed.problem, tried, trust) <= value + 1e-9:
             converged = (np.abs(trial - macro) / limit).max() < 1e-4 and step_number > searches[-1]
@@ -186,8 +184,8 @@ def _peak(model: PressModel, bounds: Bounds, macro: Floats, sigmas: Floats, plac
     theta, alive = model.problem.shared.theta.copy(), np.flatnonzero(model.problem.alive)
     mean = float(theta[alive].mean()) if len(alive) else 0.0
     theta[alive] -= mean
-    macro, model = macro + mean * np.array([0.0, 0.0, 0.0, 0.0, 1.0]), _with_theta(model, theta)
-    problem = model.problem
+    macro, problem = macro + mean * np.array([0.0, 0.0, 0.0, 0.0, 1.0]), model.problem.with_shared(theta)
+    model = replace(model, problem=problem)
     places, states = _at(model, places, macro, sigmas)
     _, curvature = _reduced(problem, states, trust_of(states))
     # What the presses do not tell is still known to lie in the box: as well as an even spread over it.
@@ -197,10 +195,6 @@ def _peak(model: PressModel, bounds: Bounds, macro: Floats, sigmas: Floats, plac
     point = np.concatenate([macro, np.log(sigmas)])[None]
     density = float(log_posterior(model, places, bounds, point)[0])
     return Peak(macro, sigmas, theta, covariance[:5, :5], places, states, density)
-
-
-def _with_theta(model: PressModel, theta: Floats) -> PressModel:
-    return PressModel(model.problem.with_shared(theta), model.tables)
 
 
 def _at(model: PressModel, places: Places, macro: Floats, sigmas: Floats) -> tuple[Places, PressStates]:
@@ -219,42 +213,13 @@ def _value(problem: FitProblem, state: PressStates, trust: Floats) -> float:
 def _reduced(
     problem: FitProblem, state: PressStates, trust: Floats, *, shared: bool = True
 ) -> tuple[Floats, Floats]:
-    """Gradient (5 + T,) and Hessian of Q/2 by macro variables and shared errors.
-
-    Slack and force of every press are eliminated (Schur complement).
-
-    The residuals of a press are those of its image, and its slack and force error over their sigmas.
-    """
-    count, taxels = state.residual.shape
-    sigmas, macro, own = state.sigmas[0], state.macro_slope, state.nuisance_slope
-    prior = 1.0 / sigmas[[0, 0, 1]]
-    a = np.zeros((count, taxels + 3, 5 + (len(problem.shared.theta) if shared else 0)))
-    a[:, :taxels, :5] = macro
-    if shared:
-        j: Ints = np.arange(taxels, dtype=np.intp)
-        basis = problem.shared.basis
-        m = int(basis.shape[1])
-        a[:, j, 5 + j] = macro[:, :, 4]
-        a[:, j, 5 + taxels + j] = state.level_slope
-        for d in range(2):
-            first = 5 + 2 * taxels + d * m
-            a[:, taxels + d, first : first + m] = -prior[d] * basis
-    b = np.concatenate([own, np.broadcast_to(np.diag(prior), (count, 3, 3))], axis=1)
-    off = (state.nuisance - problem.shared.centre) * prior
-    r = np.concatenate([state.residual, off], axis=1)
-    mixed = np.matmul(b.transpose(0, 2, 1), a)
-    taken = np.linalg.solve(
-        state.hessian, np.concatenate([mixed, np.matmul(b.transpose(0, 2, 1), r[..., None])], axis=2)
-    )
-    root = np.sqrt(trust)[:, None, None]
-    left = root * (a - np.matmul(b, taken[:, :, :-1]))
-    flat = left.reshape(-1, a.shape[2])
-    gradient = flat.T @ (root * r[..., None]).reshape(-1)
-    curvature = flat.T @ (root * a).reshape(flat.shape)
-    if shared:
-        precision = problem.shared.precision(sigmas[4:5], sigmas[5:6])[0]
-        gradient[5:] += precision * problem.shared.theta
-        curvature[range(5, len(curvature)), range(5, len(curvature))] += precision
+    """Gradient (5 + T,) and Hessian of Q/2 by macro variables and, if they are free, shared errors."""
+    gradient, curvature = (array[0] for array in eliminated(problem.shared, state, trust[None], macro=True))
+    if not shared:
+        return gradient[:5], curvature[:5, :5]
+    precision = problem.shared.precision(state.sigmas[:1, 4], state.sigmas[:1, 5])[0]
+    gradient[5:] += precision * problem.shared.theta
+    curvature[range(5, len(curvature)), range(5, len(curvature))] += precision
     return gradient, (curvature + curvature.T) / 2
 
 

@@ -157,11 +157,7 @@ def _whole_hessian(model: PressModel, state: PressStates) -> Floats:
     for d in range(2):
         away = np.zeros_like(state.nuisance)
         away[:, d] = step
-        ahead, behind = (
-            model.evaluate(state.macro, state.sigmas, state.press, state.nuisance + side * away)
-            for side in (1, -1)
-        )
-        bend = (ahead.nuisance_slope - behind.nuisance_slope) / (2 * step)[:, None, None]
+        bend = model.bends(state, away) / (2 * step)[:, None, None]
         added[:, d] = np.einsum("nj,njd->nd", state.residual, bend)
     added[:, 2, :2] = added[:, :2, 2]
     added[:, 0, 1] = added[:, 1, 0] = 0.5 * (added[:, 0, 1] + added[:, 1, 0])

@@ -126,7 +126,7 @@ class PressModel:
             press: (n,) number of the press.
             nuisance: (n, 3) slack and force error.
         """
-        return self._searched(macro, sigmas, press, nuisance, np.full(3, np.inf), 0, to_rest=False)
+        return self.settle(macro, sigmas, press, nuisance, iterations=0, to_rest=False)
 
     def settle(
         self,
@@ -148,7 +148,7 @@ class PressModel:
             sigmas: (n, 6) or (6,) in the order of ``HYPER``, not their logarithms.
             press: (n,) number of the press.
             start: (n, 3) nuisance to start from.
-            iterations: full steps at most.
+            iterations: full steps at most; with 0 nothing is bounded.
             to_rest: go on with smaller steps where the full ones did not come to rest.
             room: the slack is bounded at so many times what the rig declares.
             centre: (n, 2) slack about which each is scattered [m]; None for that of its press.
@@ -156,10 +156,25 @@ class PressModel:
         """
         # Tables of the general way go no further than the declared slack.
         slack = self.problem.rig.slack_m * (room if self.problem.contacts is None else 1.0)
-        bound = np.array([slack, slack, 0.5])
-        return self._searched(
-            macro, sigmas, press, start, bound, iterations, to_rest=to_rest, centre=centre, brief=brief
-        )
+        bound = np.array([slack, slack, 0.5]) if iterations else np.full(3, np.inf)
+        count, taxels, known = len(press), self.problem.rig.layout.taxels, self._presses
+        # The compiled search takes arrays that lie in one piece, and are its own to write to.
+        macro = np.require(np.broadcast_to(macro, (count, 5)), np.float64, ["C", "W"])
+        sigmas = np.require(np.broadcast_to(sigmas, (count, 6)), np.float64, ["C", "W"])
+        start = np.require(start, np.float64, ["C", "W"])
+        press = np.require(press, np.intp, ["C", "W"])
+        own = press
+        if centre is not None:  # every pair is a press of its own
+            known, own = known.scattered_about(press, centre), np.arange(count, dtype=np.intp)
+        shapes = (3,), (), (3, 3), (2,), (taxels,), (taxels,), (taxels, 5), (taxels, 3), (taxels,)
+        empty = (np.empty((0 if brief and n > 2 else count, *shape)) for n, shape in enumerate(shapes))
+        found = PressStates(press, macro, sigmas, *empty)
+        room_for_work = room_to_search(self.tables, taxels)
+        with telling():
+            search(
+                self.tables, known, own, start, bound, _MAX_STEP, iterations, to_rest, found, room_for_work
+            )
+        return found
 
     def settle_at(
         self, places: Places, macro: Floats, sigmas: Floats, *, forces_known: bool = False, **how: Any
@@ -183,6 +198,14 @@ class PressModel:
         if forces_known:
             sigmas[:, 1], start[:, 2] = _EXACT_FORCE, 0.0
         return self.settle(macro, sigmas, press, start, **how)
+
+    def bends(self, state: PressStates, steps: Floats) -> Floats:
+        """Change (n, J, 3) of the slopes by nuisance from one step (n, 3) behind to one ahead."""
+        ahead, behind = (
+            self.evaluate(state.macro, state.sigmas, state.press, state.nuisance + side * steps)
+            for side in (1, -1)
+        )
+        return ahead.nuisance_slope - behind.nuisance_slope
 
     def nuisance_at(self, places: Places, macro: Floats) -> Floats:
         """Nuisance (W * N, 3) that keeps presses at their places (N,) on the patch for macro variables (W * N, 5)."""
@@ -209,36 +232,6 @@ class PressModel:
             np.array([link.values, link.mean, link.slope]),
             np.array(readings.response, np.float64),
         )
-
-    def _searched(
-        self,
-        macro: Floats,
-        sigmas: Floats,
-        press: Ints,
-        start: Floats,
-        bound: Floats,
-        iterations: int,
-        *,
-        to_rest: bool,
-        centre: Floats | None = None,
-        brief: bool = False,
-    ) -> PressStates:
-        """See :func:`skincal.fitting.residuals.search`."""
-        count, taxels, known = len(press), self.problem.rig.layout.taxels, self._presses
-        # The compiled search takes arrays that lie in one piece, and are its own to write to.
-        macro = np.require(np.broadcast_to(macro, (count, 5)), np.float64, ["C", "W"])
-        sigmas = np.require(np.broadcast_to(sigmas, (count, 6)), np.float64, ["C", "W"])
-        start = np.require(start, np.float64, ["C", "W"])
-        press = np.require(press, np.intp, ["C", "W"])
-        own = press
-        if centre is not None:  # every pair is a press of its own
-            known, own = known.scattered_about(press, centre), np.arange(count, dtype=np.intp)
-        shapes = (3,), (), (3, 3), (2,), (taxels,), (taxels,), (taxels, 5), (taxels, 3), (taxels,)
-        empty = (np.empty((0 if brief and n > 2 else count, *shape)) for n, shape in enumerate(shapes))
-        found, room = PressStates(press, macro, sigmas, *empty), room_to_search(self.tables, taxels)
-        with telling():
-            search(self.tables, known, own, start, bound, _MAX_STEP, iterations, to_rest, found, room)
-        return found
 
 
 def solve_small(matrices: Floats, vectors: Floats) -> Floats:

@@ -12,7 +12,7 @@ from skincal.fitting.observe import Observed, Readout, observe
 from skincal.fitting.readings import Readings
 from skincal.fitting.shared import Shared, smooth_field
 from skincal.fitting.types import Bools, Floats, Ints
-from skincal.model import Indenter, Surface, TaxelLayout
+from skincal.model import Indenter, SensorPose, Surface, TaxelLayout
 
 ACTIVE_COUNTS = 5.0
 """A taxel of a converter from 0 to 255 answers when it stands this far above its level at rest [counts] (paper)."""
@@ -44,6 +44,15 @@ COPY = "the very numbers of another press"
 
 _BY_PRESS = ("across_m", "along_m", "force_n", "values", "weight", "saturated", "lit", "indenter", "rows")
 
+NOWHERE = (
+    "no pose, elasticity and scale near the best one explain the presses: their positions, forces and images do not "
+    "belong together"
+)
+
+
+class FitError(ValueError):
+    """The presses do not allow a fit."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rig:
@@ -74,6 +83,12 @@ class Rig:
         """R of arc = R beta [m]: positions across are arcs; None on a plane, where they are x."""
         own = self.surface.arc_radius_m
         return self.nominal_radius_m if own is None else own
+
+    def pose(self, across_m: float, y_m: float, alpha_rad: float) -> SensorPose:
+        """Return the pose of the sensor whose centre lies there, across as arc or x [m]."""
+        if self.arc_radius_m is None:
+            return SensorPose(y_m, alpha_rad, x_m=across_m)
+        return SensorPose(y_m, alpha_rad, beta_rad=across_m / self.arc_radius_m)
 
 
 @dataclass(frozen=True, eq=False)

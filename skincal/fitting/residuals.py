@@ -260,11 +260,15 @@ def search(
         room: of :func:`room_to_search`.
     """
     dark, looked, near, seen, x, best, step, g, best_g, best_hessian = room
-    whole = len(found.residual) > 0
+    whole, total = len(found.residual) > 0, 0.0
     for i in range(len(press)):
         k, own, spread = press[i], found.macro[i], found.sigmas[i]
-        turn, total = (math.cos(own[2]), math.sin(own[2])), _in_the_dark(presses, spread, k, dark)
-        now = turn, total, dark, looked, near, seen
+        same = i > 0 and k == press[i - 1]
+        for a in range(len(spread)):
+            same = same and spread[a] == found.sigmas[i - 1, a]
+        if not same:
+            total = _in_the_dark(presses, spread, k, dark)
+        now = (math.cos(own[2]), math.sin(own[2])), total, dark, looked, near, seen
         least, full, descents, damping, last, known = np.inf, 0, 0, 0.3, iterations == 0, -1
         for a in range(3):
             x[a] = min(max(start[i, a], -bound[a]), bound[a])

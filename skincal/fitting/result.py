@@ -8,13 +8,12 @@ from typing import Literal
 
 from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.grid import MacroGrid
+from skincal.fitting.law import Bend
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.response import Bend
 from skincal.fitting.types import Bools, Floats
 
 PARAMETERS = ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m", "scale_per_n")
 """The macro variables in the order of every array of them: pose, elasticity E [Pa/m], scale S [1/N]."""
-
 
 FEWEST_DRAWS = 20
 """Weighted draws that are worth fewer independent ones say nothing of how wide the valley is."""

@@ -12,7 +12,6 @@ from skincal.fitting.types import Bools
 MAX_GLITCHES = 0.2
 """At most this part of the presses is called a glitch; beyond it the model is wrong, not the presses."""
 
-
 LOST_SIGMAS, LOST_TIMES, MOST_LOST = 5.0, 8.0, 0.03
 """A reading is lost that is so many standard deviations below the model, and so many times as far off as readings are;
 of more than this part of them the model is wrong, not the readings."""

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
-from skincal.fitting.errors import NOWHERE, FitError
 from skincal.fitting.observe import TO_SIGMA
 from skincal.fitting.posterior import Peak
-from skincal.fitting.problem import FitProblem
+from skincal.fitting.problem import NOWHERE, FitError, FitProblem
 from skincal.fitting.types import Floats
 
 _SHAPE = 8
@@ -61,7 +60,6 @@ class Draws:
 
 Density = Callable[[Floats], Floats]
 """Takes points (W, 11) to log densities (W,); may spread them over workers."""
-
 
 SOUND = 50
 """Draws that are worth so many independent ones say where a smooth term of the log density matters."""
@@ -135,7 +133,7 @@ def sample(
             draws = _weighted(points, plain, term, proposals)
         on_round(done)
         if done >= most or (done >= fewest and draws.effective >= worth and not stale):
-            return draws, density if term is None else _sum(density, term)
+            return draws, density if (own := term) is None else lambda points: density(points) + own(points)
         proposals.append(_adapted(draws, proposals[-1]))
 
 
@@ -144,7 +142,11 @@ FITS, STRAYED = 3, 1.5
 
 
 def _weighted(points: Floats, plain: Floats, term: Density | None, proposals: Sequence[_Student]) -> Draws:
-    return Draws(points, _mixture_weights(points, plain if term is None else plain + term(points), proposals))
+    """Draws weighted against the mixture of all proposals, which have drawn equally many points."""
+    values = plain if term is None else plain + term(points)
+    log_weight = values - logsumexp([p.log_density(points) for p in proposals], axis=0)
+    weight = np.exp(log_weight - log_weight.max())
+    return Draws(points, weight / weight.sum())
 
 
 def smooth_term(draws: Draws, lacking: Density, count: int, rng: np.random.Generator) -> Density:
@@ -173,10 +175,6 @@ def smooth_term(draws: Draws, lacking: Density, count: int, rng: np.random.Gener
             off = np.abs(y - x @ found)
             keep = off <= 4 * TO_SIGMA * max(float(np.median(off)), 1e-9)
     return lambda at: parts(at) @ found
-
-
-def _sum(density: Density, term: Density) -> Density:
-    return lambda points: density(points) + term(points)
 
 
 WALKERS, BURN_IN, STEPS = 44, 60, 220
@@ -229,14 +227,6 @@ class _Student:
         constant = gammaln((v + d) / 2) - gammaln(v / 2) - d / 2 * np.log(v * np.pi)
         determinant = np.linalg.slogdet(self.root)[1]
         return constant - determinant - (v + d) / 2 * np.log1p((z**2).sum(axis=0) / v)
-
-
-def _mixture_weights(points: Floats, values: Floats, proposals: Sequence[_Student]) -> Floats:
-    """Weights against the mixture of all proposals, which have drawn equally many points."""
-    mixture = logsumexp([p.log_density(points) for p in proposals], axis=0)
-    log_weight = values - mixture
-    weight = np.exp(log_weight - log_weight.max())
-    return weight / weight.sum()
 
 
 def _adapted(draws: Draws, last: _Student) -> _Student:

@@ -14,6 +14,64 @@ from skincal.fitting.shared import Shared
 from skincal.fitting.types import Bools, Floats
 
 
+def eliminated(
+    shared: Shared, state: PressStates, weight: Floats, *, macro: bool = False
+) -> tuple[Floats, Floats]:
+    """Gradient (W, T) and Hessian (W, T, T) of Q/2 by the shared errors, slack and force of every press eliminated.
+
+    Args:
+        shared: present values; their precision is left out.
+        state: presses settled at N places for W macro points, W * N pairs.
+        weight: (W, N) of the places.
+        macro: whether they are by the five macro variables, too, those first.
+    """
+    count, spots = weight.shape
+    taxels, press = state.residual.shape[1], state.press[:spots]
+    slope, own_slope, level, residual = (
+        array.reshape(count, spots, taxels, -1)
+        for array in (state.macro_slope, state.nuisance_slope, state.level_slope, state.residual)
+    )
+    gain, level, residual = slope[..., 4], level[..., 0], residual[..., 0]
+    half_inverses = half_inverse(state.hessian)[0].reshape(count, spots, 3, 3)
+    sigmas = state.sigmas[::spots]
+    off = state.nuisance.reshape(count, spots, 3) - shared.centre[press]
+    basis, stiff, p = shared.basis[press], sigmas[:, :1] ** -2, weight[..., None]
+    m, lead = int(basis.shape[1]), 5 if macro else 0
+    size = lead + 2 * taxels + 2 * m
+    gains = np.arange(taxels, dtype=np.intp) + lead
+    levels = gains + taxels
+    fields = [slice(size - (2 - d) * m, size - (1 - d) * m) for d in range(2)]
+    gradient, hessian = np.zeros((count, size)), np.zeros((count, size, size))
+    root = np.sqrt(p)[..., None]  # (W, N, 1, 1)
+    weighted = root * half_inverses
+    by_own = np.matmul(own_slope, weighted)
+    mixed = np.empty((count, size, spots, 3))
+    heavy = p[..., None] * slope if macro else slope
+    if macro:
+        gradient[:, :5] = np.einsum("wnja,wnj->wa", heavy, residual)
+        hessian[:, :5, :5] = np.einsum("wnja,wnjb->wab", heavy, slope)
+        mixed[:, :5] = np.einsum("wnja,wnjd->wand", slope, by_own)
+    for columns, by in ((gains, gain), (levels, level)):
+        gradient[:, columns] = np.sum(p * by * residual, axis=1)
+        hessian[:, columns, columns] = np.sum(p * by**2, axis=1)
+        mixed[:, columns] = (by[..., None] * by_own).transpose(0, 2, 1, 3)
+        if macro:
+            hessian[:, :5, columns] = np.einsum("wnja,wnj->waj", heavy, by)
+            hessian[:, columns, :5] = hessian[:, :5, columns].transpose(0, 2, 1)
+    hessian[:, gains, levels] = hessian[:, levels, gains] = np.sum(p * gain * level, axis=1)
+    square = stiff[:, :, None] * np.einsum("wn,na,nb->wab", weight, basis, basis)
+    for d, at in enumerate(fields):
+        gradient[:, at] = -stiff * np.einsum("wn,nm,wn->wm", weight, basis, off[..., d])
+        hessian[:, at, at] = square
+        mixed[:, at] = -basis.T[None, :, :, None] * (stiff[..., None] * weighted[:, :, d])[:, None]
+    flat = mixed.reshape(count, size, -1)
+    # What a press's own place and force would still take up, where they are not quite at rest.
+    own = np.einsum("wnjd,wnj->wnd", own_slope, residual) + off * sigmas[:, None, [0, 0, 1]] ** -2
+    taken = np.sqrt(p) * np.einsum("wnde,wnd->wne", half_inverses, own)
+    gradient -= np.matmul(flat, taken.reshape(count, -1, 1))[..., 0]
+    return gradient, hessian - np.matmul(flat, flat.transpose(0, 2, 1))
+
+
 def log_integral(shared: Shared, state: PressStates, chance: Floats, alive: Bools) -> Floats:
     """Logarithm (W,) of the integral over the shared errors, relative to the integrand at their present values.
 
@@ -26,52 +84,11 @@ def log_integral(shared: Shared, state: PressStates, chance: Floats, alive: Bool
         chance: (W, N) probability of each place of a press.
         alive: (J,) taxels that are read.
     """
-    count, spots = chance.shape
-    gain, level, residual = (
-        array.reshape(count, spots, -1)
-        for array in (state.macro_slope[:, :, 4], state.level_slope, state.residual)
-    )
-    taxels, press = gain.shape[2], state.press[:spots]
-    nuisance_slope = state.nuisance_slope.reshape(count, spots, taxels, 3)
-    half_inverses = half_inverse(state.hessian)[0].reshape(count, spots, 3, 3)
-    sigmas = state.sigmas[::spots]
-    off = state.nuisance.reshape(count, spots, 3) - shared.centre[press]
+    sigmas, taxels = state.sigmas[:: chance.shape[1]], len(alive)
     precision = shared.precision(sigmas[:, 4], sigmas[:, 5])
-    basis = shared.basis[press]
-    m = int(basis.shape[1])
-    p = chance[..., None]
-    gradient = [np.sum(p * gain * residual, axis=1), np.sum(p * level * residual, axis=1)]
-    stiff = sigmas[:, :1] ** -2
-    gradient += [-stiff * np.einsum("wn,nm,wn->wm", chance, basis, off[..., d]) for d in range(2)]
-    g = np.concatenate(gradient, axis=1) + precision * shared.theta
-    size = 2 * taxels + 2 * m
-    hessian = np.zeros((count, size, size))
-    rows = np.arange(taxels)
-    hessian[:, rows, rows] = np.sum(p * gain**2, axis=1)
-    hessian[:, taxels + rows, taxels + rows] = np.sum(p * level**2, axis=1)
-    cross = np.sum(p * gain * level, axis=1)
-    hessian[:, rows, taxels + rows] = cross
-    hessian[:, taxels + rows, rows] = cross
-    square = stiff[:, :, None] * np.einsum("wn,na,nb->wab", chance, basis, basis)
-    for d in range(2):
-        at = slice(2 * taxels + d * m, 2 * taxels + (d + 1) * m)
-        hessian[:, at, at] = square
-    root = np.sqrt(p)[..., None]  # (W, N, 1, 1)
-    weighted = root * half_inverses
-    by_own = np.matmul(nuisance_slope, weighted)
-    mixed = np.empty((count, size, spots, 3))
-    mixed[:, :taxels] = (gain[..., None] * by_own).transpose(0, 2, 1, 3)
-    mixed[:, taxels : 2 * taxels] = (level[..., None] * by_own).transpose(0, 2, 1, 3)
-    for d in range(2):
-        mixed[:, 2 * taxels + d * m : 2 * taxels + (d + 1) * m] = (
-            -basis.T[None, :, :, None] * (stiff[..., None] * weighted[:, :, d])[:, None]
-        )
-    flat = mixed.reshape(count, size, -1)
-    # What a press's own place and force would still take up, where they are not quite at rest.
-    own = np.einsum("wnjd,wnj->wnd", nuisance_slope, residual) + off * sigmas[:, None, [0, 0, 1]] ** -2
-    taken = np.sqrt(p) * np.einsum("wnde,wnd->wne", half_inverses, own)
-    g = g - np.matmul(flat, taken.reshape(count, -1, 1))[..., 0]
-    hessian -= np.matmul(flat, flat.transpose(0, 2, 1))
+    g, hessian = eliminated(shared, state, chance)
+    size = g.shape[1]
+    g += precision * shared.theta
     hessian[:, range(size), range(size)] += precision
     # With the mean gain held, by the bordered matrix: |V'HV| = |H| a'H⁻¹a for V orthogonal to the unit vector a. Gains
     # that nothing reads have their own precision alone, and drop out.

@@ -6,11 +6,16 @@ They are those of positions, forces, hold means, misfit, gains and the smooth er
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 
+from skincal.fitting.lookup import allocating
 from skincal.fitting.presses import PressStates, half_inverse
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Floats
+from skincal.model.press.jit import telling
 
 FORCE_SIGMA, MISFIT, GAIN_SIGMA, FIELD_PART = 0.005, 0.01, 0.015, 0.03
 """Middles of the priors of sigma_f, tau and sigma_g, and that of sigma_b as a part of the position's sigma."""
@@ -110,20 +115,35 @@ def _estimated_noise(
     grown_only = 0.5 * float(np.log(squares.sum() / max(float(grown.sum()), 1e-300)))
     parts = np.array([own, grown])
     starts = np.log(sigmas[2:4]), np.array([centres[0], max(float(centres[1]), grown_only)])
-    start = min(starts, key=lambda x: _scatter_loss(squares, parts, centres, x)[0])
-    noise, misfit = np.exp(_scored(squares, parts, centres, start))
+    with telling():
+        start = min(starts, key=lambda x: _scatter_loss(squares, parts, centres, x)[0])
+        noise, misfit = np.exp(_scored(squares, parts, centres, start))
     return max(float(noise), model.floor_counts * 1.05), float(misfit)
 
 
-def _scatter_loss(squares: Floats, parts: Floats, centres: Floats, x: Floats) -> tuple[float, Floats, Floats]:
+@allocating
+def _scatter_loss(
+    squares: Any, parts: Any, centres: Any, x: Any
+) -> tuple[float, Floats, Floats]:  # pragma: no cover - compiled
     """Minus the log posterior of log sigma_n and log tau (2,), its slope (2,), and its expected curvature (2, 2)."""
-    each = np.exp(2 * x)[:, None] * parts
-    total = each.sum(axis=0)
-    away = (x - centres) / SPREADS[2:4]
-    value = 0.5 * float((squares / total + np.log(total)).sum()) + 0.5 * float(away @ away)
-    share = each / total
-    slope = share @ (1.0 - squares / total) + away / SPREADS[2:4]
-    return value, slope, 2.0 * share @ share.T + np.diag(SPREADS[2:4] ** -2.0)
+    value, slope, curvature = 0.0, np.empty(2), np.zeros((2, 2))
+    for i in range(2):
+        spread = SPREADS[2 + i]
+        slope[i], curvature[i, i] = (x[i] - centres[i]) / (spread * spread), 1.0 / (spread * spread)
+        value += 0.5 * slope[i] * (x[i] - centres[i])
+    noise, misfit = math.exp(2.0 * x[0]), math.exp(2.0 * x[1])
+    for n in range(len(squares)):
+        one, two = noise * parts[0, n], misfit * parts[1, n]
+        total = one + two
+        one, two, left = one / total, two / total, squares[n] / total
+        value += 0.5 * (left + math.log(total))
+        slope[0] += one * (1.0 - left)
+        slope[1] += two * (1.0 - left)
+        curvature[0, 0] += 2.0 * one * one
+        curvature[0, 1] += 2.0 * one * two
+        curvature[1, 1] += 2.0 * two * two
+    curvature[1, 0] = curvature[0, 1]
+    return value, slope, curvature
 
 
 def _scored(squares: Floats, parts: Floats, centres: Floats, x: Floats) -> Floats:
@@ -146,8 +166,8 @@ def _scored(squares: Floats, parts: Floats, centres: Floats, x: Floats) -> Float
 
 def _shrunk(squares: float, count: int, centre: float, spread: float) -> float:
     """Maximum of the posterior of a sigma with a log-normal prior: a few Newton steps in its logarithm."""
-    x = 0.5 * np.log(squares / count)
+    x, middle = 0.5 * math.log(max(squares / count, 1e-300)), math.log(centre)
     for _ in range(20):
-        slope = -count + squares * np.exp(-2 * x) - (x - np.log(centre)) / spread**2
-        x += slope / (2 * squares * np.exp(-2 * x) + 1 / spread**2)
-    return float(np.exp(x))
+        explained = squares * math.exp(-2 * x)
+        x += (-count + explained - (x - middle) / spread**2) / (2 * explained + 1 / spread**2)
+    return math.exp(x)

@@ -33,7 +33,8 @@ def mismatches(
     """Fill ``out`` (P, Q) with D^2 (1 - cos^2) [counts²] of one press at a lattice of contacts, to the nearest node.
 
     Args:
-        tables: planes (K, M, N, N), sizes (J,), centres (J, 2), lattice, and which press.
+        tables: planes (K, M, N, N), sizes (J,), centres (J, 2), lattice as for
+            :func:`skincal.fitting.lookup.at_level`, and which press.
         weight: (J,) of the readings.
         observed: (J,) weighted image.
         across: (P,) contacts from the centre [m].
@@ -42,9 +43,8 @@ def mismatches(
         out: filled.
     """
     planes, size_of, centres, lattice, press = tables
-    step, half = lattice
-    reach = half - 1.5 * step
-    cos, sin = turn
+    step, half, reaches = lattice
+    reach, (cos, sin) = reaches[press], turn
     total = 0.0
     for j in range(len(observed)):
         total += observed[j] * observed[j]
@@ -73,7 +73,7 @@ def descend(
     turn: Any,
     settings: Any,
     slack: Any,
-    image: Any,
+    room: Any,
     shares: Any,
 ) -> float:  # pragma: no cover - compiled
     """Gauss-Newton from ``slack`` (2,), which is moved to the best point seen; returns Q there.
@@ -86,19 +86,23 @@ def descend(
         turn: cosine and sine of alpha.
         settings: 1 / sigma² [1/counts²], 1 / sigma_p² [1/m²], bound of the slack [m].
         slack: changed.
-        image: (3, J) room for work.
+        room: (3, J) and (J,), for work.
         shares: (J,) filled: weighted load shares at the best point.
     """
     planes, size_of, centres, lattice, press = tables
     cos, sin = turn
     certain, stiff, most = settings
+    image, near = room
     x, y = slack[0], slack[1]
     best = np.inf
     for _ in range(ITERATIONS + 1):
         a, o = at[0] + x, at[1] + y
-        at_level(planes, size_of, centres, lattice, a * cos + o * sin, o * cos - a * sin, press, image)
+        count = at_level(
+            planes, size_of, centres, lattice, a * cos + o * sin, o * cos - a * sin, press, near, image
+        )
         power = product = gx = gy = 0.0
-        for j in range(len(weight)):
+        for n in range(count):
+            j = near[n]
             w = weight[j]
             g, by_u, by_v = w * image[0, j], w * image[1, j], w * image[2, j]
             dx, dy = cos * by_u - sin * by_v, sin * by_u + cos * by_v
@@ -111,10 +115,14 @@ def descend(
         power = max(power, _TINY)
         misfit = xx = xy = yy = rx = ry = 0.0
         for j in range(len(weight)):
+            r = c * image[0, j] - observed[j]
+            misfit += r * r
+        gx, gy = gx / power, gy / power
+        for n in range(count):
+            j = near[n]
             g = image[0, j]
             r = c * g - observed[j]
-            jx, jy = c * (image[1, j] - g * gx / power), c * (image[2, j] - g * gy / power)
-            misfit += r * r
+            jx, jy = c * (image[1, j] - g * gx), c * (image[2, j] - g * gy)
             xx += jx * jx
             xy += jx * jy
             yy += jy * jy
@@ -164,12 +172,12 @@ def place(
         stride: nodes from centre to centre, across and along.
         how: cosine and sine of alpha, and settings as for :func:`descend`.
         found: slacks (K, X, Y, 2) [m] and weighted load shares there (K, X, Y, J), filled.
-        room: (P, Q), twice (Y, P), and (3, J), for work.
+        room: (P, Q), twice (Y, P), and that of :func:`descend`, for work.
     """
     planes, size_of, centres, step_and_half = tables
     (weight, observed), (across, along), (grid_across, grid_along) = images, lattice, at_zero
     (wide, long), (turn, settings), (slack, shares) = window, how, found
-    mismatch, row, at_row, image = room
+    mismatch, row, at_row, own_room = room
     certain, stiff, _ = settings
     last_x, last_y = grid_across.shape[1] - 1, grid_along.shape[1] - 1
     for k in range(len(weight)):
@@ -195,6 +203,4 @@ def place(
                         least = q
                         own[0], own[1] = wide[i], at_row[y, first + i]
                 at = grid_across[k, x], grid_along[k, y]
-                descend(
-                    one, weight[k], observed[k], at, turn, settings, own, image, shares[k, x, y]
-                )  # fmt: skip
+                descend(one, weight[k], observed[k], at, turn, settings, own, own_room, shares[k, x, y])

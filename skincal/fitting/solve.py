@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import call
 from typing import Any, Protocol
 
 import numpy as np
 
 from skincal.fitting.conclude import conclude
-from skincal.fitting.errors import FitError
 from skincal.fitting.fit_options import STEPS, FitOptions, GridSteps, SearchBox
-from skincal.fitting.general_local import LocalPlaces
 from skincal.fitting.general_table import (
     ROUGH,
     SkinTable,
@@ -24,23 +23,14 @@ from skincal.fitting.general_table import (
     run_table,
 )
 from skincal.fitting.grid import GridSlab, MacroGrid, span
-from skincal.fitting.law import LawSpread, weigh_laws
+from skincal.fitting.law import Bend, LawSpread, responses, weigh_bends, weigh_laws, with_response
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds, Peak
-from skincal.fitting.problem import COORDINATES, FEW_PRESSES, FitProblem
-from skincal.fitting.response import Bend, responses, weigh_bends, with_response
+from skincal.fitting.problem import COORDINATES, FEW_PRESSES, FitError, FitProblem
 from skincal.fitting.result import FitResult, GridResult
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
 from skincal.fitting.sampling import Density, Draws, sample, walk
-from skincal.fitting.tasks import (
-    Mapper,
-    Neighbourhood,
-    climb_near,
-    density_at,
-    evaluate_slab,
-    lacking_at,
-    run,
-)
+from skincal.fitting.tasks import Mapper, Neighbourhood, climb_near, density_at, evaluate_slab, lacking_at
 from skincal.fitting.types import Bools, Floats
 
 LEAST_TO_FIT = 3
@@ -142,6 +132,7 @@ def solve(
     slabs: Mapping[int, GridSlab] | None = None,
     store: Store | None = None,
     progress: Progress = lambda _stage, _done, _total: None,
+    meanwhile: Callable[[], None] = lambda: None,
 ) -> FitResult:
     """Fits.
 
@@ -154,6 +145,7 @@ def solve(
         slabs: turns of the grid that have been evaluated before.
         store: keeps what is done, so that another run need not do it again.
         progress: told how far the work is.
+        meanwhile: called when workers have nothing to do for a while, to begin what the fit does not need.
 
     Returns:
         Best point, intervals, grid, draws, and what a person should know.
@@ -165,7 +157,8 @@ def solve(
     low, high = np.array([box.across_m, box.y_m, box.alpha_rad]).T
     edges = np.log([box.elasticity_pa_per_m, problem.scales])
     bounds = Bounds(np.array([*low, *edges[:, 0]]), np.array([*high, *edges[:, 1]]))
-    return _Fit(bounds, box, options, rng, mapper, store, progress).solve(problem, grid, dict(slabs or {}))
+    fit = _Fit(bounds, box, options, rng, mapper, store, progress, meanwhile)
+    return fit.solve(problem, grid, dict(slabs or {}))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +172,7 @@ class _Fit:
     mapper: Mapper
     store: Store | None
     progress: Progress
+    meanwhile: Callable[[], None]
 
     def solve(self, problem: FitProblem, grid: MacroGrid, slabs: dict[int, GridSlab]) -> FitResult:
         """See :func:`solve`."""
@@ -200,7 +194,7 @@ class _Fit:
 
     def _spread(self, function: Callable[..., Any], arguments: Iterable[Sequence[Any]]) -> Iterable[Any]:
         """Results of a function for some arguments, spread by the mapper."""
-        return self.mapper(run, [partial(function, *some) for some in arguments])
+        return self.mapper(call, [partial(function, *some) for some in arguments])
 
     def _on_grid(
         self, problem: FitProblem, grid: MacroGrid, settings: MicroSettings, done: dict[int, GridSlab]
@@ -216,11 +210,6 @@ class _Fit:
                 self.store.keep(turn, slab)
             self.progress("grid", len(done), turns)
         return [done[t] for t in range(turns)]
-
-    def _climb(
-        self, problem: FitProblem, start: Floats, around: Neighbourhood, sigmas: Floats | None = None
-    ) -> Peak:
-        return climb_near(problem, self.bounds, start, around, sigmas)
 
     def _climb_all(self, problem: FitProblem, bounds: Bounds, starts: Iterable[Floats]) -> list[Peak]:
         """Peaks of climbs from afar on kernels, the one with most posterior mass under it first (Laplace)."""
@@ -241,27 +230,29 @@ class _Fit:
         general = problem.contacts is not None
         if general:
             starts = self._local_peaks(strong, starts)
+            near = [Neighbourhood.around(s, self._table(strong, s, ROUGH)) for s in starts]
             rough = (
-                self._climb(strong, s, Neighbourhood.around(s, self._table(strong, s, ROUGH))) for s in starts
+                climb_near(strong, self.bounds, s, around) for s, around in zip(starts, near, strict=True)
             )
-            peak, around = self._tabled(strong, max(rough, key=lambda one: one.log_evidence))
+            peak = max(rough, key=lambda one: one.log_evidence)
         else:
             peak = self._climb_all(strong, self.bounds, starts)[0]
-            around = Neighbourhood.around(peak.macro)
-        # What follows goes not far from here.
+        peak, around = self._tabled(strong, peak)
+        # What follows goes not far from here, one climb after the other.
+        self.meanwhile()
         dead = dead_taxels(problem, peak.states)
         if dead.any():
             problem = problem.without_taxels(dead)
         if (dead ^ weak).any():
-            peak = self._climb(problem, peak.macro, around)
+            peak = climb_near(problem, self.bounds, peak.macro, around)
         self.progress("peak", 1, 2)
         lost = lost_readings(problem, peak.states, float(peak.sigmas[4]))
         if lost.any():
             # How much gains differ is told by a climb from near by only; a weak taxel has not dropped out.
-            without = self._climb(problem.without_readings(lost), peak.macro, around, peak.sigmas)
+            without = climb_near(problem.without_readings(lost), self.bounds, peak.macro, around, peak.sigmas)
             lost = lost_readings(problem, peak.states, float(without.sigmas[4]))
             problem = problem.without_readings(lost)
-            peak = self._climb(problem, without.macro, around)
+            peak = climb_near(problem, self.bounds, without.macro, around)
         keep = ~glitches(problem, peak)
         if not keep.all():
             problem = problem.subset(keep, "glitch: its image or force does not fit with the other presses")
@@ -271,11 +262,9 @@ class _Fit:
             peak = max(self._spread(climb_near, again), key=lambda one: one.log_evidence)
         for _ in range(POLISH):
             problem = problem.with_signal(peak.states.simulated).with_shared(peak.theta)
-            peak = self._climb(problem, peak.macro, around, peak.sigmas)
+            peak = climb_near(problem, self.bounds, peak.macro, around, peak.sigmas)
         if not around.holds(peak.macro):
-            peak, around = (
-                self._tabled(problem, peak) if general else (peak, Neighbourhood.around(peak.macro))
-            )
+            peak, around = self._tabled(problem, peak)
         self.progress("peak", 2, 2)
         return problem.with_shared(peak.theta), keep, dead, peak, around
 
@@ -286,7 +275,7 @@ class _Fit:
         if local is None:
             return starts
         # The centre may leave the box a little; what follows keeps to it.
-        peaks = self._climb_all(local.problem(problem), self._arcs(local), map(local.arcs, starts))
+        peaks = self._climb_all(local.problem(problem), local.bounds(self.bounds), map(local.arcs, starts))
         reach = np.array([ROUGH.centre_m, ROUGH.centre_m, ROUGH.alpha_rad, ROUGH.log_ratio, np.inf])
         found: list[Floats] = []
         for peak in peaks:
@@ -295,9 +284,6 @@ class _Fit:
             if near and all((np.abs(macro - other) > 0.5 * reach).any() for other in found):
                 found.append(macro)
         return found[:RIVALS]
-
-    def _arcs(self, local: LocalPlaces) -> Bounds:
-        return Bounds(local.arcs(self.bounds.low), local.arcs(self.bounds.high))
 
     def _table(self, problem: FitProblem, macro: Floats, reach: TableReach) -> SkinTable:
         """A table of images, made part by part but for those that an earlier run has made."""
@@ -316,11 +302,13 @@ class _Fit:
         return joined([part for part in parts if part is not None])
 
     def _tabled(self, problem: FitProblem, peak: Peak) -> tuple[Peak, Neighbourhood]:
-        """In the general way, the peak on a fine table of images round it, and that table."""
+        """Where images are tabled round a peak; in the general way, which tables them, the peak on that fine table."""
+        if problem.contacts is None:
+            return peak, Neighbourhood.around(peak.macro)
         around, tries = None, 0
         while around is None or (tries < TABLES and not around.holds(peak.macro)):
             around = Neighbourhood.around(peak.macro, self._table(problem, peak.macro, reach_of(peak)))
-            peak, tries = self._climb(problem, peak.macro, around), tries + 1
+            peak, tries = climb_near(problem, self.bounds, peak.macro, around), tries + 1
         return peak, around
 
     def _drawn(
@@ -336,7 +324,7 @@ class _Fit:
         if draws.effective < worth and lone.any() and (~lone).sum() >= FEW_PRESSES:
             problem = problem.subset(~lone, "1 active taxel, beside presses of more that tell far more")
             problem = replace(problem, min_active=COORDINATES)
-            peak = self._climb(problem, peak.macro, around, peak.sigmas)
+            peak = climb_near(problem, self.bounds, peak.macro, around, peak.sigmas)
             problem = problem.with_shared(peak.theta)
             draws, density = self._sample(problem, peak, around)
         if draws.effective < worth:
@@ -387,7 +375,7 @@ class _Fit:
             start = local.arcs(peak.macro)
             plain = Neighbourhood.around(start)
             bare = [
-                (local.problem(problem), self._arcs(local), start, law, peak.sigmas)
+                (local.problem(problem), local.bounds(self.bounds), start, law, peak.sigmas)
                 for law in (plain, replace(plain, projected=False))
             ]
         tried = responses(problem)
@@ -400,8 +388,9 @@ class _Fit:
         # finds.
         laws[0] = max(peak, bent_peaks[0], key=lambda one: one.log_evidence)
         comparable = laws + (bare_peaks if len(bare) == 1 else [])
-        bend = weigh_bends(problem, comparable, tried, bent_peaks)
-        law = weigh_laws(np.array(spreads), laws)
+        # A worker has loaded what these need, to look for another order of the taxels.
+        [bend] = self._spread(weigh_bends, [(problem, comparable, tried, bent_peaks)])
+        [law] = self._spread(weigh_laws, [(np.array(spreads), laws)])
         if bare:
             law = law.with_bare(laws[0] if len(bare) == 1 else bare_peaks[0], bare_peaks[-1])
         return law, bend

@@ -10,7 +10,7 @@ import pickle
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -27,8 +27,6 @@ from skincal.fitting.problem import FitProblem
 from skincal.fitting.selection import log_chance
 from skincal.fitting.types import Floats
 
-_Result = TypeVar("_Result")
-
 REACH = 0.9
 """How far log E may stray from the middle of the kernels that are tabled for the continuous part of a fit."""
 
@@ -39,11 +37,6 @@ class Mapper(Protocol):
     def __call__(self, function: Callable[[Any], Any], arguments: Sequence[Any], /) -> Iterable[Any]:
         """Results in the order of the arguments."""
         ...
-
-
-def run(task: Callable[[], _Result]) -> _Result:
-    """Return what a task gives, a function with its arguments (``functools.partial``)."""
-    return task()
 
 
 def evaluate_slab(problem: FitProblem, macro_grid: MacroGrid, turn: int, settings: MicroSettings) -> GridSlab:

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skincal.fitting.observe import TO_SIGMA
 from skincal.fitting.types import Bools, Floats
 
 _HUBER = 1.345
 _ROUNDS = 30
 _FREE = 5
 """So many presses leave a line free to miss the origin."""
-_TO_SIGMA = 1.4826
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ def fit_scales(
         last, scale = scale, (weight * off_x * off_y).sum(axis=0) / squares
         offset = mean_y - scale * mean_x
         off = np.abs(y - scale * x - offset)
-        limit = _HUBER * np.maximum(_TO_SIGMA * _medians(off, use), 1e-9)
+        limit = _HUBER * np.maximum(TO_SIGMA * _medians(off, use), 1e-9)
         weight = use * np.minimum(1.0, limit / np.maximum(off, 1e-12))
         if np.allclose(scale, last, rtol=1e-9):
             break

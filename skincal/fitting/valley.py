@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from skincal.fitting.fit_options import SearchBox
+from skincal.fitting.lattice import best_of_each
 from skincal.fitting.presses import Places, PressModel
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.result import GridResult
@@ -14,7 +15,6 @@ from skincal.fitting.types import Floats
 
 UNBOUNDED_FROM = 0.9
 """A parameter whose interval fills this part of the searched range is not identified by the data."""
-
 
 ONE_PLACE = 0.25
 """Presses within this part of the patch lie at one place."""
@@ -40,18 +40,11 @@ def interval(
     tail = (1.0 - level) / 2
     bounds = np.array([np.quantile(law, [tail, 1.0 - tail]) for law in draws])
     low, high = min(float(bounds[:, 0].min()), best), max(float(bounds[:, 1].max()), best)
-    return closed(name, low, high, box)
-
-
-def closed(name: str, low: float, high: float, box: SearchBox) -> tuple[float, float]:
-    """An interval, or (-inf, inf) where it fills the searched range: a valley that does not close in it."""
     searched = getattr(box, name, None)
     if searched is not None and searched[1] > searched[0]:
         log = name == "elasticity_pa_per_m"
-        width = (
-            np.log(high / low) / np.log(searched[1] / searched[0]) if log else (high - low) / np.ptp(searched)
-        )
-        if width > UNBOUNDED_FROM:
+        whole = np.log(searched[1] / searched[0]) if log else np.ptp(searched)
+        if (np.log(high / low) if log else high - low) / whole > UNBOUNDED_FROM:
             return OPEN
     return low, high
 
@@ -76,16 +69,15 @@ def valley_loss(model: PressModel, places: Places, points: Floats, rng: np.rando
         points: (N, 11) draws of macro variables and log sigmas.
         rng: picks the draws that are looked at.
     """
-    problem, spots = model.problem, len(places.press)
+    problem = model.problem
     some = points[rng.choice(len(points), min(60, len(points)), replace=False)]
     state = model.settle_at(places, some[:, :5], np.exp(some[:, 5:]), forces_known=True, iterations=10)
     variance = problem.observation.variance(state.sigmas[:, 2], state.sigmas[:, 3], state.press)
-    squares = (state.residual**2 * variance).sum(axis=1).reshape(len(some), spots)
-    objective = state.objective.reshape(len(some), spots)
-    total = np.zeros(len(some))
-    for k in range(len(problem)):
-        mine = np.flatnonzero(places.press == k)
-        total += squares[np.arange(len(some)), mine[np.argmin(objective[:, mine], axis=1)]]
+    squares = (state.residual**2 * variance).sum(axis=1)
+    # Each press at its best place, for each draw.
+    each = state.press + np.repeat(np.arange(len(some)) * len(problem), len(places.press))
+    best = best_of_each(each, state.objective, len(some) * len(problem))
+    total = squares[best].reshape(len(some), -1).sum(axis=1)
     return float(np.quantile(total / max(float((problem.weight > 0).sum()), 1.0), 0.98))
 
 
@@ -103,13 +95,5 @@ def choose(grid: GridResult, count: int, rng: np.random.Generator) -> Floats:
         inside = inside[np.concatenate([np.array(sorted(edge)), rest])]
     a, e, x, y = inside.T
     axes = grid.grid
-    return np.stack(
-        [
-            axes.across_m[x],
-            axes.y_m[y],
-            axes.alpha_rad[a],
-            np.exp(axes.log_elasticity[e]),
-            grid.scale_per_n[a, e, x, y],
-        ],
-        axis=1,
-    )
+    poses = axes.across_m[x], axes.y_m[y], axes.alpha_rad[a]
+    return np.column_stack([*poses, np.exp(axes.log_elasticity[e]), grid.scale_per_n[a, e, x, y]])

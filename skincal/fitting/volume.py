@@ -66,11 +66,7 @@ def fold_of(model: PressModel, state: PressStates) -> Fold:
     cos, sin = np.cos(angle), np.sin(angle)
     weak = np.stack([cos, sin, np.zeros_like(angle)], axis=1)
     stiffness = 1.0 / (a * cos**2 + 2 * b * sin * cos + d * sin**2)
-    ahead, behind = (
-        model.evaluate(state.macro, state.sigmas, state.press, state.nuisance + side * _STEP_M * weak)
-        for side in (1, -1)
-    )
-    bend = np.einsum("njd,nd->nj", ahead.nuisance_slope - behind.nuisance_slope, weak) / (2 * _STEP_M)
+    bend = np.einsum("njd,nd->nj", model.bends(state, _STEP_M * weak), weak) / (2 * _STEP_M)
     slope = np.einsum("njd,nd->nj", state.nuisance_slope, weak)
     residual = state.residual
     strong = np.stack([-weak[:, 1], weak[:, 0]], axis=1)

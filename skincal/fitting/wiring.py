@@ -14,6 +14,7 @@ more than the number of permutations that were open to it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -291,9 +292,9 @@ class _Search:
         observed, weight, scale, _ = self._scaled(shares, order)
         return np.sqrt(weight) * (scale * shares - observed)
 
-    def _slopes(self, pose: Floats, slack_m: Floats | None, order: Ints) -> Floats:
+    def _slopes(self, bumps: _Bumps, pose: Floats, order: Ints) -> Floats:
         """Slopes (K J, P) of the differences by the pose, the scale that suits it included."""
-        shares, across, along, wide, long = self._bumps(pose, slack_m)
+        shares, across, along, wide, long = bumps
         u, v = self.layout.centres_m.T
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
         to_across, to_along = across / wide, along / long
@@ -325,17 +326,20 @@ class _Search:
         scale = np.concatenate([[1e-3, 1e-3, 0.1, 1.0, 1.0], self.field_sigma])
         inside = np.clip(pose, self.low + 1e-9, self.high - 1e-9)
 
-        def off(x: Floats) -> Floats:
-            return self._differences(self._bumps(x, slack_m).shares, order)
+        @lru_cache(maxsize=1)
+        def bumps(x: bytes) -> _Bumps:  # slopes are asked for where differences were
+            return self._bumps(np.frombuffer(x) * scale, slack_m)
 
-        one = np.sqrt(
-            self._variance(off(inside))
-        )  # what a reading differs by weighs against the prior of the field
+        def off(x: Floats) -> Floats:
+            return self._differences(bumps(x.tobytes()).shares, order)
+
+        # What a reading differs by weighs against the prior of the field.
+        one = np.sqrt(self._variance(off(inside / scale)))
         prior = one * np.eye(len(pose))[_POSE:]
         got = least_squares(
-            lambda x: np.concatenate([off(x * scale).ravel(), one * x[_POSE:]]),
+            lambda x: np.concatenate([off(x).ravel(), one * x[_POSE:]]),
             inside / scale,
-            lambda x: np.concatenate([self._slopes(x * scale, slack_m, order) * scale, prior]),
+            lambda x: np.concatenate([self._slopes(bumps(x.tobytes()), x * scale, order) * scale, prior]),
             bounds=(self.low / scale, self.high / scale),
             max_nfev=12,
         )

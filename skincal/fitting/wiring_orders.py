@@ -88,10 +88,8 @@ def mapping_of(order: Ints, rows: int, cols: int) -> str:
         rows: of the layout.
         cols: of the layout.
     """
-    for one in named_orders(rows, cols):
-        if (one.order == order).all():
-            return one.mapping
-    return _listed(order)
+    named = (one.mapping for one in named_orders(rows, cols) if (one.order == order).all())
+    return next(named, _listed(order))
 
 
 def _wound(image: Ints, first: int, by_rows: bool) -> Ints:

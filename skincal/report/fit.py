@@ -4,35 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
 from skincal.fitting.result import FitResult
-from skincal.report.fit_draws import draws_figure
-from skincal.report.fit_images import images_figure
 from skincal.report.fit_presses import why_unused
 from skincal.report.fit_quantities import quantities, with_digits
-from skincal.report.fit_residuals import residuals_figure, scatter_figure
-from skincal.report.fit_slack import slack_figure
-from skincal.report.fit_valley import valley_figure
 from skincal.report.page import Picture, picture, write_page
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 EXPLAINED = 1.5
 """Residuals up to this multiple of the noise count as explained."""
 
 
+def _figure(stem: str, result: FitResult, dataset: Dataset) -> Figure:
+    """Draw a figure; what draws is loaded here, so that other processes draw while this one loads it."""
+    from skincal.report.fit_draws import draws_figure
+    from skincal.report.fit_images import images_figure
+    from skincal.report.fit_residuals import residuals_figure, scatter_figure
+    from skincal.report.fit_slack import slack_figure
+    from skincal.report.fit_valley import valley_figure
+
+    of_result = {"valley": valley_figure, "draws": draws_figure, "scatter": scatter_figure}
+    if stem in of_result:
+        return of_result[stem](result)
+    return {"images": images_figure, "slack": slack_figure, "residuals": residuals_figure}[stem](
+        result, dataset
+    )
+
+
 FIGURES: Mapping[str, Callable[[FitResult, Dataset], Figure]] = {
-    "valley": lambda result, _: valley_figure(result),
-    "draws": lambda result, _: draws_figure(result),
-    "images": images_figure,
-    "slack": slack_figure,
-    "residuals": residuals_figure,
-    "scatter": lambda result, _: scatter_figure(result),
+    stem: partial(_figure, stem) for stem in ("valley", "draws", "images", "slack", "residuals", "scatter")
 }
 """Figures of the page, by the name of their file."""
 

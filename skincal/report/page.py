@@ -10,20 +10,21 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup, escape
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
 from skincal.errors import readable
 from skincal.files import real
-from skincal.report.style import png_bytes, relabel
 from skincal.units import in_unit
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PAGE = "report.html"
 
@@ -52,6 +53,8 @@ def _captions() -> dict[str, dict[str, str]]:
 
 def picture(figure: Figure, stem: str, folder: Path, unit: str | None = None) -> Picture:
     """Write a figure into a folder; return it for a page, with its title and caption of ``captions.toml``."""
+    from skincal.report.style import png_bytes, relabel
+
     relabel(figure, unit)
     content, words = png_bytes(figure), _captions()[stem]
     (folder / f"{stem}.png").write_bytes(content)

@@ -24,9 +24,9 @@ from skincal.calibrate.problem import fit_problem, unroll
 from skincal.calibration import read_calibration, write_calibration
 from skincal.dataset import Dataset, PositionSpec
 from skincal.errors import InputError, WorkError
-from skincal.fitting.errors import NOWHERE, FitError
 from skincal.fitting.fit_options import FitOptions
 from skincal.fitting.grid import GridSlab
+from skincal.fitting.problem import NOWHERE, FitError
 from skincal.model import Cylinder, Plane
 from skincal.workers.processes import interrupt_afterwards, mapper
 from tests.fitting.conftest import QUICK, ROUGH

@@ -38,9 +38,9 @@ def looked_up(
 
 @compiled
 def at_level(
-    planes: Any, size_of: Any, centres: Any, lattice: Any, u: float, v: float, press: int, out: Any
+    planes: Any, size_of: Any, centres: Any, lattice: Any, u: float, v: float, press: int, near: Any, out: Any
 ) -> None:
-    lookup.at_level(planes, size_of, centres, lattice, u, v, press, out)
+    lookup.at_level(planes, size_of, centres, lattice, u, v, press, near, out)
 
 
 def shares(

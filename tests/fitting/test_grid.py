@@ -44,11 +44,12 @@ def test_gauss_newton_stays_in_the_slack_and_descends(truth: Truth) -> None:
     log_ratio = np.log(problem.force_n) - np.log(truth.elasticity_pa_per_m)
     parts = problem.rig.surface, problem.rig.indenters, problem.rig.layout
     table = build_table(*parts, np.array([truth.alpha_rad]), (log_ratio.min(), log_ratio.max()))
-    planes, layout = table.level(0, log_ratio, problem.indenter), problem.rig.layout
+    (planes, lattice), layout = table.level(0, log_ratio, problem.indenter), problem.rig.layout
+    room = np.empty((3, layout.taxels)), np.empty(layout.taxels, dtype=np.int64)
     turn, settings = (np.cos(truth.alpha_rad), np.sin(truth.alpha_rad)), (4.0, 0.0, 0.5e-3)
     left = []
     for k in range(len(problem)):
-        tables = planes, table.size_of, layout.centres_m, (table.step_m, table.half_m), k
+        tables = planes, table.size_of, layout.centres_m, lattice, k
         at = problem.across_m[k] - truth.across_m, problem.along_m[k] - truth.y_m
         given, before, slack = (
             (tables, problem.weight[k], problem.values[k], at, turn),
@@ -56,7 +57,7 @@ def test_gauss_newton_stays_in_the_slack_and_descends(truth: Truth) -> None:
             np.zeros(2),
         )
         mismatched(*given[:3], np.array(at[:1]), np.array(at[1:]), turn, before)
-        q = descended(*given, settings, slack, np.empty((3, layout.taxels)), np.empty(layout.taxels))
+        q = descended(*given, settings, slack, room, np.empty(layout.taxels))
         assert np.abs(slack).max() <= 0.5e-3
         # The lattice is read at its nearest node.
         assert q <= 4.0 * before[0, 0] * 1.05 + 1.0

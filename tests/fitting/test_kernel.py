@@ -99,10 +99,10 @@ def test_one_level_gives_the_same_images_as_the_whole_table() -> None:
     rng = np.random.default_rng(2)
     uv, ratio = rng.uniform(-6e-3, 6e-3, (30, 2)), rng.uniform(-20.5, -19.0, 30)
     kind = rng.integers(0, 2, 30)
-    planes = images.level(0, ratio, kind)
-    out = np.empty((30, 3, LAYOUT.taxels))
+    planes, lattice = images.level(0, ratio, kind)
+    near, out = np.empty(LAYOUT.taxels, dtype=np.int64), np.empty((30, 3, LAYOUT.taxels))
     for k, (u, v) in enumerate(uv):
-        at_level(planes, images.size_of, LAYOUT.centres_m, (images.step_m, images.half_m), u, v, k, out[k])
+        at_level(planes, images.size_of, LAYOUT.centres_m, lattice, u, v, k, near, out[k])
     value, by_u, by_v = out.transpose(1, 0, 2)
     whole = shares(images, uv, np.zeros(30), ratio, kind)
     assert value == pytest.approx(whole.value, abs=1e-5)

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from skincal.fitting.conclude import as_told
-from skincal.fitting.errors import FitError
 from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.observe import Readout
 from skincal.fitting.posterior import Bounds, Peak, climb
 from skincal.fitting.presses import from_patch, to_patch
-from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
+from skincal.fitting.problem import FitError, FitProblem, PressTable, Rig, pose_problem
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
 from skincal.fitting.sampling import Draws, sample
 from skincal.fitting.tasks import Neighbourhood

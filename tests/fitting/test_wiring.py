@@ -124,7 +124,7 @@ def test_slopes_of_a_pose(truth: Truth) -> None:
     def differences(at: np.ndarray) -> np.ndarray:
         return search._differences(search._bumps(at, slack).shares, order).ravel()
 
-    found = search._slopes(pose, slack, order)
+    found = search._slopes(search._bumps(pose, slack), pose, order)
     for column, step in zip(found.T, np.diag([1e-7, 1e-7, 1e-5, 1e-5, 1e-5, *[1e-7] * 12]), strict=True):
         expected = (differences(pose + step) - differences(pose - step)) / (2 * step.sum())
         assert column == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -8,7 +9,7 @@ import time
 import pytest
 
 from skincal import compiling
-from skincal.workers.processes import mapper
+from skincal.workers.processes import mapper, rare_collections
 
 
 def _says(_: int) -> tuple[int, bool]:
@@ -45,3 +46,15 @@ def test_workers_start_before_anything_heavy_is_imported() -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def _thresholds(_: int) -> tuple[int, int, int]:
+    return gc.get_threshold()
+
+
+def test_garbage_is_looked_for_less_often_in_workers_and_for_a_while_here() -> None:
+    before = gc.get_threshold()
+    with mapper(2) as spread, rare_collections():
+        [worker] = spread(_thresholds, [0])
+        assert worker == gc.get_threshold() > before
+    assert gc.get_threshold() == before
