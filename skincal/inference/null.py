@@ -93,7 +93,8 @@ def drawn_noise(fitter: Fitter, base: Fitted, rng: np.random.Generator, sessions
     # The noise is known within its standard error.
     times = 1 + fitter.forward.noise.within * rng.standard_normal(sessions)
     if fitter.forward.noise.coarse:
-        drawn = _on_stairs(fitter, base, rng, times)
+        # A level near the edge of a step has a few large residuals, which have less weight in the data, too.
+        drawn = np.clip(_on_stairs(fitter, base, rng, times), -C.huber, C.huber)
     else:
         drawn = times * rng.standard_normal((*fitter.counts.shape, sessions), dtype=np.float32)
     return drawn * _weights(fitter)[..., None]
