@@ -3,9 +3,10 @@
     y = max(x + a (mean of q_k), 0),    tau_k dq_k/dt = x - q_k,    tau_k = tau 10^{-b/2}, tau, tau 10^{+b/2}
 
 A Prony series of three Kelvin-Voigt elements: at constant load the signal tends to (1 + a) x; with a < 0 the signal
-falls, and as no load is negative, nothing is left of it once the press has gone. With the breadth b = 0 it is a single exponential. With b of two or three decades it follows the logarithm of
-time over that range, as elastomers and piezoresistive foams do. The load is interpolated linearly between samples, for
-which the recursion is exact. A session begins with a skin at rest, all q_k = 0.
+falls, and as no load is negative, nothing is left of it once the press has gone. With the breadth b = 0 it is a
+single exponential. With b of two or three decades it follows the logarithm of time over that range, as elastomers and
+piezoresistive foams do. The load is interpolated linearly between samples, for which the recursion is exact. A
+session begins with a skin at rest, all q_k = 0.
 """
 
 from __future__ import annotations

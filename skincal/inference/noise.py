@@ -44,6 +44,7 @@ class Noise:
         rest: level at rest that all taxels share [counts].
         origin: a value that is written; all others are whole steps from it [counts].
         within: relative standard error of ``sigma``.
+        lined: whether a staircase is taken for a line that scatters by what is rounded.
     """
 
     sigma: FloatArray
@@ -55,6 +56,7 @@ class Noise:
     rest: float = 0.0
     origin: float = 0.0
     within: float = 0.0
+    lined: bool = False
 
     @cached_property
     def frame(self) -> float:
@@ -73,7 +75,7 @@ class Noise:
     def _table(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Levels near the bounds, or all of a staircase in even steps: mean, slope and variance of a frame there."""
         x = np.zeros(0)
-        if self.coarse:
+        if self.coarse and not self.lined:
             around = _NEAR * self.step
             # Above, the error of an image alone makes it smooth.
             last = min(self.rest + C.smooth * self.step / C.image, self.high)
@@ -118,7 +120,7 @@ class Noise:
         plain = self._sd(level) ** 2 + self.step**2 / 12 - kept
         mean, shared = np.clip(level, self.low, self.high), np.full_like(level, kept)
         slope, each = (mean == level).astype(np.float64), plain.copy()
-        if self.coarse:
+        if self.coarse and not self.lined:
             spread = C.image * np.abs(level - self.rest) if spread is None else spread
             near = (level > x[0]) & (level < x[-1]) & (np.hypot(self.frame, spread) < C.smooth * self.step)
             mean[near], slope[near], each[near] = self._stairs(level[near])

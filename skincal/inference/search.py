@@ -19,8 +19,9 @@ All gains are of :mod:`skincal.inference.score`, all limits of :mod:`skincal.inf
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from itertools import islice
 
 import numpy as np
@@ -187,6 +188,15 @@ class Search:
     _line: tuple[Fitted, tuple[list[Candidate], Whitened, int]] | None = None
     _null: Null = field(init=False)
 
+    @cached_property
+    def lined(self) -> Fitter:
+        """The fitter that looks beyond a step: where counts are a staircase slopes about it say little of it."""
+        if not self.fitter.forward.noise.coarse:
+            return self.fitter
+        forward = copy(self.fitter.forward)
+        forward.noise = replace(forward.noise, lined=True)
+        return Fitter(forward, self.fitter.counts, self.fitter.before)
+
     def run(self) -> Found:
         """From the base model to what is missing."""
         self._folds = folds_of(self.base.blocks, self.rng)
@@ -274,8 +284,8 @@ class Search:
     def _round(self, fit: Fitted, named: Sequence[Named]) -> list[Tried]:
         """What every effect that is not in the model would gain, best first."""
         found, w, shared = self._linear(fit)
-        linear = self.fitter.built(fit.seen, fit.free, w, shared)
-        errors = EquationErrors.of(self.fitter, fit, w)
+        linear = self.lined.built(fit.seen, fit.free, w, shared)
+        errors = EquationErrors.of(self.lined, fit, w)
         n = len(linear.prior)
         begin = n + np.cumsum([0, *(len(c.columns) for c in found)])
         alone = full_step(*whole(linear.blocks, np.arange(n)), linear.prior, linear.pull)
@@ -309,14 +319,14 @@ class Search:
         """
         if self._line is not None and self._line[0] is fit:
             return self._line[1]
-        seen, f = fit.seen, self.fitter.forward
+        seen, f = fit.seen, self.lined.forward
         slope = f.noise.written(seen.values + seen.state.rest)[1]
         alone = {x.effect for x in fit.free if x.index is not None}
         alone &= {n for n in seen.state.effects if any(s.alone is not None for s in starts_of(n, self.scene))}
         had: set[tuple[str, int | None]] = {(n, None) for n in seen.state.effects if n not in alone}
         had |= {(x.effect, x.index) for x in fit.free if x.index is not None}
         found = list(candidates(f, seen, self.scene, slope, self.names, had))
-        w, errors = self.fitter.columns_of(seen, fit.free)
+        w, errors = self.lined.columns_of(seen, fit.free)
         weight = np.where(w.seen, self.fitter.before.weights, 0.0) / np.exp(w.log_sd)
         columns = Slopes.joined([w.columns, *(c.columns.weighted(weight) for c in found)])
         self._line = fit, (found, replace(w, columns=columns), errors)
@@ -325,7 +335,7 @@ class Search:
     def _drawn(self) -> Null:
         """Null sessions about the base model."""
         self.heard("null sessions")
-        base, fitter = self.base, self.fitter
+        base, fitter = self.base, self.lined
         found, w, errors = self._linear(base)
         laws = law_residuals(fitter, base, self.mapper)
         others = Slopes.of(np.stack([np.zeros(fitter.counts.shape), *laws.values()], axis=2)[..., 1:])
@@ -343,11 +353,14 @@ class Search:
         for c, each in zip(found, self._gains(linear, found, drawn, np.zeros(n)), strict=True):
             own = each.sum(axis=0)
             gained[c.name] = np.maximum(gained[c.name], own) if c.name in gained else own
-        # What the base model's own fit takes up is taken up there, too.
-        h = b.products.between(np.arange(n), np.arange(n))
-        c = np.linalg.solve(h.sum(axis=0) + np.diag(linear.prior), drawn[:, :n].sum(axis=0))
-        chi = drawn_chi - 2 * np.einsum("pns,ns->ps", drawn[:, :n], c) + np.einsum("ns,pns->ps", c, h @ c)
-        return Null(tuple(names[k] for k in turn), gained, left(chi, b.count, b.press))
+        if (
+            fitter is not self.fitter
+        ):  # what a fit leaves of a staircase is compared with the same, and hardly by laws
+            draws = drawn_noise(self.fitter, base, self.rng, self.null_sessions)
+            w, errors = self.fitter.columns_of(base.seen, base.free)
+            linear = self.fitter.built(base.seen, base.free, w, errors, draws=draws, rng=self.rng)
+            drawn, drawn_chi = linear.blocks.drawn, linear.blocks.drawn_chi
+        return Null(tuple(names[k] for k in turn), gained, _left_of_drawn(linear, drawn, drawn_chi))
 
     def _gains(
         self, linear: Fitted, found: Sequence[Candidate], b: FloatArray, pull: FloatArray
@@ -456,7 +469,7 @@ class Search:
 
         None where bounds let them do nothing of it: what is missing is the contrary of the effect.
         """
-        f, c, before = self.fitter.forward, tried.candidate, fit.state.effects.get(tried.name)
+        f, c, before = self.lined.forward, tried.candidate, fit.state.effects.get(tried.name)
         wanted = c.columns.times(tried.coefficients)
         _, slope = f.noise.written(fit.seen.values + fit.state.rest)
         best: tuple[float, dict[str, FloatArray] | None] = (1 - _ABLE) * float((wanted**2).sum()), None
@@ -501,6 +514,15 @@ def _added(named: tuple[Named, ...], own: Named) -> tuple[Named, ...]:
     if again is None:
         return (*named, own)
     return tuple(replace(n, gain=n.gain + own.gain) if n is again else n for n in named)
+
+
+def _left_of_drawn(linear: Fitted, drawn: FloatArray, drawn_chi: FloatArray) -> FloatArray:
+    """(S, 3) what the base model leaves of simulated sessions, its own fit's part taken up there as in the data."""
+    b, n = linear.blocks, len(linear.prior)
+    h = b.products.between(np.arange(n), np.arange(n))
+    c = np.linalg.solve(h.sum(axis=0) + np.diag(linear.prior), drawn[:, :n].sum(axis=0))
+    chi = drawn_chi - 2 * np.einsum("pns,ns->ps", drawn[:, :n], c) + np.einsum("ns,pns->ps", c, h @ c)
+    return left(chi, b.count, b.press)
 
 
 def left_by(fit: Fitted) -> FloatArray:
