@@ -92,12 +92,6 @@ def test_plate_on_a_finger_is_no_uniform_pressure(run: Run, folder: Path) -> Non
     assert "uniform pressure" not in err
 
 
-def test_check_of_no_folder(run: Run, tmp_path: Path) -> None:
-    status, out, err = run("dataset", "check", tmp_path / "nothing")
-    assert (status, out) == (2, "")
-    assert "no such folder" in err
-
-
 def test_show(run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Texts and names of any letters are shown as they are; brackets in them are no markup."""
     monkeypatch.setenv("COLUMNS", "400")

@@ -81,13 +81,6 @@ def test_what_the_calibration_leaves_open_is_said(tmp_path, capsys):
     assert read_ranges(tmp_path / "r.json")[name] == preset("iros24")[name]
 
 
-def test_earlier_ranges_are_replaced(cal, tmp_path):
-    out = tmp_path / "ranges.toml"
-    out.write_text('format = "skincal-ranges/1"')
-    assert run(cal, "--out", out, "--force") == 0
-    assert len(read_ranges(out)) == 30
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -108,22 +101,6 @@ def test_a_wrong_command_line_is_status_two(cal, tmp_path, capsys, monkeypatch, 
     assert words in said
     assert "Traceback" not in said
     assert [p.name for p in tmp_path.iterdir()] == ["cal"]
-
-
-def test_a_broken_calibration_is_named_and_nothing_is_written(cal, tmp_path, capsys):
-    (cal / "calibration.toml").write_text((cal / "calibration.toml").read_text().replace("[model]", "[modl]"))
-    (cal / "draws.parquet").write_bytes(b"")
-    assert run(cal, "--out", tmp_path / "r.toml", "--joint") == 2
-    said = capsys.readouterr().err
-    assert "calibration.toml, [model]" in said
-    assert "draws.parquet" in said
-    assert not (tmp_path / "r.toml").exists()
-
-
-def test_a_cloud_that_is_not_there(cal, tmp_path, capsys):
-    (cal / "draws.parquet").unlink()
-    assert run(cal, "--out", tmp_path / "r.toml", "--joint") == 2
-    assert "draws.parquet: expected draws from the valley" in capsys.readouterr().err
 
 
 def test_the_choices_are_the_presets():

@@ -63,16 +63,6 @@ def test_without_frames(cal: Path, folder: Path, tmp_path: Path, capsys: pytest.
     ]
 
 
-def test_another_sensor(cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = (folder / "dataset.toml").read_text().replace("radius_m = 0.0115", "radius_m = 0.0125")
-    (folder / "dataset.toml").write_text(text)
-    assert run(cal, folder, "--out", tmp_path / "out") == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert "[surface] radius_m: expected 0.0115 m, as calibrated; got 0.0125 m" in err
-    assert not (tmp_path / "out").exists()
-
-
 def test_effects_are_included_and_one_that_abstains_is_said(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -87,32 +77,3 @@ def test_effects_are_included_and_one_that_abstains_is_said(
     assert creep.presses.counts.max() > 1.1 * base.presses.counts.max()
     np.testing.assert_array_equal(both.presses.counts, creep.presses.counts)
     assert "effects creep, contact positions as measured" in both.meta.source
-
-
-def test_wrong_effect_is_reported(
-    cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with (cal / "calibration.toml").open("a") as file:
-        file.write('[[effects]]\nname = "creep"\nparameters = { amplitud = 0.1 }\n')
-    text = (cal / "calibration.toml").read_text().replace("effects = []\n", "")
-    (cal / "calibration.toml").write_text(text)
-    assert run(cal, folder, "--out", tmp_path / "out") == 2
-    err = capsys.readouterr().err
-    assert "[effects 1] parameters.amplitud: expected one of amplitude, time_constant_s, breadth" in err
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_full_disk_leaves_nothing(
-    cal: Path,
-    folder: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def full(path: Path, columns: object) -> None:
-        raise OSError(28, "No space left on device", str(path))
-
-    monkeypatch.setattr("skincal.dataset.writing.write_table", full)
-    assert run(cal, folder, "--out", tmp_path / "out") == 1
-    assert "Free some space" in capsys.readouterr().err
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["cal", "session"]

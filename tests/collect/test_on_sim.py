@@ -125,7 +125,8 @@ def test_a_second_indenter_repeats_forces_and_places(tmp_path: Path):
     sites = ((0.0, 0.0, 2.0), (-0.004, 0.003, 4.0))
     own = [PlannedPress(u, v, force, 0.04, 0.4, "A") for u, v, force in sites]
     other = [replace(press, indenter_radius_m=0.0035) for press in own]
-    done = run(Plan("two", (*own, *other)), tmp_path)
+    # With its pose: the search for poses takes longer than the presses.
+    done = run(Plan("two", (*own, *other), {"A": (0.0, 0.25, 0.83)}), tmp_path)
     presses = done.collected.dataset.presses
     assert done.collected.statuses == {"ok": 4}
     np.testing.assert_allclose(presses.force_n, [2, 4, 2, 4], atol=0.12)

@@ -19,14 +19,11 @@ def test_practice_sessions(shared: Path) -> None:
         assert dataset.warnings == (), folder
         assert dataset.presses.counts.shape == (len(dataset.presses), 16)
         assert 10 <= summarise(dataset).usable <= len(dataset.presses)
-
-
-def test_means_of_the_frames_are_the_presses(shared: Path) -> None:
-    """The table of presses holds the means over the hold, so both are read in the same order."""
-    for folder in sorted(path.parent for path in shared.glob("practice/*/frames.parquet")):
-        dataset = read_dataset(folder)
         frames = dataset.frames
-        assert frames is not None
+        assert (frames is not None) == (folder / "frames.parquet").exists()
+        if frames is None:
+            continue
+        # The table of presses holds the means over the hold, so both are read in the same order.
         assert np.sum(frames.phase == HOLD) > 1000
         np.testing.assert_allclose(hold_means(dataset, frames.force_n), dataset.presses.force_n, atol=1e-3)
         for j in range(16):
@@ -42,7 +39,7 @@ def test_the_insole(shared: Path, tmp_path: Path) -> None:
     assert set(dataset.presses.columns["branch"]) == {"up", "down"}
     assert "pressure_pa" in dataset.presses.columns
     (warning,) = dataset.warnings
-    assert "255 from taxel_14_0" in warning.got
+    assert "255 from taxel_14_0" in warning.got and not warning.code
     assert not active_taxels(dataset)[:, 140:150].any()
     write_dataset(dataset, tmp_path / "copy", presses_as="parquet", frames_as="csv")
     copy = read_dataset(tmp_path / "copy")

@@ -416,10 +416,9 @@ def test_unit_of_values_is_kept_and_shown(tmp_path: Path, original: Dataset):
     assert " V)" in done.output and "counts" not in done.output
 
 
+# Those of practice and the insole are read in test_shared_data.py.
 GOOD = [
     ROOT / "data" / "paper-like",
-    *sorted((SHARED / "practice").glob("*/")),
-    *sorted((SHARED / "real").glob("insole")),
     *sorted((SHARED / "field" / "01-unclipped-rest").glob("*/")),
     SHARED / "field" / "13-untouched-scatter" / "counts",
 ]  # fmt: skip

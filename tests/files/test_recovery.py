@@ -27,25 +27,17 @@ def listed(folder: Path) -> list[str]:
 def test_leftovers_are_swept_and_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / ABANDONED / "deep").mkdir(parents=True)
     (tmp_path / ABANDONED / NAME).touch()
-    for other in (
+    others = [
         ".out.v2.abcd_123.part",
         ".out.notes.part",
         ".out.fit",
         "out.abcd_123.part",
         ".other.abcd_123.part",
-    ):
+    ]
+    for other in others:
         (tmp_path / other).mkdir()
     output(tmp_path / "out", "new")
-    assert listed(tmp_path) == sorted(
-        [
-            ".out.v2.abcd_123.part",
-            ".out.notes.part",
-            ".out.fit",
-            "out.abcd_123.part",
-            ".other.abcd_123.part",
-            "out",
-        ]
-    )
+    assert listed(tmp_path) == sorted([*others, "out"])
     assert f"removed leftovers of interrupted runs: {ABANDONED}" in caplog.text
 
 

@@ -270,12 +270,6 @@ def test_export_dr_spares_its_calibration(tmp_path: Path, capsys: pytest.Capture
     assert (tmp_path / "c" / "calibration.toml").read_bytes() == before
 
 
-def test_dataset_show_spares_its_dataset(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (folder / "p.png").write_text("somebody's")
-    assert run("dataset", "show", folder, "--out", folder / "p.png", "--force") == 2
-    assert "another file" in capsys.readouterr().err and (folder / "p.png").read_text() == "somebody's"
-
-
 def test_predict_refuses_a_dataset_with_more_in_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_calibration(make_calibration(), folder.parent / "cal")
     write_dataset(make_session(), folder.parent / "run")

@@ -10,13 +10,14 @@ from threading import Event, Thread
 from threading import enumerate as threads
 from typing import Any
 
+import numpy as np
 import pytest
 
 from skincal.hand import GuardedHand, GuardOptions, remote
 from skincal.hand.errors import HandError
 from skincal.hand.messages import REQUESTS, VERSION, Message, decode, encode, state_body
 from skincal.hand.remote import RemoteDriver
-from skincal.hand.sim import SimDriver
+from skincal.robot import HandState, bundled_hand
 
 zmq = pytest.importorskip("zmq", reason="needs skincal[remote]")
 
@@ -28,12 +29,9 @@ Answer = Callable[[dict[str, Any]], list[bytes]]
 
 @pytest.fixture(scope="module")
 def state() -> dict[str, Any]:
-    hand = SimDriver(seed=1)
-    hand.connect()
-    try:
-        return state_body(hand.observe())
-    finally:
-        hand.close()
+    """A state of the bundled hand at rest, as a message has it."""
+    home, zeros = bundled_hand().home_rad, np.zeros(6)
+    return state_body(HandState(0.0, home, zeros, zeros, home, np.zeros(16), np.zeros(16), 20.0))
 
 
 @contextmanager
@@ -143,6 +141,7 @@ def test_any_answer_ends_in_an_error_and_a_stop(
         assert len(str(error.value)) < 1000
         if at != "hello":
             assert time.monotonic() - start_s < 8.0 and "stop" in seen
+            assert seen.count(at) > 1, "the answer before was right"
     # A call that had not come back is waited for, and what it held is given back.
     for thread in set(threads()) - before:
         thread.join(10.0)

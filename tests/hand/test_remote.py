@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from hand_fakes import FakeHand, Hands, changed, tiny_description
 
-from benchmarks.lossy_proxy import Proxy, lossy
+from benchmarks.lossy_proxy import Fate, Proxy, lossy
 from skincal.errors import InputError, WorkError
 from skincal.hand import remote, serve, sockets
 from skincal.hand.driver import HandCommand
@@ -85,7 +85,8 @@ def test_a_remote_hand_is_as_one_that_is_here() -> None:
     assert len(hands.made) == 2
 
 
-def test_disordered_messages_change_nothing() -> None:
+def disordered() -> Fate:
+    """Lose messages, double them, and bring copies late."""
     generator = random.Random(5)
 
     def fate(message: Message, forth: bool) -> list[float]:
@@ -98,29 +99,23 @@ def test_disordered_messages_change_nothing() -> None:
             return [0.0, 0.005]
         return [0.25, 0.0] if chance < 0.36 else [0.0]
 
+    return fate
+
+
+@pytest.mark.parametrize(
+    ("fate", "periods"), [(disordered(), 24), (lossy(0.02, 0.05, seed=1), 12)], ids=["disordered", "slow"]
+)
+def test_a_bad_link_changes_nothing(fate: Fate, periods: int) -> None:
     hands = Hands()
     options = ServeOptions(watchdog_s=3.0, command_age_s=2.0)
     with served(hands, options) as server, Proxy(server.address, fate) as proxy:
         with GuardedHand(RemoteDriver(proxy.address, silence_s=2.0), GuardOptions(timeout_s=3.0)) as hand:
-            times = drive(hand, 24)
+            times = drive(hand, periods)
         # Every state is a step of the hand, every command was sent once, in order.
         np.testing.assert_allclose(np.diff(times), 0.01)
-        assert len(hands.last.commands) == 24
-        assert hands.last.calls.count("observe") == 24
-        np.testing.assert_allclose(
-            np.diff([q[0] for q in hands.last.commands]), np.tile([0.001, 0.0], 12)[:23], atol=1e-12
-        )
-
-
-def test_a_slow_and_lossy_link_is_borne() -> None:
-    hands = Hands()
-    options = ServeOptions(watchdog_s=3.0, command_age_s=2.0)
-    with served(hands, options) as server, Proxy(server.address, lossy(0.02, 0.05, seed=1)) as proxy:
-        driver = RemoteDriver(proxy.address, silence_s=2.0)
-        with GuardedHand(driver, GuardOptions(timeout_s=3.0)) as hand:
-            times = drive(hand, 20)
-        np.testing.assert_allclose(np.diff(times), 0.01)
-        assert len(hands.last.commands) == 20
+        assert len(hands.last.commands) == hands.last.calls.count("observe") == periods
+        steps = np.diff([q[0] for q in hands.last.commands])
+        np.testing.assert_allclose(steps, np.tile([0.001, 0.0], periods)[: periods - 1], atol=1e-12)
 
 
 def test_a_late_command_is_refused_and_stops_the_hand() -> None:

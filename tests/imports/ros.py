@@ -42,7 +42,7 @@ class BagMaker:
 
     Args:
         path: of the bag; ``.bag`` for ROS 1, a folder for ROS 2.
-        storage: of ROS 2: ``sqlite3`` or ``mcap``.
+        storage: of ROS 2: ``sqlite3``, also if it is empty, or ``mcap``.
     """
 
     def __init__(self, path: Path, storage: str = "sqlite3") -> None:
@@ -52,7 +52,7 @@ class BagMaker:
         self._writer: Any = (
             Writer1(path)
             if self.ros1
-            else Writer2(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
+            else Writer2(path, version=9, storage_plugin=StoragePlugin[(storage or "sqlite3").upper()])
         )
         self._connections: dict[str, Any] = {}
 

@@ -27,11 +27,12 @@ TABLE = pd.concat([taxel_table(FOUND, TIME), gauge_table(FOUND, TIME)], axis=1)
 
 
 def bring(folder: Path, stamps: Any, time: dict[str, Any] | None, **changes: Any) -> tuple[Dataset, Imported]:
-    table = TABLE if stamps is None else TABLE.assign(t=stamps)
-    table.to_csv(folder / "a.csv", index=False)
+    """Import the recording with these stamps in a column ``t``, or in several columns."""
+    columns = {} if stamps is None else stamps if isinstance(stamps, dict) else {"t": stamps}
+    TABLE.assign(**columns).to_csv(folder / "a.csv", index=False)
     content = mapping(PLANE, ONE_FILE, columns={"time_s": None}, **changes)
     if time is not None:
-        content["columns"]["time_s"] = {"column": "t", **time}
+        content["columns"]["time_s"] = time if "columns" in time else {"column": "t", **time}
     done = import_csv(write_mapping(folder, content), folder / "out", [folder / "a.csv"])
     return read_dataset(folder / "out"), done
 
@@ -127,31 +128,18 @@ def test_wrap_in_a_pause(tmp_path: Path):
 
 
 def test_seconds_and_nanoseconds(tmp_path: Path):
-    table = TABLE.assign(sec=np.floor(EPOCH_S + TIME), nsec=np.rint(TIME % 1 * 1e9))
-    table.to_csv(tmp_path / "a.csv", index=False)
-    content = mapping(
-        PLANE, ONE_FILE, columns={"time_s": {"column": None, "columns": ["sec", "nsec"], "unit": "s"}}
-    )
+    stamps = {"sec": np.floor(EPOCH_S + TIME), "nsec": np.rint(TIME % 1 * 1e9)}
+    time: dict[str, Any] = {"columns": [*stamps]}
     with pytest.raises(InputError, match=r'a unit for each column, like \["s", "ns"\]'):
-        import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.csv"])
-    content["columns"]["time_s"]["unit"] = ["s", "ns"]
-    import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.csv"])
-    assert_same(read_dataset(tmp_path / "out"))
+        bring(tmp_path, stamps, {**time, "unit": "s"})
+    assert_same(bring(tmp_path, stamps, {**time, "unit": ["s", "ns"]})[0])
 
 
 def test_date_and_time_of_day_in_two_columns(tmp_path: Path):
     moments = pd.Timestamp("2026-11-20 23:59:50") + pd.to_timedelta(TIME, unit="s")
-    table = TABLE.assign(date=moments.strftime("%d.%m.%Y"), clock=moments.strftime("%H:%M:%S.%f"))
-    table.to_csv(tmp_path / "a.csv", index=False)
-    time = {
-        "column": None,
-        "columns": ["date", "clock"],
-        "unit": "datetime",
-        "format": "%d.%m.%Y %H:%M:%S.%f",
-    }
-    content = mapping(PLANE, ONE_FILE, columns={"time_s": time})
-    import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.csv"])
-    assert_same(read_dataset(tmp_path / "out"))
+    stamps = {"date": moments.strftime("%d.%m.%Y"), "clock": moments.strftime("%H:%M:%S.%f")}
+    time = {"columns": [*stamps], "unit": "datetime", "format": "%d.%m.%Y %H:%M:%S.%f"}
+    assert_same(bring(tmp_path, stamps, time)[0])
 
 
 @pytest.mark.parametrize(
@@ -171,6 +159,7 @@ def test_stamps_that_are_not_what_they_are_said_to_be(
         bring(tmp_path, stamps, {"unit": unit})
 
 
+@pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize(
     ("nothing", "said"),
     [
@@ -224,8 +213,7 @@ def test_order_of_events_is_not_sorted(tmp_path: Path):
 def test_rows_written_late(tmp_path: Path):
     order = np.arange(len(TIME))
     order[[500, 501, 502]] = [502, 500, 501]
-    table, TABLE_before = TABLE.assign(t=TIME).iloc[order], TABLE
-    table.to_csv(tmp_path / "a.csv", index=False)
+    TABLE.assign(t=TIME).iloc[order].to_csv(tmp_path / "a.csv", index=False)
     content = mapping(PLANE, ONE_FILE)
     with pytest.raises(InputError, match='set order = "time"'):
         import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.csv"])
@@ -233,7 +221,7 @@ def test_rows_written_late(tmp_path: Path):
     import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.csv"])
     back = read_dataset(tmp_path / "out")
     assert_same(back)
-    np.testing.assert_array_equal(back.frames.counts, TABLE_before.to_numpy()[:, :9])
+    np.testing.assert_array_equal(back.frames.counts, TABLE.to_numpy()[:, :9])
 
 
 @given(

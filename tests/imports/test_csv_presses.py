@@ -83,17 +83,10 @@ def test_file_of_latin_letters_comments_and_a_line_of_units(tmp_path: Path, orig
     units = "\t".join(["[µ]"] * table.shape[1])
     content = f"Prüfstand 3\n\n# calibrated\n{head}\n{units}\n# first run\n\n{rows}# end\n"
     (tmp_path / "p.csv").write_bytes(content.replace("\n", "\r\n").encode("latin-1"))
-    form = {
-        "delimiter": "\t",
-        "decimal": ".",
-        "encoding": "latin-1",
-        "comment": "#",
-        "skip_rows": 1,
-        "skip_after_header": 1,
-    }
-    done = import_csv(
-        write_mapping(tmp_path, mapping(PRESS_ROWS, csv=form)), tmp_path / "out", [tmp_path / "p.csv"]
-    )
+    form = {"delimiter": "\t", "decimal": ".", "encoding": "latin-1", "comment": "#"}
+    form |= {"skip_rows": 1, "skip_after_header": 1}
+    mapped = write_mapping(tmp_path, mapping(PRESS_ROWS, csv=form))
+    done = import_csv(mapped, tmp_path / "out", [tmp_path / "p.csv"])
     assert done.read[0].rows == 60
     same(read_dataset(tmp_path / "out"), original)
 
@@ -414,10 +407,5 @@ def test_existing_output_is_kept(tmp_path: Path, original: Dataset):
     with pytest.raises(InputError, match="--force"):
         bring(tmp_path, press_table(original)[:30], mapping(PRESS_ROWS))
     assert len(read_dataset(tmp_path / "out").presses) == 60
-    import_csv(
-        tmp_path / "map.toml",
-        tmp_path / "out",
-        [write_press_table(tmp_path / "p.csv", press_table(original)[:30])],
-        force=True,
-    )
+    import_csv(tmp_path / "map.toml", tmp_path / "out", [tmp_path / "p.csv"], force=True)
     assert len(read_dataset(tmp_path / "out").presses) == 30

@@ -191,8 +191,6 @@ def test_real_staircase_comes_back(shared: Path, tmp_path: Path):
         pytest.skip("no recording of the pressure chamber")
     truth = read_dataset(folder)
     assert truth.frames is not None
-    frames = pd.read_parquet(folder / "frames.parquet")
-    frames.to_csv(tmp_path / "chamber.csv", index=False)
     meta = mapping(
         csv={"rows": "series"},
         columns={
@@ -214,7 +212,7 @@ def test_real_staircase_comes_back(shared: Path, tmp_path: Path):
             "y_range_m": [-0.005, 0.005], "alpha_range_deg": [-5.0, 5.0],
         },
     )  # fmt: skip
-    done = import_csv(write_mapping(tmp_path, meta), tmp_path / "out", [tmp_path / "chamber.csv"])
+    done = import_csv(write_mapping(tmp_path, meta), tmp_path / "out", [folder / "frames.parquet"])
     back = read_dataset(tmp_path / "out")
     assert done.assumed == ("position",)
     assert len(back.presses) == len(truth.presses) == 35

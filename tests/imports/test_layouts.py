@@ -7,6 +7,7 @@ import io
 import json
 import pickle
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ from skincal.imports.mapping_file import CsvFormat
 from tests.imports.devices import ONE_FILE, PLANE, contacts, gauge_table, taxel_table
 from tests.imports.foreign import mapping, write_mapping
 from tests.imports.ros import BAG
+
+pytestmark = pytest.mark.usefixtures("in_process")
 
 FOUND = contacts()
 TIME = np.arange(0, FOUND.end_s, 0.02)
@@ -414,7 +417,6 @@ def test_hdf5_that_lies_in_another_file_is_refused(tmp_path: Path, way: str):
 def test_hdf5_without_its_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
     monkeypatch.setitem(__import__("sys").modules, "h5py", None)
-    # Read here: an import reads it in a process of its own, which has the library.
     with pytest.raises(WorkError, match=r"pip install skincal\[hdf5\]"):
         read_hdf5(tmp_path / "a.h5")
 
@@ -452,32 +454,30 @@ def test_mcap_of_other_messages(tmp_path: Path):
         import_rosbag(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.mcap"])
 
 
-def test_vectors_of_three_axes(tmp_path: Path):
-    """A magnetometer's channels differ in sign and rest anywhere; its value is the length of the change."""
+def bring_vectors(folder: Path, rest: Callable[[int, int], Any]) -> tuple[Dataset, np.ndarray]:
+    """A magnetometer, whose channels differ in sign, and the loads; ``rest`` is what a taxel's axis reads at rest."""
     load = FOUND.images(TIME) - 20.0
     table = pd.DataFrame({"t": TIME, **GAUGE})
     for j in range(9):
-        for axis, share, rest in (("X", 0.6, 900.0), ("Y", -0.8, -300.0), ("Z", 0.0, 9000.0)):
-            table[f"S-{axis}[{j}]"] = rest + 10 * j + share * load[:, j]
-    table.to_csv(tmp_path / "a.csv", index=False)
+        for k, (axis, share) in enumerate((("X", 0.6), ("Y", -0.8), ("Z", 0.0))):
+            table[f"S-{axis}[{j}]"] = rest(j, k) + share * load[:, j]
+    table.to_csv(folder / "a.csv", index=False)
     content = mapping(PLANE, ONE_FILE, taxels={"columns": None, "vectors": "S-{axis}[{j}]", "axes": ["X", "Y", "Z"],
                                                "rest_rows": 20}, sensor={"integer": None, "unit": "uT"})  # fmt: skip
-    back = bring(tmp_path, tmp_path / "a.csv", content)
+    return bring(folder, folder / "a.csv", content), load
+
+
+def test_vectors_of_three_axes(tmp_path: Path):
+    """They rest anywhere; a taxel's value is the length of the change."""
+    back, load = bring_vectors(tmp_path, lambda j, k: (900.0, -300.0, 9000.0)[k] + 10 * j)
     np.testing.assert_allclose(np.abs(back.frames.counts), np.abs(load), atol=2.0)
     assert back.meta.sensor.unit == "uT"
 
 
 def test_noise_of_three_axes_at_rest_has_no_length(tmp_path: Path):
     rng = np.random.default_rng(0)
-    load = FOUND.images(TIME) - 20.0
-    table = pd.DataFrame({"t": TIME, **GAUGE})
-    for j in range(9):
-        for axis, share in (("X", 0.6), ("Y", -0.8), ("Z", 0.0)):
-            table[f"S-{axis}[{j}]"] = share * load[:, j] + rng.normal(0.0, 2.0, len(TIME))
-    table.to_csv(tmp_path / "a.csv", index=False)
-    content = mapping(PLANE, ONE_FILE, taxels={"columns": None, "vectors": "S-{axis}[{j}]", "axes": ["X", "Y", "Z"],
-                                               "rest_rows": 20}, sensor={"integer": None, "unit": "uT"})  # fmt: skip
-    error = bring(tmp_path, tmp_path / "a.csv", content).frames.counts - load
+    back, load = bring_vectors(tmp_path, lambda j, k: rng.normal(0.0, 2.0, len(TIME)))
+    error = back.frames.counts - load
     # A length has 3.2 there; what is left is how well 20 rows tell the level.
     assert abs(error[load < 2.0].mean()) < 1.0 and abs(error[load > 20.0].mean()) < 1.0
 

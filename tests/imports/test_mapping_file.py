@@ -60,89 +60,78 @@ def test_everything_at_once(tmp_path: Path):
     assert all(problem.startswith("map.toml") for problem in found)
 
 
-@pytest.mark.parametrize(
-    ("changes", "text"),
-    [
-        ({"columns": {"force_n": {"unit": "mn"}}}, 'got "mn". Did you mean "mN"?'),
-        ({"columns": {"force_n": {"unit": None}}}, "[columns.force_n] unit: expected a unit of force"),
-        ({"columns": {"force_n": {"sign": 2}}}, "expected 1 or -1; got 2"),
-        ({"columns": {"force_n": {"column": None, "colum": "F"}}}, 'an unknown key. Did you mean "column"?'),
-        ({"columns": {"force_n": {"value": 1.0}}}, "expected a source or a constant value; got both"),
-        ({"columns": {"x_m": "X"}}, "x_m: expected each column once; got it occurs alone and in a vector"),
-        ({"columns": {"position": {"columns": ["X", "Y"]}}}, "expected 3 names; got 2"),
-        ({"columns": {"time_s": "t"}}, "one that only the other kind of rows has"),
-        ({"columns": {"taxel_0_0": "t"}}, "Write a pattern or a list there."),
-        ({"columns": {"force_n": 3}}, "expected a table like"),
-        ({"columns": {"pose": {"column": "p", "words": ["a"]}}}, "expected a table like { loading"),
-        ({"taxels": None}, "[taxels]: expected a table [taxels]; got nothing"),
-        (
-            {"taxels": {"columns": ["a", "b"]}},
-            "expected the names of 16 columns (rows x cols); got 2 entries",
-        ),
-        ({"taxels": {"columns": ["a"] * 16}}, "expected each column once; got a"),
-        ({"taxels": {"columns": [["a", "b"]]}}, "expected 4 rows of 4 columns"),
-        ({"taxels": {"first": "one"}}, "the first number of rows, columns or taxels"),
-        ({"taxels": {"colums": "x"}}, 'Did you mean "columns"?'),
-        ({"sensor": {"rows": 2**62, "cols": "x"}}, "[sensor] rows: expected a whole number, 1 to 16384"),
-        ({"sensor": {"rows": 2**14, "cols": 2**14}}, "[sensor] rows: expected at most 16384 taxels"),
-        ({"frame": {"rotation_deg": [1, 2]}}, "expected three angles about x, y, z [deg]; got [1, 2]"),
-        ({"frame": {"quaternion_xyzw": [1, 1, 0, 0]}}, "expected a quaternion of length 1"),
-        ({"frame": {"translation_m": [0, 23, 0]}}, "It looks like millimetres"),
-        (
-            {"frame": {"rotation_deg": [0, 0, 1], "quaternion_xyzw": [0, 0, 0, 1]}},
-            "expected one form of the rotation",
-        ),
-        ({"series": {"on_n": 1.0}}, "no such table if each row is a press"),
-        ({"csv": {"rows": "press"}}, 'Did you mean "presses"?'),
-        ({"csv": {"encoding": "utf-7000"}}, "an encoding like utf-8"),
-        ({"csv": {"delimiter": ","}}, "expected another character than the delimiter"),
-        ({"csv": {"delimiter": "::"}}, 'expected one character, like ";"'),
-        ({"csv": {"skip_rows": -1}}, "expected a whole number, 0 or more; got -1"),
-        ({"indenter": {"radius_m": 6}}, "divide by 1000"),
-        ({"format": "skincal-dataset/1"}, 'expected "skincal-import/1"'),
-        ({"colums": {}}, 'Did you mean "columns"?'),
-        ({"created": "yesterday"}, "a date and time like"),
-    ],
-)
-def test_one_violation(tmp_path: Path, changes: dict, text: str):
-    found = problems(tmp_path, mapping(PRESS_ROWS, **changes))
-    assert any(text in problem for problem in found), found
+OF_PRESSES: list[tuple[dict[str, Any], str]] = [
+    ({"columns": {"force_n": {"unit": "mn"}}}, 'got "mn". Did you mean "mN"?'),
+    ({"columns": {"force_n": {"unit": None}}}, "[columns.force_n] unit: expected a unit of force"),
+    ({"columns": {"force_n": {"sign": 2}}}, "expected 1 or -1; got 2"),
+    ({"columns": {"force_n": {"column": None, "colum": "F"}}}, 'an unknown key. Did you mean "column"?'),
+    ({"columns": {"force_n": {"value": 1.0}}}, "expected a source or a constant value; got both"),
+    ({"columns": {"x_m": "X"}}, "x_m: expected each column once; got it occurs alone and in a vector"),
+    ({"columns": {"position": {"columns": ["X", "Y"]}}}, "expected 3 names; got 2"),
+    ({"columns": {"time_s": "t"}}, "one that only the other kind of rows has"),
+    ({"columns": {"taxel_0_0": "t"}}, "Write a pattern or a list there."),
+    ({"columns": {"force_n": 3}}, "expected a table like"),
+    ({"columns": {"pose": {"column": "p", "words": ["a"]}}}, "expected a table like { loading"),
+    ({"taxels": None}, "[taxels]: expected a table [taxels]; got nothing"),
+    ({"taxels": {"columns": ["a", "b"]}}, "expected the names of 16 columns (rows x cols); got 2 entries"),
+    ({"taxels": {"columns": ["a"] * 16}}, "expected each column once; got a"),
+    ({"taxels": {"columns": [["a", "b"]]}}, "expected 4 rows of 4 columns"),
+    ({"taxels": {"first": "one"}}, "the first number of rows, columns or taxels"),
+    ({"taxels": {"colums": "x"}}, 'Did you mean "columns"?'),
+    ({"sensor": {"rows": 2**62, "cols": "x"}}, "[sensor] rows: expected a whole number, 1 to 16384"),
+    ({"sensor": {"rows": 2**14, "cols": 2**14}}, "[sensor] rows: expected at most 16384 taxels"),
+    ({"frame": {"rotation_deg": [1, 2]}}, "expected three angles about x, y, z [deg]; got [1, 2]"),
+    ({"frame": {"quaternion_xyzw": [1, 1, 0, 0]}}, "expected a quaternion of length 1"),
+    ({"frame": {"translation_m": [0, 23, 0]}}, "It looks like millimetres"),
+    (
+        {"frame": {"rotation_deg": [0, 0, 1], "quaternion_xyzw": [0, 0, 0, 1]}},
+        "expected one form of the rotation",
+    ),
+    ({"series": {"on_n": 1.0}}, "no such table if each row is a press"),
+    ({"csv": {"rows": "press"}}, 'Did you mean "presses"?'),
+    ({"csv": {"encoding": "utf-7000"}}, "an encoding like utf-8"),
+    ({"csv": {"delimiter": ","}}, "expected another character than the delimiter"),
+    ({"csv": {"delimiter": "::"}}, 'expected one character, like ";"'),
+    ({"csv": {"skip_rows": -1}}, "expected a whole number, 0 or more; got -1"),
+    ({"indenter": {"radius_m": 6}}, "divide by 1000"),
+    ({"format": "skincal-dataset/1"}, 'expected "skincal-import/1"'),
+    ({"colums": {}}, 'Did you mean "columns"?'),
+    ({"created": "yesterday"}, "a date and time like"),
+]
+OF_SERIES: list[tuple[dict[str, Any], str]] = [
+    ({"series": {"off_n": 0.5, "on_n": 0.2}}, "off_n: expected at most on_n = 0.2; got 0.5"),
+    ({"series": {"band": 10}}, "It looks like percent"),
+    ({"series": {"by": "press"}}, "expected a column press in [columns]; got none"),
+    ({"series": {"by": "plateau"}}, 'Did you mean "plateaus"?'),
+    ({"columns": {"press": "n"}, "series": {"by": "force"}}, '"press" where [columns.press] is mapped'),
+    ({"columns": {"phase": "p"}}, "[columns.phase]: expected also a column press"),
+    ({"columns": {"time_s": None}}, "expected the column time_s; got nothing"),
+    ({"columns": {"t_hold_s": "t"}}, "one that only the other kind of rows has"),
+]
+OF_BAGS: list[tuple[dict[str, Any], str]] = [
+    ({"bag": {"clock": None}}, '[bag] clock: expected one of "header", "receive"; got nothing'),
+    ({"topics": {"/skin": {"lag": 1}}}, 'Did you mean "lag_s"?'),
+    ({"topics": {"/skin": {"clock": "reciever"}}}, 'Did you mean "receive"?'),
+    ({"bag": {"definitions": {"Skin": "a.msg"}}}, 'expected a type like "my_msgs/msg/Skin" and a file'),
+    ({"taxels": {"elements": [0, 1, 1]}}, "expected 16 different indices of the array"),
+    ({"columns": {"force_n": {"topic": None}}}, "[columns.force_n] topic: expected the topic's name"),
+    ({"columns": {"time_s": {"value": 0, "unit": "s"}}}, "the clock of the taxels' topic is used"),
+    ({"columns": {"force_n": "F"}}, "expected a table like"),
+    ({"joints": {"topic": None}}, "[joints] topic: expected the topic's name; got nothing"),
+]
+"""Changes of a mapping, and what is said of them."""
 
 
 @pytest.mark.parametrize(
-    ("changes", "text"),
+    ("part", "source", "changes", "text"),
     [
-        ({"series": {"off_n": 0.5, "on_n": 0.2}}, "off_n: expected at most on_n = 0.2; got 0.5"),
-        ({"series": {"band": 10}}, "It looks like percent"),
-        ({"series": {"by": "press"}}, "expected a column press in [columns]; got none"),
-        ({"series": {"by": "plateau"}}, 'Did you mean "plateaus"?'),
-        ({"columns": {"press": "n"}, "series": {"by": "force"}}, '"press" where [columns.press] is mapped'),
-        ({"columns": {"phase": "p"}}, "[columns.phase]: expected also a column press"),
-        ({"columns": {"time_s": None}}, "expected the column time_s; got nothing"),
-        ({"columns": {"t_hold_s": "t"}}, "one that only the other kind of rows has"),
+        *((PRESS_ROWS, "csv", *case) for case in OF_PRESSES),
+        *((SERIES, "csv", *case) for case in OF_SERIES),
+        *((BAG, "bag", *case) for case in OF_BAGS),
     ],
 )
-def test_one_violation_of_a_series(tmp_path: Path, changes: dict, text: str):
-    found = problems(tmp_path, mapping(SERIES, **changes))
-    assert any(text in problem for problem in found), found
-
-
-@pytest.mark.parametrize(
-    ("changes", "text"),
-    [
-        ({"bag": {"clock": None}}, '[bag] clock: expected one of "header", "receive"; got nothing'),
-        ({"topics": {"/skin": {"lag": 1}}}, 'Did you mean "lag_s"?'),
-        ({"topics": {"/skin": {"clock": "reciever"}}}, 'Did you mean "receive"?'),
-        ({"bag": {"definitions": {"Skin": "a.msg"}}}, 'expected a type like "my_msgs/msg/Skin" and a file'),
-        ({"taxels": {"elements": [0, 1, 1]}}, "expected 16 different indices of the array"),
-        ({"columns": {"force_n": {"topic": None}}}, "[columns.force_n] topic: expected the topic's name"),
-        ({"columns": {"time_s": {"value": 0, "unit": "s"}}}, "the clock of the taxels' topic is used"),
-        ({"columns": {"force_n": "F"}}, "expected a table like"),
-        ({"joints": {"topic": None}}, "[joints] topic: expected the topic's name; got nothing"),
-    ],
-)
-def test_one_violation_of_a_bag(tmp_path: Path, changes: dict, text: str):
-    found = problems(tmp_path, mapping(BAG, **changes), "bag")
+def test_one_violation(tmp_path: Path, part: dict, source: str, changes: dict, text: str):
+    found = problems(tmp_path, mapping(part, **changes), source)
     assert any(text in problem for problem in found), found
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +14,36 @@ import pytest
 
 from skincal.dataset import Dataset, read_dataset
 from skincal.errors import InputError, WorkError
-from skincal.imports import Imported, bag_topics, import_rosbag, template
+from skincal.imports import Imported, bag_source, bag_topics, import_rosbag, template
+from skincal.imports.apart import apart
 from skincal.imports.bag_file import opened
+from tests.conftest import make_session
 from tests.imports.foreign import Recorded, mapping, recorded, write_mapping
 from tests.imports.ros import BAG, SKIN_MSG, BagMaker, ns, write_bag
 
-Session = Callable[..., Dataset]
+WriteBag = Callable[..., Path]
+pytestmark = pytest.mark.usefixtures("in_process")
 
 
-@pytest.fixture
-def recording(session: Session) -> Recorded:
-    return recorded(session(3, frames_per_press=0))
+@pytest.fixture(scope="module")
+def recording() -> Recorded:
+    return recorded(make_session(3, frames_per_press=0))
+
+
+@pytest.fixture(scope="module")
+def written(recording: Recorded, tmp_path_factory: pytest.TempPathFactory) -> WriteBag:
+    """Writes a bag of the recording, each only once; returns its path."""
+
+    @cache
+    def write(name: str = "s.bag", storage: str = "", skin: str = "Float32", own: bool = False) -> Path:
+        path = tmp_path_factory.mktemp("bags") / name
+        if not own:
+            return write_bag(path, recording, storage, skin)
+        with BagMaker(path) as bag:
+            _write_own(bag, recording)
+        return path
+
+    return write
 
 
 def bring(folder: Path, bags: list[Path], **changes: Any) -> tuple[Dataset, Imported]:
@@ -41,8 +62,12 @@ def refused(folder: Path, bags: list[Path], **changes: Any) -> str:
     ("name", "storage", "skin"),
     [("s.bag", "", "Float32"), ("s.bag", "", "Int16"), ("s", "sqlite3", "Float32"), ("s", "mcap", "Int16")],
 )
-def test_presses_come_out_of_a_bag(tmp_path: Path, recording: Recorded, name: str, storage: str, skin: str):
-    back, done = bring(tmp_path, [write_bag(tmp_path / name, recording, storage, skin)])
+def test_presses_come_out_of_a_bag(
+    tmp_path: Path, recording: Recorded, written: WriteBag, monkeypatch: pytest.MonkeyPatch,
+    name: str, storage: str, skin: str,
+):  # fmt: skip
+    monkeypatch.setattr(bag_source, "apart", apart)  # read by another process, as a user reads it
+    back, done = bring(tmp_path, [written(name, storage, skin)])
     presses, frames = back.presses, back.frames
     np.testing.assert_allclose(presses.force_n, recording.level_n, rtol=0.01)
     np.testing.assert_allclose(presses.counts, recording.image, atol=2.0, rtol=0.01)
@@ -64,8 +89,8 @@ def test_presses_come_out_of_a_bag(tmp_path: Path, recording: Recorded, name: st
     assert done.read[0].rows == len(recording.time_s)
 
 
-def test_lag_moves_the_taxels_against_the_force(tmp_path: Path, recording: Recorded):
-    bag = write_bag(tmp_path / "s.bag", recording)
+def test_lag_moves_the_taxels_against_the_force(tmp_path: Path, written: WriteBag):
+    bag = written()
     with_lag, _ = bring(tmp_path, [bag])
     done = import_rosbag(
         write_mapping(tmp_path, mapping(BAG, topics={"/skin": {"lag_s": 0.0}})), tmp_path / "late", [bag]
@@ -77,15 +102,14 @@ def test_lag_moves_the_taxels_against_the_force(tmp_path: Path, recording: Recor
     assert right > wrong
 
 
-def test_template_works(tmp_path: Path, recording: Recorded):
-    bag = write_bag(tmp_path / "s", recording, "mcap")
+def test_template_works(tmp_path: Path, written: WriteBag):
     (tmp_path / "m.toml").write_text(template("rosbag"), encoding="utf-8")
-    done = import_rosbag(tmp_path / "m.toml", tmp_path / "out", [bag])
+    done = import_rosbag(tmp_path / "m.toml", tmp_path / "out", [written("s", "mcap")])
     assert done.presses == 3
 
 
-def test_topics_are_listed(tmp_path: Path, recording: Recorded):
-    topics = bag_topics(write_bag(tmp_path / "s.bag", recording))
+def test_topics_are_listed(tmp_path: Path, recording: Recorded, written: WriteBag):
+    topics = bag_topics(written())
     assert topics["/skin"] == ("std_msgs/msg/Float32MultiArray", len(recording.time_s))
     assert list(topics) == ["/force", "/joints", "/skin", "/tip"]
     with pytest.raises(InputError, match=r"no\.bag: expected a bag to read; got no such file"):
@@ -93,10 +117,10 @@ def test_topics_are_listed(tmp_path: Path, recording: Recorded):
 
 
 @pytest.mark.parametrize("name", ["s.bag", "s"])
-def test_types_of_ones_own_poses_and_transforms(tmp_path: Path, recording: Recorded, name: str):
+def test_types_of_ones_own_poses_and_transforms(
+    tmp_path: Path, recording: Recorded, written: WriteBag, name: str
+):
     """The skin is an array of rows in a message of its own, the tip one of several transforms."""
-    with BagMaker(tmp_path / name) as bag:
-        _write_own(bag, recording)
     rows = "rows[0].values"
     changes: dict[str, Any] = {
         "topics": None,
@@ -110,7 +134,7 @@ def test_types_of_ones_own_poses_and_transforms(tmp_path: Path, recording: Recor
             "pose": {"topic": "/tf", "field": "transforms[child_frame_id=tip].header.frame_id"},
         },
     }
-    back, _ = bring(tmp_path, [tmp_path / name], **changes)
+    back, _ = bring(tmp_path, [written(name, own=True)], **changes)
     np.testing.assert_allclose(back.presses.force_n, recording.level_n, rtol=0.01)
     np.testing.assert_allclose(back.presses.counts, recording.image[:, 3::-1], atol=2.0, rtol=0.01)
     np.testing.assert_allclose(back.presses.columns["temperature_c"], 25.0)
@@ -146,10 +170,9 @@ def _write_own(bag: BagMaker, recording: Recorded) -> None:
         bag.write("/tf", ns(time), bag.make("tf2_msgs/msg/TFMessage", transforms[:1]))
 
 
-def test_definition_that_the_bag_lacks(tmp_path: Path, recording: Recorded):
+def test_definition_that_the_bag_lacks(tmp_path: Path, recording: Recorded, written: WriteBag):
     """Old ROS 2 recorders wrote no definitions: then a file has to say what a message is."""
-    with BagMaker(tmp_path / "s") as bag:
-        _write_own(bag, recording)
+    shutil.copytree(written("s", own=True), tmp_path / "s")
     _forget_definitions(tmp_path / "s")
     changes: dict[str, Any] = {
         "topics": None,
@@ -178,9 +201,8 @@ def _forget_definitions(folder: Path) -> None:
     base.close()
 
 
-def test_absent_topic_lists_those_that_are_there(tmp_path: Path, recording: Recorded):
-    bag = write_bag(tmp_path / "s.bag", recording)
-    found = refused(tmp_path, [bag], columns={"force_n": {"topic": "/fource"}})
+def test_absent_topic_lists_those_that_are_there(tmp_path: Path, written: WriteBag):
+    found = refused(tmp_path, [written()], columns={"force_n": {"topic": "/fource"}})
     assert (
         "map.toml, [columns.force_n] topic: expected a topic of s.bag, which has /force (geometry_msgs/"
         in found
@@ -213,16 +235,17 @@ def test_absent_topic_lists_those_that_are_there(tmp_path: Path, recording: Reco
         ({"columns": {"force_n": {"field": "wrench..z"}}}, "expected a path like wrench.force.z"),
     ],
 )
-def test_wrong_types_and_fields(tmp_path: Path, recording: Recorded, changes: dict, expected: str):
-    found = refused(tmp_path, [write_bag(tmp_path / "s.bag", recording)], **changes)
+def test_wrong_types_and_fields(tmp_path: Path, written: WriteBag, changes: dict, expected: str):
+    found = refused(tmp_path, [written()], **changes)
     assert expected in found
     assert len(found.splitlines()) == 1
 
 
 @pytest.mark.parametrize(("name", "storage"), [("s.bag", ""), ("s", "sqlite3"), ("s", "mcap")])
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 0.98])
-def test_bag_cut_short(tmp_path: Path, recording: Recorded, name: str, storage: str, share: float):
-    bag = write_bag(tmp_path / name, recording, storage)
+def test_bag_cut_short(tmp_path: Path, written: WriteBag, name: str, storage: str, share: float):
+    whole, bag = written(name, storage), tmp_path / name
+    shutil.copytree(whole, bag) if whole.is_dir() else shutil.copy(whole, bag)
     file = bag if bag.is_file() else next(iter([*bag.glob("*.db3"), *bag.glob("*.mcap")]))
     content = file.read_bytes()
     file.write_bytes(content[: int(share * len(content))])
@@ -239,9 +262,8 @@ def test_no_bag_at_all(tmp_path: Path):
     assert "no such file" in refused(tmp_path, [tmp_path / "nothing.bag"])
 
 
-def test_two_clocks_that_never_meet(tmp_path: Path, recording: Recorded):
-    bag = write_bag(tmp_path / "s.bag", recording)
-    found = refused(tmp_path, [bag], topics={"/skin": {"lag_s": 3600.0}})
+def test_two_clocks_that_never_meet(tmp_path: Path, written: WriteBag):
+    found = refused(tmp_path, [written()], topics={"/skin": {"lag_s": 3600.0}})
     assert "s.bag: expected frames with taxels, force and position; got none" in found
     assert "max_age_s" in found
 
@@ -257,14 +279,14 @@ def test_frames_without_force_are_left_out_and_counted(tmp_path: Path, recording
     assert len(back.frames) == len(recording.time_s) - sum(dropped.values())
 
 
-def test_two_bags_follow_each_other(tmp_path: Path, recording: Recorded, session: Session):
-    first = write_bag(tmp_path / "a.bag", recording)
-    after = recorded(session(3, frames_per_press=0, seed=5))
+def test_two_bags_follow_each_other(tmp_path: Path, recording: Recorded, written: WriteBag):
+    first = written()
+    after = recorded(make_session(3, frames_per_press=0, seed=5))
     later = Recorded(**{**vars(after), "time_s": after.time_s + 60.0})
     second = write_bag(tmp_path / "b.bag", later)
     back, done = bring(tmp_path, [first, second])
     np.testing.assert_allclose(back.presses.force_n, [*recording.level_n, *after.level_n], rtol=0.01)
-    assert [file.file for file in done.read] == ["a.bag", "b.bag"]
+    assert [file.file for file in done.read] == ["s.bag", "b.bag"]
     np.testing.assert_allclose(
         back.presses.columns["t_hold_s"], [*recording.hold_s[:, 0], *(after.hold_s[:, 0] + 60)], atol=0.03
     )
@@ -277,9 +299,8 @@ def refused_again(folder: Path, bags: list[Path]) -> str:
     return str(caught.value)
 
 
-def test_library_that_is_not_installed(tmp_path: Path, recording: Recorded, monkeypatch: pytest.MonkeyPatch):
-    bag = write_bag(tmp_path / "s.bag", recording)
+def test_library_that_is_not_installed(written: WriteBag, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     # Opened here: an import opens it in a process of its own, which has the library.
-    with pytest.raises(WorkError, match=r"pip install skincal\[ros\]"), opened(bag, {}):
+    with pytest.raises(WorkError, match=r"pip install skincal\[ros\]"), opened(written(), {}):
         pass

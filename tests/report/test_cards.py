@@ -8,11 +8,10 @@ from dataclasses import replace
 
 import pytest
 from diagnosis.diagnose_data import moving, still
-from report.diagnosis_cases import LOOP, calibration, diagnosed
+from report.diagnosis_cases import LOOP, calibration
 
 from skincal.calibration import Finding
 from skincal.report.cards import card
-from skincal.report.diagnosis_words import headline
 
 
 def test_a_dataset_says_what_it_holds():
@@ -33,13 +32,6 @@ def test_a_calibration_says_its_numbers_and_effects():
 def test_a_card_escapes_what_comes_from_files():
     odd = replace(calibration(), findings=(Finding("misfit", "warning", "<b>1 < 2</b>"),))
     assert "&lt;b&gt;1 &lt; 2&lt;/b&gt;" in card(odd)
-
-
-def test_a_diagnosis_says_its_verdict():
-    found, _ = diagnosed("hysteresis")
-    assert repr(found).startswith("<Diagnosis effects: hysteresis, ")
-    shown = found._repr_html_()
-    assert headline(found) in shown and "height" in shown
 
 
 def test_what_is_no_result_has_no_card():

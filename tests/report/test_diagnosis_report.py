@@ -34,6 +34,10 @@ def test_what_was_named_is_said_with_its_numbers():
     assert lines.startswith("Missing: hysteresis")
     assert "height" in lines and "% of the gap is closed" in lines
     assert tone(found) in ("found", "attention")
+    # Its card says the same.
+    assert repr(found).startswith("<Diagnosis effects: hysteresis, ")
+    shown = found._repr_html_()
+    assert headline(found) in shown and "height" in shown
 
 
 def test_nothing_is_said_with_what_did_best():
