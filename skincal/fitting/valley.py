@@ -40,6 +40,11 @@ def interval(
     tail = (1.0 - level) / 2
     bounds = np.array([np.quantile(law, [tail, 1.0 - tail]) for law in draws])
     low, high = min(float(bounds[:, 0].min()), best), max(float(bounds[:, 1].max()), best)
+    return closed(name, low, high, box)
+
+
+def closed(name: str, low: float, high: float, box: SearchBox) -> tuple[float, float]:
+    """An interval, or (-inf, inf) where it fills the searched range: a valley that does not close in it."""
     searched = getattr(box, name, None)
     if searched is not None and searched[1] > searched[0]:
         log = name == "elasticity_pa_per_m"

@@ -124,7 +124,8 @@ def parts_of_laws(
     for known in (beside - len(sigma), beside):
         for k in range(laws):
             h, b = whole(blocks, np.append(np.arange(known), beside + k))
-            part, error = last_of_step(h, b, np.append(prior[:known], 0.0), np.append(pull[:known], 0.0))
+            # Beforehand it is about as much as 1, or what a law leaves nothing of would have no error.
+            part, error = last_of_step(h, b, np.append(prior[:known], 1.0), np.append(pull[:known], 0.0))
             most[k] = max(most[k], part + C.alike * error)
     return np.minimum(most, 1.0)
 
