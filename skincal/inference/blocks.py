@@ -101,8 +101,8 @@ class Products:
     @cached_property
     def whole(self) -> Products:
         """Those of all blocks as one."""
-        one = (x.sum(axis=0)[None] for x in (self.dense, self.mixed, self.single))
-        return Products(self.taxel, self.place, *one, self.z.reshape(1, -1, self.z.shape[2]))
+        dense, mixed, single = (x.sum(axis=0)[None] for x in (self.dense, self.mixed, self.single))
+        return Products(self.taxel, self.place, dense, mixed, single, self.z.reshape(1, -1, self.z.shape[2]))
 
 
 @dataclass(frozen=True, eq=False)
