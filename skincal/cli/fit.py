@@ -114,10 +114,8 @@ def fit(
 
     bound_counts2 = _bound(bound)
     refuse_existing(out, dataset, *([effects] if effects else []), force=force, marker="calibration.toml")
-    with (
-        rare_collections(),
-        mapper(workers, scheduler) as spread,
-    ):  # workers start while this process imports and reads
+    # Workers start while this process imports and reads.
+    with rare_collections(), mapper(workers, scheduler) as spread:
         here = map if scheduler is not None else spread  # a cluster need not have what draws
         first = "skincal.report.fit_images" if report else "skincal.calibrate"
         here(import_module, [first, "skincal.fitting.wiring"])

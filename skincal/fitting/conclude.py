@@ -10,10 +10,11 @@ from scipy.special import ndtri
 from skincal.fitting.fit_findings import find
 from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.lattice import best_of_each
-from skincal.fitting.law import Bend, LawSpread
+from skincal.fitting.law import LawSpread
 from skincal.fitting.posterior import Peak
 from skincal.fitting.presses import PressModel
 from skincal.fitting.problem import FitProblem
+from skincal.fitting.response import Bend
 from skincal.fitting.result import PARAMETERS, FitResult, GridResult, PressFit, Sigmas
 from skincal.fitting.sampling import Draws
 from skincal.fitting.types import Bools, Floats

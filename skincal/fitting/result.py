@@ -8,8 +8,8 @@ from typing import Literal
 
 from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.grid import MacroGrid
-from skincal.fitting.law import Bend
 from skincal.fitting.problem import FitProblem
+from skincal.fitting.response import Bend
 from skincal.fitting.types import Bools, Floats
 
 PARAMETERS = ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m", "scale_per_n")

@@ -23,10 +23,11 @@ from skincal.fitting.general_table import (
     run_table,
 )
 from skincal.fitting.grid import GridSlab, MacroGrid, span
-from skincal.fitting.law import Bend, LawSpread, responses, weigh_bends, weigh_laws, with_response
+from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import COORDINATES, FEW_PRESSES, FitError, FitProblem
+from skincal.fitting.response import Bend, responses, weigh_bends, with_response
 from skincal.fitting.result import FitResult, GridResult
 from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
 from skincal.fitting.sampling import Density, Draws, sample, walk

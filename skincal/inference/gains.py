@@ -84,12 +84,6 @@ def full_step(h: FloatArray, b: FloatArray, prior: FloatArray, pull: FloatArray)
     return _inverse(h + np.diag(prior)) @ (b - pull)
 
 
-def last_of_step(h: FloatArray, b: FloatArray, prior: FloatArray, pull: FloatArray) -> tuple[float, float]:
-    """The last number of the same step, and its standard error."""
-    inverse = _inverse(h + np.diag(prior))
-    return float(inverse[-1] @ (b - pull)), float(np.sqrt(inverse[-1, -1]))
-
-
 def _inverse(h: FloatArray) -> FloatArray:
     """Inverse of a curvature, in units of its diagonal: metres beside parts."""
     size = 1 / np.sqrt(np.diag(h))

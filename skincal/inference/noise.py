@@ -68,6 +68,11 @@ class Noise:
         """Whether rounding leaves a staircase."""
         return self.frame < C.smooth * self.step
 
+    @property
+    def stairs(self) -> bool:
+        """Whether it is taken for one."""
+        return self.coarse and not self.lined
+
     def _sd(self, level: FloatArray) -> FloatArray:
         return np.hypot(self.frame, self.grows * np.maximum(level - self.rest, 0.0))
 
@@ -75,7 +80,7 @@ class Noise:
     def _table(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Levels near the bounds, or all of a staircase in even steps: mean, slope and variance of a frame there."""
         x = np.zeros(0)
-        if self.coarse and not self.lined:
+        if self.stairs:
             around = _NEAR * self.step
             # Above, the error of an image alone makes it smooth.
             last = min(self.rest + C.smooth * self.step / C.image, self.high)
@@ -120,7 +125,7 @@ class Noise:
         plain = self._sd(level) ** 2 + self.step**2 / 12 - kept
         mean, shared = np.clip(level, self.low, self.high), np.full_like(level, kept)
         slope, each = (mean == level).astype(np.float64), plain.copy()
-        if self.coarse and not self.lined:
+        if self.stairs:
             spread = C.image * np.abs(level - self.rest) if spread is None else spread
             near = (level > x[0]) & (level < x[-1]) & (np.hypot(self.frame, spread) < C.smooth * self.step)
             mean[near], slope[near], each[near] = self._stairs(level[near])

@@ -17,7 +17,7 @@ from skincal.inference.blocks import Blocks
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.forward import State
-from skincal.inference.gains import last_of_step, whole
+from skincal.inference.gains import full_step, whole
 from skincal.inference.start import raw_residual
 from skincal.inference.twins import LAWS, name_of, twin_values
 from skincal.model.arrays import FloatArray
@@ -119,14 +119,17 @@ def parts_of_laws(
         sigma: of the candidates' columns beforehand.
         laws: L.
     """
-    beside, most = len(prior) + len(sigma), np.zeros(laws)
+    most, base, every = np.zeros(laws), len(prior), len(prior) + len(sigma)
     prior, pull = np.append(prior, 1 / sigma**2), np.append(pull, np.zeros(len(sigma)))
-    for known in (beside - len(sigma), beside):
-        for k in range(laws):
-            h, b = whole(blocks, np.append(np.arange(known), beside + k))
-            # Beforehand it is about as much as 1, or what a law leaves nothing of would have no error.
-            part, error = last_of_step(h, b, np.append(prior[:known], 1.0), np.append(pull[:known], 0.0))
-            most[k] = max(most[k], part + C.alike * error)
+    for n in (base, every):
+        h, b = whole(blocks, np.append(np.arange(n), every + np.arange(laws)))
+        cross = h[:n, n:]
+        step = full_step(h[:n, :n], b[:n], prior[:n], pull[:n])
+        follow = full_step(h[:n, :n], cross, prior[:n], np.zeros_like(cross))
+        # Beforehand it is about as much as 1, or what a law leaves nothing of would have no error.
+        curve = 1 + np.diag(h[n:, n:]) - (cross * follow).sum(axis=0)
+        part = (b[n:] - cross.T @ step) / curve
+        most = np.maximum(most, part + C.alike / np.sqrt(curve))
     return np.minimum(most, 1.0)
 
 

@@ -338,9 +338,9 @@ class Search:
         base, fitter = self.base, self.lined
         found, w, errors = self._linear(base)
         laws = law_residuals(fitter, base, self.mapper)
-        others = Slopes.of(np.stack([np.zeros(fitter.counts.shape), *laws.values()], axis=2)[..., 1:])
+        others = np.reshape([*laws.values()], (len(laws), *fitter.counts.shape))
         draws = drawn_noise(fitter, base, self.rng, self.null_sessions)
-        w = replace(w, columns=Slopes.joined([w.columns, others]))
+        w = replace(w, columns=Slopes.joined([w.columns, Slopes.of(np.moveaxis(others, 0, 2))]))
         linear = fitter.built(base.seen, base.free, w, errors, draws=draws, rng=self.rng)
         names = [FOUNDATION, *laws]
         turn = np.arange(self.null_sessions) % len(names)
@@ -353,9 +353,8 @@ class Search:
         for c, each in zip(found, self._gains(linear, found, drawn, np.zeros(n)), strict=True):
             own = each.sum(axis=0)
             gained[c.name] = np.maximum(gained[c.name], own) if c.name in gained else own
-        if (
-            fitter is not self.fitter
-        ):  # what a fit leaves of a staircase is compared with the same, and hardly by laws
+        if fitter is not self.fitter:
+            # What a fit leaves of a staircase is compared with the same; beside that laws leave little.
             draws = drawn_noise(self.fitter, base, self.rng, self.null_sessions)
             w, errors = self.fitter.columns_of(base.seen, base.free)
             linear = self.fitter.built(base.seen, base.free, w, errors, draws=draws, rng=self.rng)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from skincal.fitting.fit_findings import BENT_NATS
-from skincal.fitting.law import Bend, responses, straightened, weigh_bends, with_response
 from skincal.fitting.observe import Readout
 from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import FitProblem, pose_problem
 from skincal.fitting.readings import STRAIGHT
+from skincal.fitting.response import Bend, responses, straightened, weigh_bends, with_response
 from skincal.fitting.tasks import Neighbourhood, climb_near
 from tests.fitting.conftest import BOX, Truth, make_session, rig
 

@@ -10,8 +10,9 @@ import pytest
 
 from skincal.fitting.fit_findings import BENT_NATS, _rig, find
 from skincal.fitting.fit_options import GridSteps, SearchBox
-from skincal.fitting.law import Bend, LawSpread
+from skincal.fitting.law import LawSpread
 from skincal.fitting.problem import FitError, FitProblem, PressTable, pose_problem
+from skincal.fitting.response import Bend
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.solve import plan_grid, solve
 from skincal.fitting.valley import OPEN, POSE, at_one_place

@@ -120,6 +120,11 @@ KINDS: Mapping[str, Mapping[str, object]] = {
     "creep": {"effects": {"creep": {"amplitude": 0.25, "time_constant_s": 1.0}}},
     "crosstalk": {"effects": {"crosstalk": {"leak": 0.06}}, "rest": 40.0},
     "saturation": {"effects": {"saturation": {"inverse_ceiling_per_count": 1 / 120}}},
+    "gain_drift, in steps of 8": {
+        "effects": {"gain_drift": {"rate_per_s": 0.9 / 186}},
+        "rest": 27.4,
+        "step": 8.0,
+    },
     "taxel_gain": {
         "effects": {"taxel_gain": {"gain": np.exp(0.15 * np.random.default_rng(0).standard_normal(16))}},
         "rest": 30.0,

@@ -21,9 +21,9 @@ from skincal.dataset import Dataset, MountSpec, PositionSpec, Presses, SurfaceSp
 from skincal.dataset.placement import patch_coordinates
 from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.grid import MacroGrid
-from skincal.fitting.law import Bend
 from skincal.fitting.observe import Readout
 from skincal.fitting.problem import PressTable, Rig, pose_problem
+from skincal.fitting.response import Bend
 from skincal.fitting.result import FitFinding, FitResult, GridResult, PressFit, Sigmas
 from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters
 from skincal.report.fit import FIGURES, write_fit_report
