@@ -43,7 +43,7 @@ def equation(effect: Effect) -> list[str]:
 
 
 def _row(p: EffectParameter) -> str:
-    neutral = f"{p.neutral:g}" if p.role == "strength" else f"form, {p.neutral:g}"
+    neutral = f"{p.neutral:g}" if p.role == "strength" else f"{p.role}, {p.neutral:g}"
     unit = "" if p.unit == "-" else p.unit
     shape = "" if p.shape == "scalar" else f", {p.shape.replace('-', ' ')}"
     return f"| `{p.name}` | {unit} | {neutral} | {p.low:g} … {p.high:g} | {p.description}{shape} |"

@@ -18,6 +18,7 @@ from skincal.effects.parameter import (
     Start,
     Values,
     form,
+    onset,
     per_taxel,
     start,
 )
@@ -38,7 +39,7 @@ class DeadTaxel(SignalEffect):
         form(
             "stuck_counts", "counts", 0.0, -MOST_COUNTS, MOST_COUNTS, "v_j: what it reads", shape="per-taxel"
         ),
-        form("from_s", "s", 0.0, 0.0, 1e6, "t_j: when it begins, after the session did", shape="per-taxel"),
+        onset("from_s", "s", 0.0, 0.0, 1e6, "t_j: when it begins, after the session did", shape="per-taxel"),
     )
     single_taxels = True
     shows = "taxels"
@@ -46,7 +47,7 @@ class DeadTaxel(SignalEffect):
 
     def starts(self, scene: Scene) -> tuple[Start, ...]:
         found: list[Start] = []
-        for part in (0.0, 0.33, 0.67):
+        for part in np.linspace(0.0, 0.9, 10):
             for j in range(scene.taxels):
                 answer, begin = np.ones(scene.taxels), np.zeros(scene.taxels)
                 answer[j], begin[j] = 0.0, part * scene.duration_s

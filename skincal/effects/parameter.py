@@ -14,7 +14,7 @@ from skincal.errors import InputError, Problem
 from skincal.model.arrays import FloatArray, frozen
 
 Shape = Literal["scalar", "per-taxel", "per-pose"]
-Role = Literal["strength", "form"]
+Role = Literal["strength", "form", "onset"]
 Scale = Literal["linear", "log"]
 
 MOST_COUNTS = 1e12
@@ -37,7 +37,8 @@ class EffectParameter:
         description: meaning in a few words.
         typical: distance from neutral of a clearly visible case; 0 if such a case does not need it.
         shape: one number, one for each taxel, or one for each hand pose.
-        role: ``strength`` if it makes the effect act, ``form`` if it only shapes it.
+        role: ``strength`` if it makes the effect act, ``form`` if it only shapes it, ``onset`` if it is the moment [s]
+            from which on it acts: what it does has no slope by that.
         needs: covariates that are needed if it is not neutral.
         scale: the scale on which to fit and to draw it.
     """
@@ -92,6 +93,8 @@ per_taxel = partial(strength, shape="per-taxel")
 per_pose = partial(strength, shape="per-pose", needs=("pose",))
 form = partial(EffectParameter, role="form")
 """A parameter that only shapes the effect."""
+onset = partial(EffectParameter, role="onset")
+"""The moment from which on the effect acts."""
 
 
 class Values(Mapping[str, FloatArray]):

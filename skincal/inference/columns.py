@@ -94,7 +94,7 @@ def free_of(
     moved = {k for p in first.points for k in p}
     own = effect(name)
     for p in own.parameters:
-        if p.name not in values or not set(p.needs) <= covariates:
+        if p.name not in values or p.role == "onset" or not set(p.needs) <= covariates:
             continue
         if p.role == "strength" and p.name not in moved:
             continue
@@ -282,7 +282,7 @@ def begun(
     out: dict[str, FloatArray] = {}
     for p in own.parameters:
         given = [pt[p.name] for pt in s.points if p.name in pt]
-        if p.role == "form" or not given:
+        if p.role != "strength" or not given:
             if given:
                 out[p.name] = np.array(given[0])
             elif p.role == "form" and p.shape == "scalar":

@@ -30,10 +30,6 @@ from skincal.model import StressLaw
 
 Floats = NDArray[np.float64]
 
-SETTLED = 1e-6
-"""Contact is found when its surfaces part by less than this, relative to the approach, everywhere."""
-FORCE_MET = 1e-5
-"""How nearly the force is met, relative."""
 MAX_STEPS = 1000
 
 
@@ -92,11 +88,13 @@ class ContactProblem:
         layer: what is pressed.
         gap_m: (n, n) distance of the surfaces at first touch [m]; inf where they never meet.
         spacing_m: edge length of a cell [m].
+        settled: contact is found when its surfaces part by less than this, relative to the approach, everywhere.
     """
 
     layer: Layer
     gap_m: Floats
     spacing_m: float
+    settled: float
 
     @cached_property
     def _response(self) -> Floats:
@@ -147,7 +145,7 @@ class ContactProblem:
             length = float((apart[touch] * step[touch]).sum()) / curve
             overlap = reach & ~touch & (apart < 0)
             worst = max(float(np.abs(apart[touch]).max()), -float(apart[overlap].min(initial=0.0)))
-            if worst < SETTLED * abs(approach):
+            if worst < self.settled * abs(approach):
                 self._check_inside(p)
                 return p, approach
             p = np.maximum(p - length * step, 0.0)
@@ -172,12 +170,14 @@ class Press:
         sphere_radius_m: of the indenter [m].
         spacing_m: edge length of a cell [m].
         half_width_m: how far the grid reaches on each side [m].
+        settled: how nearly the contact is found, relative to the approach; the force ten times that.
     """
 
     cylinder_radius_m: float
     sphere_radius_m: float
     spacing_m: float = 0.1e-3
     half_width_m: float = 5.6e-3
+    settled: float = 1e-6
 
     @property
     def axis_m(self) -> Floats:
@@ -226,7 +226,7 @@ class Press:
 
     def fields(self, layer: Layer, force_n: Floats) -> list[PressureField]:
         """Contacts at some forces (K,) along the contact normal [N]."""
-        problem = ContactProblem(layer, self.gap_m, self.spacing_m)
+        problem = ContactProblem(layer, self.gap_m, self.spacing_m, self.settled)
         order = np.argsort(force_n)
         found: list[PressureField] = []
         for force in force_n[order]:
@@ -244,7 +244,7 @@ class Press:
             # The load on the curved surface is a little more than the force along the normal.
             pressure, approach = problem.solve(load, pressure)
             carried = float((pressure * cosine).sum()) * area
-            if abs(carried / force_n - 1) < FORCE_MET:
+            if abs(carried / force_n - 1) < 10 * self.settled:
                 felt = pressure * cosine * facing
                 return PressureField(self.axis_m, pressure, approach, load, carried, felt)
             load *= force_n / carried

@@ -2,7 +2,8 @@
 
 The same numbers as :func:`skincal.inference.score.held_out` with and without a candidate's columns. The model's own
 columns are eliminated once for all candidates, fold by fold: with ``W = H_mm^-1 H_mc`` and the model's own step ``c_m``
-a candidate's step is ``(H_cc - H_cm W)^-1 (b_c - H_cm c_m)``, and the model follows it by ``-W`` times as much.
+a candidate's step is ``(H_cc - H_cm W)^-1 (b_c - H_cm c_m)``, and the model follows it by ``-W`` times as much. What a
+block says of a candidate is freed of what it says of the model's own columns in the same way.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 
 from skincal.inference.blocks import Blocks
 from skincal.inference.constants import CONSTANTS as C
+from skincal.inference.score import foretold
 from skincal.model.arrays import FloatArray, IntArray
 
 _CHUNK = 384
@@ -43,7 +45,9 @@ def gains(
     total, total_b = model.sum(axis=0) + np.diag(prior), b.sum(axis=0)
     total_b[:m] -= pull[:, None]
     tests = [np.flatnonzero(folds == f) for f in range(C.folds)]
-    inverse = [_inverse(total - model[t].sum(axis=0)) for t in tests]
+    others = [total - model[t].sum(axis=0) for t in tests]
+    inverse = [_inverse(x) for x in others]
+    with_own = [_inverse(x + model[p]) for x, t in zip(others, tests, strict=True) for p in t]
     steps = [i @ (total_b[:m] - b[t, :m].sum(axis=0)) for i, t in zip(inverse, tests, strict=True)]
     out = [np.zeros((len(b), b.shape[2])) for _ in sigma]
     for which, columns in _chunks(sigma, m):
@@ -52,23 +56,28 @@ def gains(
         cross = product.between(own, flat)
         each = np.stack([product.between(c, c) for c in columns], axis=1)
         precision = np.stack([np.diag(1 / sigma[w] ** 2) for w in which])
+        given = iter(with_own)
+
+        def squares(left: FloatArray, right: FloatArray, size: int = size) -> FloatArray:
+            """Products (candidates, size, size) of columns (m, candidates * size) of the same candidate."""
+            return _by_candidate(left, size) @ _by_candidate(right, size).swapaxes(1, 2)
+
         for test, inv, step in zip(tests, inverse, steps, strict=True):
             seen = cross.sum(axis=0) - cross[test].sum(axis=0)
             follow = inv @ seen
-            reduced = each.sum(axis=0) - each[test].sum(axis=0) + precision
-            reduced -= _by_candidate(seen, size) @ _by_candidate(follow, size).swapaxes(1, 2)
-            right = (total_b[flat] - b[test][:, flat].sum(axis=0) - seen.T @ step).reshape(
-                len(which), size, -1
-            )
+            reduced = each.sum(axis=0) - each[test].sum(axis=0) + precision - squares(seen, follow)
+            right = total_b[flat] - b[test][:, flat].sum(axis=0) - seen.T @ step
             unit = 1 / np.sqrt(np.diagonal(reduced, axis1=1, axis2=2))
-            c = np.linalg.solve(reduced * unit[:, :, None] * unit[:, None, :], right * unit[..., None])
-            c *= unit[..., None]
+            units = unit[:, :, None] * unit[:, None, :]
+            reduced *= units
+            c = np.linalg.solve(reduced, right.reshape(len(which), size, -1) * unit[..., None])
             for p in test.tolist():
                 left = cross[p] - model[p] @ follow
+                wide = next(given) @ left
                 slope = b[p, flat] - follow.T @ b[p, :m] - left.T @ step
-                curve = each[p] - _by_candidate(follow, size) @ _by_candidate(cross[p], size).swapaxes(1, 2)
-                curve -= _by_candidate(left, size) @ _by_candidate(follow, size).swapaxes(1, 2)
-                gain = (slope.reshape(c.shape) * c).sum(axis=1) - 0.5 * (c * (curve @ c)).sum(axis=1)
+                slope -= wide.T @ (b[p, :m] - model[p] @ step)
+                curve = each[p] - squares(follow, cross[p]) - squares(left, follow) - squares(left, wide)
+                gain = foretold(reduced, c, curve * units, slope.reshape(c.shape) * unit[..., None])
                 for w, g in zip(which, gain, strict=True):
                     out[w][p] = g
     return out

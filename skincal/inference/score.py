@@ -12,7 +12,7 @@ import numpy as np
 
 from skincal.inference.blocks import Blocks
 from skincal.inference.constants import CONSTANTS as C
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.arrays import FloatArray, IntArray, as_floats
 
 
 def folds_of(blocks: Blocks, rng: np.random.Generator) -> IntArray:
@@ -26,7 +26,13 @@ def folds_of(blocks: Blocks, rng: np.random.Generator) -> IntArray:
 def held_out(
     h: FloatArray, b: FloatArray, prior: FloatArray, pull: FloatArray, folds: IntArray
 ) -> FloatArray:
-    """(B, S) logarithm of the likelihood that blocks gain by a step of parameters found on the other folds.
+    """(B, S) logarithm of the likelihood that blocks gain by what the other folds say of parameters.
+
+    All that the other folds leave open is integrated out: where they say N(c, A^-1), and g = b_p - H_p c, it is::
+
+        b_p'c - c'H_p c / 2 + g'(A + H_p)^-1 g / 2 - log det(1 + A^-1 H_p) / 2
+
+    A parameter that one press alone shows is so foretold by all that it might have been, not by a guess.
 
     Args:
         h: (B, n, n).
@@ -36,17 +42,25 @@ def held_out(
         folds: (B,).
     """
     out = np.zeros((len(b), b.shape[2]))
+    # In units of the diagonal: metres beside parts.
+    unit = 1 / np.sqrt(np.diag(h.sum(axis=0)) + prior)
+    h, b, prior, pull = h * np.outer(unit, unit), b * unit[:, None], prior * unit**2, pull * unit
     total_h, total_b = h.sum(axis=0) + np.diag(prior), b.sum(axis=0) - pull[:, None]
     for fold in range(C.folds):
         test = folds == fold
-        hh = total_h - h[test].sum(axis=0)
-        size = 1 / np.sqrt(np.diag(hh))
-        c = (
-            np.linalg.solve(hh * np.outer(size, size), (total_b - b[test].sum(axis=0)) * size[:, None])
-            * size[:, None]
-        )
-        out[test] = np.einsum("pns,ns->ps", b[test], c) - 0.5 * np.einsum("ns,pns->ps", c, h[test] @ c)
+        others = total_h - h[test].sum(axis=0)
+        c = np.linalg.solve(others, total_b - b[test].sum(axis=0))
+        out[test] = foretold(others, c, h[test], b[test])
     return out
+
+
+def foretold(others: FloatArray, c: FloatArray, h: FloatArray, b: FloatArray) -> FloatArray:
+    """(..., S) what blocks (..., n, n) and (..., n, S) gain where others say N(c, A^-1), of (n, S) and A (n, n)."""
+    does, both = h @ c, others + h
+    left = b - does
+    wide = np.linalg.slogdet(both)[1] - np.linalg.slogdet(others)[1]
+    gained = (b - 0.5 * does) * c + 0.5 * left * np.linalg.solve(both, left)
+    return as_floats(gained.sum(axis=-2) - 0.5 * wide[..., None])
 
 
 @dataclass(frozen=True, eq=False)

@@ -435,6 +435,7 @@ class Search:
         more = free_of(tried.name, values, tried.candidate.start, self.covariates)
         had = {(f.effect, f.parameter.name, f.index) for f in fit.free}
         free = (*fit.free, *(f for f in more if (f.effect, f.parameter.name, f.index) not in had))
+        values = self._from_onset(fit, tried, values)
         # The base stays where it is, or goes along as far as its slopes say: whichever is nearer. What shifts contacts
         # may have been followed by presses already: they then are where they were before.
         at = [replace(x, effects={**x.effects, tried.name: values}) for x in (fit.state, tried.begin)]
@@ -442,6 +443,26 @@ class Search:
         if back.any():
             at.append(replace(at[0], move=fit.state.move + np.pad(back, ((0, 0), (0, 1)))))
         return Task(self.fitter, tuple(at), free, C.joint_steps)
+
+    def _from_onset(self, fit: Fitted, tried: Tried, values: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
+        """Values of an effect that acts from the press on which lets it and the fit without it leave least together."""
+        name, alone, f = tried.name, tried.candidate.start.alone, self.fitter.forward
+        onset = next((p.name for p in effect(name).parameters if p.role == "onset"), "")
+        if not onset:
+            return values
+
+        def since(moment_s: float) -> dict[str, FloatArray]:
+            at = np.array(values[onset])
+            at[... if alone is None else alone] = moment_s
+            return {**values, onset: at}
+
+        ever = replace(fit.state, effects={**fit.state.effects, name: since(0.0)})
+        more = (self.fitter.settled(ever).loss - self.fitter.settled(fit.state).loss)[:-1]
+        begin = np.full(len(more), np.inf)
+        np.minimum.at(begin, f.row[f.row >= 0], f.samples.elapsed_s[f.row >= 0])
+        order = np.argsort(begin)
+        first = int(np.argmin(np.cumsum(more[order][::-1])[::-1]))
+        return since(float(begin[order[first]]) if first else 0.0)
 
     def _ends(self, begin: Sequence[tuple[State, tuple[Free, ...]]]) -> list[Fitted]:
         """Fits from states with numbers that are free, gone on to their ends."""
