@@ -204,7 +204,7 @@ class Fitter:
         """
         f, noise = self.forward, self.forward.noise
         level, spread = seen.values + seen.state.rest, None
-        if noise.stairs:
+        if noise.coarse:
             spread = self.spread(seen, f.press_columns(seen) if moves is None else moves)
         mean, slope, each, shared = noise.moments(level, spread)
         variance = (f.mean @ each + (noise.sigma**2 - noise.frame**2)) / self.frames[:, None]

@@ -44,7 +44,7 @@ class Noise:
         rest: level at rest that all taxels share [counts].
         origin: a value that is written; all others are whole steps from it [counts].
         within: relative standard error of ``sigma``.
-        lined: whether a staircase is taken for a line that scatters by what is rounded.
+        lined: whether a staircase, from where a level is, is taken for a line that scatters by what is rounded.
     """
 
     sigma: FloatArray
@@ -75,6 +75,15 @@ class Noise:
 
     def _sd(self, level: FloatArray) -> FloatArray:
         return np.hypot(self.frame, self.grows * np.maximum(level - self.rest, 0.0))
+
+    @cached_property
+    def _as_stairs(self) -> Noise:
+        return replace(self, lined=False)
+
+    @cached_property
+    def _as_line(self) -> Noise:
+        """One that is not rounded, and scatters by as much."""
+        return replace(self, sigma=np.hypot(self.sigma, self.step / np.sqrt(12)), step=0.0, lined=False)
 
     @cached_property
     def _table(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -120,8 +129,12 @@ class Noise:
             level: of any shape.
             spread: within which each is known; None: the error of an image. Only a staircase asks.
         """
-        x, *rows = self._table
         kept = shared_rounding(self.frame, self.step) if self.coarse else 0.0
+        if self.lined:
+            _, slope, each, shared = self._as_line.moments(level)
+            each = np.maximum(each - kept, C.least_variance * each)
+            return self._as_stairs.moments(level, spread)[0], slope, each, shared + kept
+        x, *rows = self._table
         plain = self._sd(level) ** 2 + self.step**2 / 12 - kept
         mean, shared = np.clip(level, self.low, self.high), np.full_like(level, kept)
         slope, each = (mean == level).astype(np.float64), plain.copy()

@@ -151,7 +151,8 @@ def _on_stairs(fitter: Fitter, base: Fitted, rng: np.random.Generator, times: Fl
     """Residuals (N, J, S) of counts in coarse steps, of levels within their spread, less what a line takes up."""
     f, noise, session = fitter.forward, fitter.forward.noise, fitter.forward.session
     level = f.mean @ (base.seen.values + base.state.rest)
-    spread = f.mean @ fitter.spread(base.seen, f.press_columns(base.seen))
+    # Within a step a level may lie anywhere; beyond, it would only meet the ends of the converter.
+    spread = np.minimum(f.mean @ fitter.spread(base.seen, f.press_columns(base.seen)), noise.step)
     mean, slope, _, _ = noise.moments(level, spread)
     # All of a hold is at one level.
     group = np.where(session.held(), session.press, session.presses + np.arange(len(session)))
