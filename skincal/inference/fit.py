@@ -27,7 +27,7 @@ _DAMPING, _REACH = 0.01, np.array([4e-4, 4e-4, 0.03])
 """Of the first step of a press by itself, and how far one may lead: metres, and the logarithm of its force."""
 _FORM, _STRENGTH = 0.5, 0.4
 """A step of an effect's number is no longer than this part of what is expected of it beforehand."""
-_LAW = np.array([[-3.0, 0.5], [-3.0, 3.0], [-3.0, 3.0], [0.0, 1 / C.law_bare]])
+_LAW = np.array([[-3.0, 0.0], [-3.0, 3.0], [-3.0, 3.0], [0.0, 1 / C.law_bare]])
 """The law's numbers are no farther from the foundation than so many standard deviations of what is known of them.
 A layer is never stiffer under a larger contact: a power above 1 is a material that stiffens. Bare is a part of one."""
 _MOST = np.array([1.5e-3, 1.5e-3, 0.12, 0.35, 0.35, 5.0])
