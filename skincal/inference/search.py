@@ -213,7 +213,11 @@ class Search:
         for old in named[:-1]:
             fit, named = self._swapped(fit, named, old)
         fit = self._from_start(fit) if named else fit
-        return Found(self.base, fit, tuple(named), best.rounds, self._null)
+        end = replace(best, fit=fit, named=tuple(named))
+        if fit is not best.fit:
+            # Elsewhere something else may be needless.
+            end = self._needed(end, end.named)
+        return Found(self.base, end.fit, end.named, best.rounds, self._null)
 
     def _grown(self, path: Path) -> list[Path]:
         """A path with one more effect: the one that predicts best, and each that is not told from it."""
@@ -225,29 +229,37 @@ class Search:
         alike = self._best(fit, good) if good and more else []
         if not alike:
             return [replace(path, rounds=rounds, ended=True)]
+        more = [(new, _added(named, own)) for own, new in alike[: C.paths]]
         return [
-            self._needed(replace(path, fit=new, named=_added(named, own), rounds=rounds))
-            for own, new in alike[: C.paths]
+            self._needed(replace(path, fit=new, named=names, rounds=rounds), names[:-1]) for new, names in more
         ]
 
-    def _needed(self, path: Path) -> Path:
-        """The same path without what the newest effect has made needless."""
-        older = path.named[:-1]
-        for old, less in zip(older, self._without(path.fit, [n.name for n in older]), strict=True):
+    def _needed(self, path: Path, asked: Sequence[Named]) -> Path:
+        """The same path without those of some effects that are needless."""
+        for old, less in zip(asked, self._without(path.fit, [n.name for n in asked]), strict=True):
             if Score(self.score(path.fit) - self.score(less)).total < old.limit:
-                named = tuple(n for n in path.named if n is not old)
-                return self._needed(replace(path, fit=less, named=named, dropped=path.dropped | {old.name}))
+                path = replace(
+                    path,
+                    fit=less,
+                    named=tuple(n for n in path.named if n is not old),
+                    dropped=path.dropped | {old.name},
+                )
+                return self._needed(path, [n for n in asked if n is not old])
         return path
 
     def _total(self, path: Path) -> float:
         return float(self.score(path.fit).sum())
 
     def _chosen(self, ended: Sequence[Path]) -> Path:
-        """The path that predicts best; one with more effects must gain what each of those more must."""
+        """The path that predicts best; one with more effects must gain what each of those more must.
+
+        And more than equations of the other's effects that it does without may make these lose.
+        """
         best, *others = sorted(ended, key=lambda p: (len(p.named), -self._total(p)))
         for path in others:
             more = len(path.named) - len(best.named)
             least = sum(sorted(n.limit for n in path.named)[:more])
+            least += sum(_lost(n.name, n.gain) for n in best.named if more and n.name not in path.effects)
             gain = Score(self.score(path.fit) - self.score(best.fit))
             if gain.total > least and (not more or gain.sure > C.alike):
                 best = path
@@ -524,8 +536,12 @@ class Search:
 
 def _near(behind: Score, name: str, gained: float) -> bool:
     """Whether an effect that gains so much is not surely behind, or by no more than its equation may make it lose."""
-    lost = 0.5 * effect(name).equation_error ** 2 * gained
-    return behind.total < max(C.alike * max(behind.error, 1.0), lost)
+    return behind.total < max(C.alike * max(behind.error, 1.0), _lost(name, gained))
+
+
+def _lost(name: str, gained: float) -> float:
+    """What an effect that gains so much may lose as its equation errs [nats]."""
+    return 0.5 * effect(name).equation_error ** 2 * gained
 
 
 def _added(named: tuple[Named, ...], own: Named) -> tuple[Named, ...]:
