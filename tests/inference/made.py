@@ -110,6 +110,8 @@ def swapped(counts: np.ndarray, time_s: np.ndarray) -> np.ndarray:
     return out
 
 
+DIES, FROM_S = 5, 103.0
+
 KINDS: Mapping[str, Mapping[str, object]] = {
     "nothing": {},
     "nothing, resting at 40": {"rest": 40.0},
@@ -124,6 +126,12 @@ KINDS: Mapping[str, Mapping[str, object]] = {
         "effects": {"gain_drift": {"rate_per_s": 0.9 / 186}},
         "rest": 27.4,
         "step": 8.0,
+    },
+    "dead_taxel, from a moment on": {
+        "effects": {
+            "dead_taxel": {"answer": 1.0 - np.eye(16)[DIES], "from_s": FROM_S * np.eye(16)[DIES]},
+        },
+        "rest": 30.0,
     },
     "taxel_gain": {
         "effects": {"taxel_gain": {"gain": np.exp(0.15 * np.random.default_rng(0).standard_normal(16))}},
@@ -143,4 +151,4 @@ KINDS: Mapping[str, Mapping[str, object]] = {
     "wiring": {"change": swapped},
 }
 
-__all__ = ["KINDS", "Samples", "found", "made"]
+__all__ = ["DIES", "FROM_S", "KINDS", "Samples", "found", "made"]

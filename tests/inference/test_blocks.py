@@ -126,6 +126,18 @@ def test_multiples_of_columns_are_those_of_the_whole():
     assert compact.times(c) == pytest.approx(full.times(c))
 
 
+def test_what_one_block_alone_shows_is_foretold_by_all_that_it_might_be():
+    """One number, told by the first of six blocks: its evidence is that of the Gaussian integral."""
+    h, b = np.zeros((C.folds, 1, 1)), np.zeros((C.folds, 1, 1))
+    h[0], b[0] = 400.0, 400.0 * 3.0
+    wide = np.array([1.0])
+    gained = held_out(h, b, wide, 0 * wide, np.arange(C.folds))[:, 0]
+    at = np.linspace(-10.0, 10.0, 200_001)
+    shown = np.exp(b[0, 0] * at - 0.5 * h[0, 0] * at**2 - 0.5 * at**2 - gained[0]) / np.sqrt(2 * np.pi)
+    assert shown.sum() * (at[1] - at[0]) == pytest.approx(1.0) and gained[0] > 1700
+    assert gained[1:] == pytest.approx(0.0)
+
+
 def test_gains_are_those_of_fits_with_and_without():
     (compact, _), (_, press, phase, at) = some_single(), case()
     draws = np.random.default_rng(1).standard_normal((*compact.residual.shape, 3))

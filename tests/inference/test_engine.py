@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from inference.made import KINDS, found, made
+from inference.made import DIES, FROM_S, KINDS, found, made
 from report.diagnosis_cases import TRUTH, calibration
 
 from skincal.diagnosis.workflow import diagnose
+from skincal.inference.null import FOUNDATION
 
 QUIET = [kind for kind in KINDS if kind.startswith("nothing")]
 NAMED = [kind for kind in KINDS if kind not in (*QUIET, "wiring")]
@@ -65,6 +66,24 @@ def test_intervals_of_an_effect_hold_what_was_hidden(kind: str):
     for name, true in KINDS[kind]["effects"][kind].items():  # type: ignore[index]
         low, high = (float(x) for x in one.intervals[name])
         assert low - 0.5 * (high - low) <= true <= high + 0.5 * (high - low), name
+
+
+def test_the_press_is_found_from_which_on_a_taxel_is_dead():
+    said = found("dead_taxel, from a moment on")
+    (one,) = said.effects
+    seen = said.found.fitted.seen
+    begin = float(one.parameters["from_s"][DIES])
+    # No press that it would feel lies between the moment and the one that was found.
+    felt = seen.felt.elapsed_s[seen.loads[:, DIES] > 0.05 * seen.loads.max()]
+    assert not ((felt > min(begin, FROM_S)) & (felt < max(begin, FROM_S))).any()
+    assert (felt < begin).any() and (felt > begin).any()
+
+
+@pytest.mark.parametrize("kind", [kind for kind in QUIET if "steps" in kind])
+def test_rounding_gains_an_effect_no_more_than_noise(kind: str):
+    null = found(kind).found.null
+    rounded = np.array(null.laws) == FOUNDATION
+    assert max(gains[rounded].max() for gains in null.gains.values()) < 20
 
 
 def test_weak_effect_is_named_beside_a_strong_one():

@@ -168,3 +168,15 @@ def test_frames_at_rest_tell_the_noise_where_a_bound_clips_them():
     spread = float(np.sqrt(np.mean(np.square(off))))
     assert spread < 0.02
     assert 0.4 * spread < float(np.mean(said)) < 2.5 * spread
+
+
+def test_a_line_through_a_staircase_bends_only_where_it_is_clipped():
+    stairs = Noise(np.full(3, 0.8), 0.0, 8.0, 0.0, 255.0, rest=30.0)
+    line = replace(stairs, lined=True)
+    level, near = np.linspace(25.0, 120.0, 400), np.linspace(-15.0, 15.0, 50)
+    mean, slope, each, shared = line.moments(level, np.full_like(level, 0.2))
+    assert mean == pytest.approx(stairs.moments(level, np.full_like(level, 0.2))[0])
+    assert slope == pytest.approx(1.0, abs=1e-6)
+    # A level anywhere within a step is off by its noise, and by the step's own width.
+    assert each + shared == pytest.approx(0.8**2 + 8.0**2 / 12)
+    assert (np.diff(line.moments(near)[1]) >= 0).all() and line.moments(near)[1][0] < 0.01
