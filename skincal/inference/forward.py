@@ -166,12 +166,14 @@ class Forward:
         self._within = self._moves_within()
         self._patches: dict[SensorPose, Patch] = {}
         self._tables: dict[object, tuple[FloatArray, PressTable]] = {}
+        self._spread: tuple[object, Patch | None, FloatArray] = (None, None, np.zeros(0))
         self._moves: tuple[Seen, FloatArray] | None = None
         self._skin: tuple[State, EffectSkin] | None = None
 
     def __getstate__(self) -> dict[str, object]:
         """Return what another process needs: what is kept between states is found again there."""
-        return {**self.__dict__, "_patches": {}, "_tables": {}, "_moves": None, "_skin": None}
+        kept = {"_patches": {}, "_tables": {}, "_spread": (None, None, None), "_moves": None, "_skin": None}
+        return {**self.__dict__, **kept}
 
     @property
     def rests_clipped(self) -> bool:
@@ -347,15 +349,17 @@ class Forward:
         lattice: bool = True,
         law: FloatArray | None = None,
     ) -> PressTable:
-        weights = None
+        weights, patch = None, skin.skin.patch
         for a in skin.effects:
             if isinstance(a.effect, SpreadEffect) and not a.neutral:
-                weights = a.effect.weights(a.values, skin.skin.patch)
+                if self._spread[0] != a.key or self._spread[1] is not patch:
+                    self._spread = a.key, patch, a.effect.weights(a.values, patch)
+                weights = self._spread[2]
         rows = np.arange(self.presses) if rows is None else rows
         moved = self._measured.of(rows).moved(self.surface, places)
         law = LAW_WAYS @ state.law if law is None else law
         return press_table(
-            skin.skin.patch, self.surface, felt.indenters, moved, float(np.exp(state.log_e)), _stress(skin),
+            patch, self.surface, felt.indenters, moved, float(np.exp(state.log_e)), _stress(skin),
             weights, contact=self._contact_law(law), bare=float(law[3]), lattice=lattice,
         )  # fmt: skip
 

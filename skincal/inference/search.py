@@ -231,7 +231,8 @@ class Search:
             return [replace(path, rounds=rounds, ended=True)]
         more = [(new, _added(named, own)) for own, new in alike[: C.paths]]
         return [
-            self._needed(replace(path, fit=new, named=names, rounds=rounds), names[:-1]) for new, names in more
+            self._needed(replace(path, fit=new, named=names, rounds=rounds), names[:-1])
+            for new, names in more
         ]
 
     def _needed(self, path: Path, asked: Sequence[Named]) -> Path:
@@ -456,7 +457,9 @@ class Search:
             at.append(replace(at[0], move=fit.state.move + np.pad(back, ((0, 0), (0, 1)))))
         return Task(self.fitter, tuple(at), free, C.joint_steps)
 
-    def _from_onset(self, fit: Fitted, tried: Tried, values: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
+    def _from_onset(
+        self, fit: Fitted, tried: Tried, values: Mapping[str, FloatArray]
+    ) -> Mapping[str, FloatArray]:
         """Values of an effect that acts from the press on which lets it and the fit without it leave least together."""
         name, alone, f = tried.name, tried.candidate.start.alone, self.fitter.forward
         onset = next((p.name for p in effect(name).parameters if p.role == "onset"), "")

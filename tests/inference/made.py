@@ -128,9 +128,7 @@ KINDS: Mapping[str, Mapping[str, object]] = {
         "step": 8.0,
     },
     "dead_taxel, from a moment on": {
-        "effects": {
-            "dead_taxel": {"answer": 1.0 - np.eye(16)[DIES], "from_s": FROM_S * np.eye(16)[DIES]},
-        },
+        "effects": {"dead_taxel": {"answer": 1.0 - np.eye(16)[DIES], "from_s": FROM_S * np.eye(16)[DIES]}},
         "rest": 30.0,
     },
     "taxel_gain": {
