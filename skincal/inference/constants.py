@@ -50,7 +50,7 @@ class Constants:
     # T  errors of images that are tried, over ``image``
     images: tuple[float, ...] = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0)
     like_none: float = 2.5  # T  standard deviations from which on a contact law is none of a layer
-    # T  by how much logarithms of E are then less where a fit begins again
+    # T  by how much logarithms of E are then less where a fit begins again, or more where it begins with an effect
     softer: tuple[float, ...] = (0.7, 1.5)
     smooth: float = 0.5  # T  of a step: noise from which on rounding leaves no more than 0.2 % of a step
     least_slope: float = 1e-3  # T  of the converter, where it clips

@@ -455,6 +455,10 @@ class Search:
         back = self.fitter.forward.shifted(fit.state) - self.fitter.forward.shifted(at[0])
         if back.any():
             at.append(replace(at[0], move=fit.state.move + np.pad(back, ((0, 0), (0, 1)))))
+        if _like_none(fit.state):
+            # What is missing has bent the law as far as it goes, and the skin with it.
+            ways = (0.0, *(side * much for much in C.softer for side in (1, -1)))
+            at += [replace(at[0], law=np.zeros(len(LAW)), log_e=at[0].log_e + way) for way in ways]
         return Task(self.fitter, tuple(at), free, C.joint_steps)
 
     def _from_onset(
@@ -494,7 +498,7 @@ class Search:
         sd = np.sqrt(np.diag(fit.covariance)[:4])
         if (np.abs(self.fitter.off(fit.state)[:4]) >= C.alike * sd).any():
             begin.append(start.log_e)
-        if (np.abs(fit.state.law) > C.like_none * law_widths()).any():
+        if _like_none(fit.state):
             begin += [fit.state.log_e - much for much in C.softer]
         anew = replace(fit.state, pose=start.pose, law=np.zeros(len(LAW)), move=start.move)
         return min([fit, *self._ends([(replace(anew, log_e=x), fit.free) for x in begin])], key=Fitted.loss)
@@ -535,6 +539,11 @@ class Search:
     def scene(self) -> Scene:
         """The scale of the session."""
         return scene_of(self.fitter, self.base)
+
+
+def _like_none(state: State) -> bool:
+    """Whether a state's contact law is none that a layer has."""
+    return bool((np.abs(state.law) > C.like_none * law_widths()).any())
 
 
 def _near(behind: Score, name: str, gained: float) -> bool:
