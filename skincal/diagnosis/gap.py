@@ -35,7 +35,8 @@ class Gap:
         closed: (before² - after²) / (before² - floor²); NaN where there is no gap.
         interval: where ``closed`` lies, 95 %.
         added: where after² - before² lies, 95 % [counts²].
-        kept: where what is left of the gap, beyond the part that must be closed, lies, 95 % [counts²].
+        kept: where what is left of the gap, beyond the part that must be closed, lies, 95 %: in squares over the noise,
+            with all that a press has for itself integrated out, as the model has it.
         presses: rows of the presses looked at.
         frames: number of frames, or of hold means.
         slack_before_m: root mean square of what presses had to move [m].
@@ -65,9 +66,10 @@ class Gap:
     def stays(self) -> bool:
         """Whether most of it surely stays: what is named does not explain what is missing.
 
-        In squares, not in parts of the gap: of a gap that is hardly there any part may seem to stay.
+        In squares, not in parts of the gap: of a gap that is hardly there any part may seem to stay. And over what an
+        image may err by: that stays, whatever is named.
         """
-        return self.before > self.floor and self.kept[0] > 0
+        return self.kept[0] > 0
 
 
 def placed_presses(fitter: Fitter, state: State, rows: IntArray, others: Sequence[State] = ()) -> State:
@@ -126,12 +128,20 @@ def gap_of(observed: Observed, before: State, after: State, rng: np.random.Gener
     errors[:, 2] *= scale
     f *= scale
     drawn = errors[rng.integers(0, len(errors), (_DRAWS, len(errors)))].sum(axis=1)
-    added, due = drawn[:, 1] - drawn[:, 0], C.closes * (drawn[:, 0] - drawn[:, 2])
+    added = (drawn[:, 1] - drawn[:, 0]) / drawn[:, 3]
+    kept = _beyond(fitter, second, rows) - (1 - C.closes) * _beyond(fitter, first, rows)
+    kept = kept[rng.integers(0, len(kept), (_DRAWS, len(kept)))].sum(axis=1)
     return Gap(
         float(np.sqrt(b / n)), float(np.sqrt(a / n)), float(np.sqrt(f / n)), *_closed(b, a, f, drawn),
-        _ends(added / drawn[:, 3]), _ends((added + due) / drawn[:, 3]), rows, int(n // whole.layout.taxels),
+        _ends(added), _ends(kept), rows, int(n // whole.layout.taxels),
         _rms(first.move[rows]), _rms(second.move[rows]), errors,
     )  # fmt: skip
+
+
+def _beyond(fitter: Fitter, state: State, rows: IntArray) -> FloatArray:
+    """(P,) squares over the noise that presses leave beyond their number, nuisances integrated out."""
+    _, left = fitter.left(state)
+    return (left.chi - left.count)[np.isin(left.press, rows)]
 
 
 def _closed(b: float, a: float, f: float, drawn: FloatArray) -> tuple[float, tuple[float, float]]:

@@ -400,7 +400,7 @@ class Fitter:
         """
         every = np.arange(len(state.move))
         some = np.isin(every, every if rows is None else rows)
-        seen, found = self._left(state)
+        seen, found = self.left(state)
         best = _of_presses(found, found.loss, len(state.move))
         owner, damping, ways = found.press, np.full(len(state.move), _DAMPING), [x.copy() for x in found.own]
         ahead = _of_presses(found, found.ahead, len(state.move))
@@ -409,7 +409,7 @@ class Fitter:
             if not (going := some & (ahead[:-1] > C.loose)).any():
                 break
             new = replace(state, move=self._own_move(state.move, ways, owner, damping, going))
-            seen, found = self._left(new)
+            seen, found = self.left(new)
             loss, ahead_now = (_of_presses(found, x, len(state.move)) for x in (found.loss, found.ahead))
             better = loss < best
             damping *= np.where(better[:-1], 0.2, 6.0)
@@ -439,7 +439,7 @@ class Fitter:
         move[:, :2] = np.clip(move[:, :2], -self.before.slack_m, self.before.slack_m)
         return move
 
-    def _left(self, state: State) -> tuple[Seen, Blocks]:
+    def left(self, state: State) -> tuple[Seen, Blocks]:
         """What a state reads, and what it leaves."""
         seen = self.forward.see(state)
         own, none = self.equations(seen, word=True)
