@@ -479,7 +479,7 @@ class Search:
         more = (self.fitter.settled(ever).loss - self.fitter.settled(fit.state).loss)[:-1]
         begin = np.full(len(more), np.inf)
         np.minimum.at(begin, f.row[f.row >= 0], f.samples.elapsed_s[f.row >= 0])
-        order = np.argsort(begin)
+        order = np.argsort(begin)[: int(np.isfinite(begin).sum())]
         first = int(np.argmin(np.cumsum(more[order][::-1])[::-1]))
         return since(float(begin[order[first]]) if first else 0.0)
 
