@@ -285,7 +285,7 @@ def begun(
         if p.role != "strength" or not given:
             if given:
                 out[p.name] = np.array(given[0])
-            elif p.role == "form" and p.shape == "scalar":
+            elif p.role != "strength" and p.shape == "scalar":
                 out[p.name] = np.asarray(p.neutral)
             continue
         value = np.full(np.shape(given[0]), p.neutral, dtype=np.float64)

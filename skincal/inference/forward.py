@@ -166,13 +166,13 @@ class Forward:
         self._within = self._moves_within()
         self._patches: dict[SensorPose, Patch] = {}
         self._tables: dict[object, tuple[FloatArray, PressTable]] = {}
-        self._spread: tuple[object, Patch | None, FloatArray] = (None, None, np.zeros(0))
+        self._spread: tuple[object, Patch, FloatArray] | None = None
         self._moves: tuple[Seen, FloatArray] | None = None
         self._skin: tuple[State, EffectSkin] | None = None
 
     def __getstate__(self) -> dict[str, object]:
         """Return what another process needs: what is kept between states is found again there."""
-        kept = {"_patches": {}, "_tables": {}, "_spread": (None, None, None), "_moves": None, "_skin": None}
+        kept = {"_patches": {}, "_tables": {}, "_spread": None, "_moves": None, "_skin": None}
         return {**self.__dict__, **kept}
 
     @property
@@ -352,7 +352,7 @@ class Forward:
         weights, patch = None, skin.skin.patch
         for a in skin.effects:
             if isinstance(a.effect, SpreadEffect) and not a.neutral:
-                if self._spread[0] != a.key or self._spread[1] is not patch:
+                if not self._spread or self._spread[0] != a.key or self._spread[1] is not patch:
                     self._spread = a.key, patch, a.effect.weights(a.values, patch)
                 weights = self._spread[2]
         rows = np.arange(self.presses) if rows is None else rows

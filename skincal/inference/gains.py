@@ -14,7 +14,7 @@ import numpy as np
 
 from skincal.inference.blocks import Blocks
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.score import foretold
+from skincal.inference.score import log_predictive
 from skincal.model.arrays import FloatArray, IntArray
 
 _CHUNK = 384
@@ -47,7 +47,7 @@ def gains(
     tests = [np.flatnonzero(folds == f) for f in range(C.folds)]
     others = [total - model[t].sum(axis=0) for t in tests]
     inverse = [_inverse(x) for x in others]
-    with_own = [_inverse(x + model[p]) for x, t in zip(others, tests, strict=True) for p in t]
+    with_own = {p: _inverse(x + model[p]) for x, t in zip(others, tests, strict=True) for p in t.tolist()}
     steps = [i @ (total_b[:m] - b[t, :m].sum(axis=0)) for i, t in zip(inverse, tests, strict=True)]
     out = [np.zeros((len(b), b.shape[2])) for _ in sigma]
     for which, columns in _chunks(sigma, m):
@@ -56,16 +56,10 @@ def gains(
         cross = product.between(own, flat)
         each = np.stack([product.between(c, c) for c in columns], axis=1)
         precision = np.stack([np.diag(1 / sigma[w] ** 2) for w in which])
-        given = iter(with_own)
-
-        def squares(left: FloatArray, right: FloatArray, size: int = size) -> FloatArray:
-            """Products (candidates, size, size) of columns (m, candidates * size) of the same candidate."""
-            return _by_candidate(left, size) @ _by_candidate(right, size).swapaxes(1, 2)
-
         for test, inv, step in zip(tests, inverse, steps, strict=True):
             seen = cross.sum(axis=0) - cross[test].sum(axis=0)
             follow = inv @ seen
-            reduced = each.sum(axis=0) - each[test].sum(axis=0) + precision - squares(seen, follow)
+            reduced = each.sum(axis=0) - each[test].sum(axis=0) + precision - _products(seen, follow, size)
             right = total_b[flat] - b[test][:, flat].sum(axis=0) - seen.T @ step
             unit = 1 / np.sqrt(np.diagonal(reduced, axis1=1, axis2=2))
             units = unit[:, :, None] * unit[:, None, :]
@@ -73,11 +67,11 @@ def gains(
             c = np.linalg.solve(reduced, right.reshape(len(which), size, -1) * unit[..., None])
             for p in test.tolist():
                 left = cross[p] - model[p] @ follow
-                wide = next(given) @ left
+                wide = with_own[p] @ left
                 slope = b[p, flat] - follow.T @ b[p, :m] - left.T @ step
                 slope -= wide.T @ (b[p, :m] - model[p] @ step)
-                curve = each[p] - squares(follow, cross[p]) - squares(left, follow) - squares(left, wide)
-                gain = foretold(reduced, c, curve * units, slope.reshape(c.shape) * unit[..., None])
+                curve = each[p] - _products(follow, cross[p], size) - _products(left, follow + wide, size)
+                gain = log_predictive(reduced, c, curve * units, slope.reshape(c.shape) * unit[..., None])
                 for w, g in zip(which, gain, strict=True):
                     out[w][p] = g
     return out
@@ -99,9 +93,10 @@ def _inverse(h: FloatArray) -> FloatArray:
     return np.linalg.inv(h * np.outer(size, size)) * np.outer(size, size)
 
 
-def _by_candidate(x: FloatArray, size: int) -> FloatArray:
-    """(candidates, size, m) of (m, candidates * size)."""
-    return x.T.reshape(-1, size, len(x))
+def _products(one: FloatArray, other: FloatArray, size: int) -> FloatArray:
+    """(candidates, size, size) of columns (m, candidates * size), each with those of the same candidate."""
+    left, right = (x.T.reshape(-1, size, len(x)) for x in (one, other))
+    return left @ right.swapaxes(1, 2)
 
 
 def _chunks(sigma: Sequence[FloatArray], first: int) -> list[tuple[list[int], IntArray]]:

@@ -44,7 +44,7 @@ class Noise:
         rest: level at rest that all taxels share [counts].
         origin: a value that is written; all others are whole steps from it [counts].
         within: relative standard error of ``sigma``.
-        lined: whether a staircase, from where a level is, is taken for a line that scatters by what is rounded.
+        stairs: of which this is a line through where a level is, that scatters by what is rounded; None: of none.
     """
 
     sigma: FloatArray
@@ -56,7 +56,7 @@ class Noise:
     rest: float = 0.0
     origin: float = 0.0
     within: float = 0.0
-    lined: bool = False
+    stairs: Noise | None = None
 
     @cached_property
     def frame(self) -> float:
@@ -68,28 +68,19 @@ class Noise:
         """Whether rounding leaves a staircase."""
         return self.frame < C.smooth * self.step
 
-    @property
-    def stairs(self) -> bool:
-        """Whether it is taken for one."""
-        return self.coarse and not self.lined
-
     def _sd(self, level: FloatArray) -> FloatArray:
         return np.hypot(self.frame, self.grows * np.maximum(level - self.rest, 0.0))
 
     @cached_property
-    def _as_stairs(self) -> Noise:
-        return replace(self, lined=False)
-
-    @cached_property
     def _as_line(self) -> Noise:
         """One that is not rounded, and scatters by as much."""
-        return replace(self, sigma=np.hypot(self.sigma, self.step / np.sqrt(12)), step=0.0, lined=False)
+        return replace(self, sigma=np.hypot(self.sigma, self.step / np.sqrt(12)), step=0.0, stairs=None)
 
     @cached_property
     def _table(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Levels near the bounds, or all of a staircase in even steps: mean, slope and variance of a frame there."""
         x = np.zeros(0)
-        if self.stairs:
+        if self.coarse:
             around = _NEAR * self.step
             # Above, the error of an image alone makes it smooth.
             last = min(self.rest + C.smooth * self.step / C.image, self.high)
@@ -130,15 +121,15 @@ class Noise:
             spread: within which each is known; None: the error of an image. Only a staircase asks.
         """
         kept = shared_rounding(self.frame, self.step) if self.coarse else 0.0
-        if self.lined:
+        if self.stairs:
             _, slope, each, shared = self._as_line.moments(level)
             each = np.maximum(each - kept, C.least_variance * each)
-            return self._as_stairs.moments(level, spread)[0], slope, each, shared + kept
+            return self.stairs.moments(level, spread)[0], slope, each, shared + kept
         x, *rows = self._table
         plain = self._sd(level) ** 2 + self.step**2 / 12 - kept
         mean, shared = np.clip(level, self.low, self.high), np.full_like(level, kept)
         slope, each = (mean == level).astype(np.float64), plain.copy()
-        if self.stairs:
+        if self.coarse:
             spread = C.image * np.abs(level - self.rest) if spread is None else spread
             near = (level > x[0]) & (level < x[-1]) & (np.hypot(self.frame, spread) < C.smooth * self.step)
             mean[near], slope[near], each[near] = self._stairs(level[near])

@@ -32,7 +32,7 @@ def held_out(
 
         b_p'c - c'H_p c / 2 + g'(A + H_p)^-1 g / 2 - log det(1 + A^-1 H_p) / 2
 
-    A parameter that one press alone shows is so foretold by all that it might have been, not by a guess.
+    So what one press alone shows is held against all that it might have been, not against one guess.
 
     Args:
         h: (B, n, n).
@@ -50,11 +50,11 @@ def held_out(
         test = folds == fold
         others = total_h - h[test].sum(axis=0)
         c = np.linalg.solve(others, total_b - b[test].sum(axis=0))
-        out[test] = foretold(others, c, h[test], b[test])
+        out[test] = log_predictive(others, c, h[test], b[test])
     return out
 
 
-def foretold(others: FloatArray, c: FloatArray, h: FloatArray, b: FloatArray) -> FloatArray:
+def log_predictive(others: FloatArray, c: FloatArray, h: FloatArray, b: FloatArray) -> FloatArray:
     """(..., S) what blocks (..., n, n) and (..., n, S) gain where others say N(c, A^-1), of (n, S) and A (n, n)."""
     does, both = h @ c, others + h
     left = b - does

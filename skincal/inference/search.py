@@ -194,7 +194,7 @@ class Search:
         if not self.fitter.forward.noise.coarse:
             return self.fitter
         forward = copy(self.fitter.forward)
-        forward.noise = replace(forward.noise, lined=True)
+        forward.noise = replace(forward.noise, stairs=forward.noise)
         return Fitter(forward, self.fitter.counts, self.fitter.before)
 
     def run(self) -> Found:
@@ -252,9 +252,10 @@ class Search:
         return float(self.score(path.fit).sum())
 
     def _chosen(self, ended: Sequence[Path]) -> Path:
-        """The path that predicts best; one with more effects must gain what each of those more must.
+        """The path that predicts best.
 
-        And more than equations of the other's effects that it does without may make these lose.
+        One with more effects must gain what each of those more must, and what the other's effects that it does without
+        may lose as their equations err.
         """
         best, *others = sorted(ended, key=lambda p: (len(p.named), -self._total(p)))
         for path in others:
@@ -467,7 +468,7 @@ class Search:
         """Values of an effect that acts from the press on which lets it and the fit without it leave least together."""
         name, alone, f = tried.name, tried.candidate.start.alone, self.fitter.forward
         onset = next((p.name for p in effect(name).parameters if p.role == "onset"), "")
-        if not onset:
+        if onset not in values:
             return values
 
         def since(moment_s: float) -> dict[str, FloatArray]:

@@ -126,7 +126,7 @@ def test_multiples_of_columns_are_those_of_the_whole():
     assert compact.times(c) == pytest.approx(full.times(c))
 
 
-def test_what_one_block_alone_shows_is_foretold_by_all_that_it_might_be():
+def test_a_number_that_one_block_shows_is_integrated_out():
     """One number, told by the first of six blocks: its evidence is that of the Gaussian integral."""
     h, b = np.zeros((C.folds, 1, 1)), np.zeros((C.folds, 1, 1))
     h[0], b[0] = 400.0, 400.0 * 3.0

@@ -13,7 +13,8 @@ from inference.made import DIES, FROM_S, KINDS, found, made
 from report.diagnosis_cases import TRUTH, calibration
 
 from skincal.diagnosis.workflow import diagnose
-from skincal.inference.null import FOUNDATION
+from skincal.inference.null import FOUNDATION, drawn_noise
+from skincal.inference.search import Search
 
 QUIET = [kind for kind in KINDS if kind.startswith("nothing")]
 NAMED = [kind for kind in KINDS if kind not in (*QUIET, "wiring")]
@@ -84,6 +85,13 @@ def test_rounding_gains_an_effect_no_more_than_noise(kind: str):
     null = found(kind).found.null
     rounded = np.array(null.laws) == FOUNDATION
     assert max(gains[rounded].max() for gains in null.gains.values()) < 20
+
+
+def test_rounding_has_no_mean_about_the_line():
+    said, rng = found("nothing, in steps of 8"), np.random.default_rng(1)
+    search = Search(said.observed.fitter, said.found.base, (), frozenset(), rng)
+    drawn = drawn_noise(search.lined, said.found.base, rng, 400)
+    assert np.abs(drawn.mean(axis=-1)).max() < 0.6
 
 
 def test_weak_effect_is_named_beside_a_strong_one():

@@ -170,9 +170,9 @@ def test_frames_at_rest_tell_the_noise_where_a_bound_clips_them():
     assert 0.4 * spread < float(np.mean(said)) < 2.5 * spread
 
 
-def test_a_line_through_a_staircase_bends_only_where_it_is_clipped():
+def test_a_line_through_a_staircase_bends_where_it_is_clipped():
     stairs = Noise(np.full(3, 0.8), 0.0, 8.0, 0.0, 255.0, rest=30.0)
-    line = replace(stairs, lined=True)
+    line = replace(stairs, stairs=stairs)
     level, near = np.linspace(25.0, 120.0, 400), np.linspace(-15.0, 15.0, 50)
     mean, slope, each, shared = line.moments(level, np.full_like(level, 0.2))
     assert mean == pytest.approx(stairs.moments(level, np.full_like(level, 0.2))[0])
