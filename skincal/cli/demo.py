@@ -35,6 +35,11 @@ UNITS = {
 }
 
 
+SESSIONS = ("run", "gap")
+FOLDERS = ("cal", "predicted", "evaluation", "gap-cal", "gap-closed")
+FILES = ("truth.json", "presses.png", "ranges.toml", "gap-truth.json", "gap-ranges.toml")
+"""What a demonstration writes; listed before it is there, so that one that was killed can be replaced."""
+
 MARKER = "demo.txt"
 """File that identifies a demonstration: other outputs of skincal, such as a session, are never replaced by one."""
 
@@ -46,30 +51,29 @@ def demo(
 
     Takes some minutes. The last step needs `skincal[policy]`; without it, the rest runs.
     """
-    from skincal.files.manifest import write_manifest
-
     make_room(out)
-    try:
-        _show(out)
-    finally:
-        write_manifest(out)
+    _show(out)
 
 
 def make_room(out: Path) -> None:
-    """Remove an earlier demonstration, and nothing else.
+    """Remove an earlier demonstration, however it ended, and nothing else.
 
     Raises:
         InputError: the folder holds something else.
     """
+    from skincal.collect import discard_session
     from skincal.files import refuse_existing
-    from skincal.files.manifest import write_manifest
+    from skincal.files.manifest import NAME, write_manifest
 
+    if (out / MARKER).is_file():
+        for name in SESSIONS:
+            discard_session(out / name)
     refuse_existing(out, force=True, marker=MARKER)
     if out.exists():
         shutil.rmtree(out)
     out.mkdir()
     (out / MARKER).write_text("Made by skincal demo, which replaces this folder.\n", encoding="utf-8")
-    write_manifest(out)
+    write_manifest(out, later=[*FILES, *(f"{name}/{NAME}" for name in (*SESSIONS, *FOLDERS))])
 
 
 def _show(out: Path) -> None:

@@ -1,7 +1,7 @@
 """Data collection: plans of presses, and their execution with a hand, which gives a dataset."""
 
 from skincal.collect.collection import Collected, collect
-from skincal.collect.journal import journal_folder
+from skincal.collect.journal import discard_session, journal_folder
 from skincal.collect.plan import KINDS, Plan, PlannedPress
 from skincal.collect.plan_file import read_plan, write_plan
 from skincal.collect.posture import Mount
@@ -11,6 +11,6 @@ from skincal.collect.protocols import PROTOCOLS, FullProtocol, PaperProtocol, fu
 
 __all__ = [
     "KINDS", "PROTOCOLS", "CollectOptions", "Collected", "FullProtocol", "MakeDriver", "Mount", "Need",
-    "PaperProtocol", "Plan", "PlannedPress", "Progress", "collect", "full_plan", "journal_folder",
-    "paper_plan", "read_plan", "write_plan",
+    "PaperProtocol", "Plan", "PlannedPress", "Progress", "collect", "discard_session", "full_plan",
+    "journal_folder", "paper_plan", "read_plan", "write_plan",
 ]  # fmt: skip

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from skincal.bounded import parse_toml, read_text
 from skincal.collect.assemble import dataset_of, rest_shifts
 from skincal.collect.connection import HandSession
-from skincal.collect.journal import Journal, digest_of, journal_folder
+from skincal.collect.journal import Journal, digest_of, journal_folder, journal_lock
 from skincal.collect.plan import Plan
 from skincal.collect.plan_file import plan_as_toml, read_plan
 from skincal.collect.poses import with_poses
@@ -119,7 +119,7 @@ def collect(
     folder = journal_folder(out)
     if not _written(folder, out):
         refuse_existing(out, *inputs, force=force, marker=MARKER)
-    with alone(folder.with_name(f"{folder.name}.lock"), folder, create=True):
+    with alone(journal_lock(out), folder, create=True):
         recover(out)
         journal = Journal.open(folder, same, {"created": datetime.now(UTC).isoformat()}, restart=restart)
         resumed = _sound_presses(journal, rig.meta)

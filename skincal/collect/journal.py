@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from skincal.bounded import UnreadableError, parse_json, read_arrays, read_text
 from skincal.errors import InputError, Problem, input_error
-from skincal.files import whole_file
+from skincal.files import alone, whole_file
 
 Arrays = dict[str, NDArray[Any]]
 """Columns by name."""
@@ -188,6 +188,22 @@ def _damaged(path: Path, expected: str) -> InputError:
 def journal_folder(out: Path) -> Path:
     """Return the journal's folder of a session with output ``out``."""
     return out.parent / f".{out.name}.collect"
+
+
+def journal_lock(out: Path) -> Path:
+    """Return the file that is locked while a session with output ``out`` is at work."""
+    return out.parent / f".{out.name}.collect.lock"
+
+
+def discard_session(out: Path) -> None:
+    """Remove what an interrupted session with output ``out`` left.
+
+    Raises:
+        InputError: the session is at work, or its folder holds something else.
+    """
+    folder = journal_folder(out)
+    with alone(journal_lock(out), folder, create=True):
+        _remove(folder)
 
 
 def digest_of(text: str) -> str:

@@ -57,7 +57,10 @@ _ANYWHERE = (NAME, ".DS_Store", ".nfs*")
 
 
 def write_manifest(folder: Path, later: Iterable[str] = ()) -> None:
-    """Write the list of all files in a finished output, and of those that ``later`` go into it, into its folder."""
+    """Write the list of all files in a finished output, and of those that ``later`` go into it, into its folder.
+
+    The list of a folder inside of it stands for the files that this folder lists.
+    """
     files = [path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()]
     content = {"tool": "skincal", "format": FORMAT, "files": sorted({*files, *later} - {NAME})}
     (folder / NAME).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -65,7 +68,7 @@ def write_manifest(folder: Path, later: Iterable[str] = ()) -> None:
 
 def strangers(folder: Path) -> list[str]:
     """Return the files in an output folder that skincal did not write, as names relative to it."""
-    known = _listed(folder) or _named_before(folder)
+    known = _known(folder)
     folders = {str(parent) for name in known for parent in PurePosixPath(name).parents}
     found: list[str] = []
     for root, inner, files in os.walk(folder):
@@ -81,8 +84,14 @@ def strangers(folder: Path) -> list[str]:
 
 def holds(folder: Path, path: Path) -> bool:
     """Return whether a file belongs to an input folder."""
-    known = _listed(folder) or _named_before(folder)
-    return _is_known(PurePosixPath(path.relative_to(folder).as_posix()), known)
+    return _is_known(PurePosixPath(path.relative_to(folder).as_posix()), _known(folder))
+
+
+def _known(folder: Path) -> list[str]:
+    """Return the files of a folder: those of its list, and of the lists inside of it that it names."""
+    known = _listed(folder)
+    inner = [PurePosixPath(name).parent for name in known if PurePosixPath(name).name == NAME]
+    return [*known, *(str(at / name) for at in inner for name in _listed(folder / at))] or _named_before(folder)
 
 
 def _is_known(name: PurePosixPath, known: Sequence[str]) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -9,23 +10,42 @@ import pytest
 from skincal.cli import demo
 from skincal.cli.demo import MARKER, make_room
 from skincal.cli.main import main
+from skincal.collect import journal_folder
+from skincal.collect.journal import Journal
 from skincal.errors import InputError
-from skincal.files.manifest import NAME, write_manifest
+from skincal.files import whole_folder
+from skincal.files.manifest import NAME
 from skincal.sample import NAMES, sample_path
 
 
-def test_only_an_earlier_demonstration_is_replaced(tmp_path: Path) -> None:
-    out = tmp_path / "demo"
+def left_behind(out: Path) -> Path:
+    """A demonstration that was killed while it collected its second session."""
     make_room(out)
-    (out / "run").mkdir()
-    (out / "run" / "presses.csv").touch()
-    write_manifest(out)
+    with whole_folder(out / "run", marker="dataset.toml") as run:
+        (run / "dataset.toml").touch()
+    (out / "truth.json").touch()
+    (out / ".cal.abcdefgh.part").mkdir()
+    Journal.open(journal_folder(out / "gap"), {}, {"created": "2026-01-01"}, restart=False)
+    return out
+
+
+def test_an_earlier_demonstration_is_replaced_however_it_ended(tmp_path: Path) -> None:
+    out = left_behind(tmp_path / "demo")
     make_room(out)
     assert {path.name for path in out.iterdir()} == {MARKER, NAME}
-    (out / "thesis.tex").touch()
-    with pytest.raises(InputError, match=r"thesis\.tex"):
+
+
+@pytest.mark.parametrize(
+    "name", ["thesis.tex", "run/notes.txt", "cal/mine.toml", ".gap.collect/x.csv", ".mine.collect/press-1.npz"]
+)
+def test_a_demonstration_with_work_of_others_stays(tmp_path: Path, name: str) -> None:
+    out = left_behind(tmp_path / "demo")
+    (out / name).parent.mkdir(exist_ok=True)
+    (out / name).touch()
+    with pytest.raises(InputError, match=re.escape(Path(name).parts[0])):
         make_room(out)
-    assert (out / "thesis.tex").is_file()
+    assert (out / name).is_file()
+    assert (out / "truth.json").is_file()
 
 
 def test_session_is_no_demonstration(folder: Path) -> None:
