@@ -31,7 +31,7 @@ class Constants:
     null_sessions: int = 120  # T  simulated sessions with nothing hidden
     null_quantile: float = 0.99  # T  of their greatest gains: an effect's limit
     slack: float = 1.25  # M  what a limit is raised by for laws and errors that the null does not have
-    twin_steps: int = 3  # T  of the base model's fit to another contact law
+    few_steps: int = 3  # T  of a fit that only shows where it leads: to another contact law, without an effect
     noise: float = 0.02  # P  relative error of the noise's variance, so much may always be left
     joint_steps: int = 5  # T  of a joint fit
     last_steps: int = 12  # T  of that of the effect which is taken

@@ -55,6 +55,10 @@ BLUR_M2 = STEP_M**2 / 2
 """Variance of a spreading of one: a state's number multiplies a quarter of the Laplacian over squared steps."""
 _SLID_M = 1.2e-4
 """A table's second order is right so far from its places [m]."""
+_COARSE_M = 6e-4
+"""Between points where places are looked for."""
+_PLACE_M = 1.5e-4
+"""Places that have tables lie so far apart [m]: a press that moves by less keeps its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,20 +94,20 @@ class Seen:
         felt: samples after effects on place and force.
         loads: (K, J) [N].
         values: (K, J) levels less rest [counts].
+        moves: (3, K, J) slopes of loads by the move across and along [N/m], and by the logarithm of the force.
         table: of the presses.
         places: (P, 2) of the table, from the measured places [m].
         key: what else the table belongs to.
-        at: (K, 2) move of each sample from the table's place [m].
     """
 
     state: State
     felt: Samples
     loads: FloatArray
     values: FloatArray
+    moves: FloatArray
     table: PressTable
     places: FloatArray
     key: object
-    at: FloatArray
 
 
 class Means:
@@ -182,18 +186,20 @@ class Forward:
 
     def of_holds(self) -> Forward:
         """The same of holds alone, on coarser points: where the search for the sensor begins."""
-        part = self.session.of_holds_alone()
+        return self._on_coarse_points(self.session.of_holds_alone())
+
+    @cached_property
+    def _rough(self) -> Forward:
+        """The same on coarser points, for what is looked for roughly."""
+        return self._on_coarse_points(self.session)
+
+    def _on_coarse_points(self, session: GapSession) -> Forward:
         _, margin, rule = self._patch
+        clipped = self.rests_clipped
         return Forward(
-            part,
-            self.surface,
-            self.layout,
-            self.noise,
-            clipped=self.rests_clipped,
-            resolution_m=6e-4,
-            margin_m=margin,
-            rule=rule,
-        )
+            session, self.surface, self.layout, self.noise, clipped=clipped,
+            resolution_m=_COARSE_M, margin_m=margin, rule=rule,
+        )  # fmt: skip
 
     def contact_law(self, numbers: FloatArray) -> ContactLaw:
         """The contact law of a state's numbers, but for bare; E is that under the session's first ball."""
@@ -233,6 +239,29 @@ class Forward:
     def _moves_within(self) -> FloatArray:
         """(K, 2) how far each sample lies from its press's place [m]: contacts that slide or roll."""
         return self._off(self.samples)
+
+    def _slides(self, off: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The ends of the line along which each press slides, and how far along it each sample is.
+
+        Args:
+            off: (K, 2) of each sample from the place of its press [m].
+
+        Returns:
+            (1 or 2, P, 2) from the places [m], one where no press slides; (K,) from the first, 0, to the second, 1.
+        """
+        on, many = self.row >= 0, self.presses
+        if np.abs(off[on]).max(initial=0.0) <= _SLID_M:
+            return np.zeros((1, many, 2)), np.zeros(len(off))
+        row, step = self.row[on], off[on]
+        spread = np.zeros((many, 2, 2))
+        np.add.at(spread, row, step[:, :, None] * step[:, None])
+        way = np.linalg.eigh(spread)[1][:, :, 1]
+        along, ends = (way[row] * step).sum(axis=1), np.zeros((2, many))
+        np.minimum.at(ends[0], row, along)
+        np.maximum.at(ends[1], row, along)
+        part = np.zeros(len(off))
+        part[on] = (along - ends[0][row]) / np.maximum(ends[1] - ends[0], 1e-12)[row]
+        return ends[..., None] * way, part
 
     def _off(self, samples: Samples) -> FloatArray:
         row = np.maximum(self.row, 0)
@@ -279,15 +308,16 @@ class Forward:
         skin = self.skin(state)
         felt, off = self._felt(skin)
         places, key = self._middle(off) + state.move[:, :2], self._key(skin, felt, state)
-        if near is not None and key == near.key and np.abs(places - near.places).max(initial=0.0) < _SLID_M:
+        reach = _SLID_M + _PLACE_M / 2
+        if near is not None and key == near.key and np.abs(places - near.places).max(initial=0.0) < reach:
             places, table = near.places, near.table
         else:
+            places = _PLACE_M * np.round(places / _PLACE_M)
             table = self._table(key, skin, felt, state, places)
-        row = np.maximum(self.row, 0)
-        at = off + state.move[row, :2] - places[row]
-        at[self.row < 0] = 0.0
-        loads = self._loads(table, felt, state, at)
-        return Seen(state, felt, loads, self._after(skin, loads, felt), table, places, key, at)
+        row, e = np.maximum(self.row, 0), float(np.exp(state.log_e))
+        at = np.where((self.row >= 0)[:, None], off + state.move[row, :2] - places[row], 0.0)
+        loads, *moves = e * table.with_slopes(self.row, self._force(felt, state) / e, at)
+        return Seen(state, felt, loads, self._after(skin, loads, felt), np.array(moves), table, places, key)
 
     def _felt(self, skin: EffectSkin) -> tuple[Samples, FloatArray]:
         """Samples as the skin feels them, and how far (K, 2) they are from the measured place of their press."""
@@ -368,10 +398,6 @@ class Forward:
         force = np.where(felt.touching & (self.row >= 0), np.nan_to_num(felt.contacts.force_n), 0.0)
         return np.maximum(force * np.exp(state.move[row, 2]), 0.0)
 
-    def _loads(self, table: PressTable, felt: Samples, state: State, at: FloatArray) -> FloatArray:
-        e = float(np.exp(state.log_e))
-        return e * table.at(self.row, self._force(felt, state) / e, at if at.any() else None)
-
     def reader(self, state: State, at: IntArray) -> Callable[[FloatArray, IntArray], FloatArray]:
         """What presses read elsewhere: of one sample each (B,), by the chain without memory.
 
@@ -381,7 +407,7 @@ class Forward:
             of moves (C, G, 2) [m] of some of these samples (C,) the levels (C, G, J).
         """
         still = {n: v for n, v in state.effects.items() if not effect(n).has_memory}
-        skin = self.skin(state, still)
+        skin = self._rough.skin(state, still)
         felt, off = self._felt(skin)
         middle, seen = self._middle(off), self.see(state)
         part = np.ones(len(at))
@@ -478,29 +504,25 @@ class Forward:
         """
         if self._moves is not None and self._moves[0] is seen:
             return self._moves[1]
-        e = float(np.exp(seen.state.log_e))
-        load = self._force(seen.felt, seen.state) / e
-        moves = seen.table.slopes(self.row, load, seen.at if seen.at.any() else None) * e
-        more, less = (seen.table.at(self.row, load * (1 + side * _SOFT)) for side in (1, -1))
-        parts = [
-            self.with_loads(seen, step * x) / step
-            for x, step in ((moves[0], 2e-5), (moves[1], 2e-5), (e * (more - less) / (2 * _SOFT), _SOFT))
-        ]
-        return np.stack(parts, axis=-1)
+        steps = zip((2e-5, 2e-5, _SOFT), seen.moves, strict=True)
+        self._moves = seen, np.stack([self.with_loads(seen, h * x) / h for h, x in steps], axis=-1)
+        return self._moves[1]
 
 
 class _Near:
-    """Loads of states about one, all by tables for the places that its presses have: slopes are their differences."""
+    """Loads of states about one, all by tables for the places that its presses have: slopes are their differences.
+
+    A press that slides has tables at both ends of the line that it slides along: between them slopes are lines.
+    """
 
     def __init__(self, forward: Forward, seen: Seen) -> None:
         self._f, self._seen, self._skin = forward, seen, forward.skin(seen.state)
         off = forward._felt(self._skin)[1]
-        middle, row = forward._middle(off), np.maximum(forward.row, 0)
-        self.places = seen.places
-        slid = np.where((forward.row >= 0)[:, None], off - middle[row], 0.0)
-        self._slid = slid if np.abs(slid).max(initial=0.0) > _SLID_M else None
+        middle = forward._middle(off)
+        self.places = middle + seen.state.move[:, :2]
         self._force = forward._force(seen.felt, seen.state)
         self._law = LAW_WAYS @ seen.state.law
+        self._line, self._part = forward._slides(off - middle[np.maximum(forward.row, 0)])
         self._own = self._table()
         # Spreading at the places of the state's table: its second order is all that there is of it.
         self._blur = seen.table.curved()
@@ -533,7 +555,7 @@ class _Near:
             felt = (self._by_e**2 + self._spread_by_e**2).sum(axis=1)
             alike = (by * self._by_e).sum(axis=1) / np.maximum(felt, 1e-300)
             parts.append(by + alike[:, None] * self._spread_by_e)
-        return np.stack([parts[0], self._of(self._blur, slid=False), parts[1]], axis=-1)
+        return np.stack([parts[0], self._of(self._blur), parts[1]], axis=-1)
 
     def by_bare(self) -> FloatArray:
         """(K, J) slope by the part of the pressure itself: a line."""
@@ -546,7 +568,7 @@ class _Near:
 
     @cached_property
     def _spread_by_e(self) -> FloatArray:
-        more, less = (self._of(self._blur, side * _SOFT, slid=False) for side in (1, -1))
+        more, less = (self._of(self._blur, side * _SOFT) for side in (1, -1))
         return self._law[1] * (more - less) / (2 * _SOFT)
 
     def _table(
@@ -554,12 +576,17 @@ class _Near:
     ) -> PressTable:
         s = self._seen.state
         skin = self._skin if pose is None else self._f.skin(replace(s, pose=pose))
-        lattice = self._slid is not None
-        return self._f._make(skin, self._seen.felt, s, self.places + along, lattice=lattice, law=law)
+        ends = (self.places + along + self._line).reshape(-1, 2)
+        rows = np.tile(np.arange(self._f.presses), len(self._line))
+        return self._f._make(skin, self._seen.felt, s, ends, rows=rows, lattice=False, law=law)
 
-    def _of(self, table: PressTable, harder: float = 0.0, *, slid: bool = True) -> FloatArray:
+    def _of(self, table: PressTable, harder: float = 0.0) -> FloatArray:
         e = float(np.exp(self._seen.state.log_e + harder))
-        return e * table.at(self._f.row, self._force / e, self._slid if slid else None)
+        first, *other = (
+            e * table.at(self._f.row + k * self._f.presses * (self._f.row >= 0), self._force / e)
+            for k in range(len(table.most_m3) // self._f.presses)
+        )
+        return first + self._part[:, None] * (other[0] - first) if other else first
 
 
 def _alike(one: State, other: State) -> bool:

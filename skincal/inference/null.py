@@ -84,7 +84,7 @@ def _twin_residual(twin: tuple[Fitter, State, str, float]) -> FloatArray | None:
     mean, _ = f.noise.written(values + state.rest)
     before = replace(fitter.before, weights=np.ones(fitter.counts.shape))
     other = Fitter(f, np.where(np.isfinite(fitter.counts), f.mean @ mean, np.nan), before)
-    fit = other.solve(replace(state, effects={}), steps=C.twin_steps)
+    fit = other.solve(replace(state, effects={}), steps=C.few_steps)
     return np.nan_to_num(raw_residual(other, fit.state))
 
 

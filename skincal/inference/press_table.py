@@ -68,16 +68,11 @@ class PressTable:
         """
         terms = self.terms if move_m is not None else self.terms[:1]
         move = np.zeros((len(row), 2)) if move_m is None else move_m
-        return _look_up(terms, row, load_m3, self.most_m3, move)
+        return _look_up(terms, row, load_m3, self.most_m3, move, False)[0]
 
-    def slopes(self, row: IntArray, load_m3: FloatArray, move_m: FloatArray | None) -> FloatArray:
-        """Slopes (2, M, J) of loads over E by the move across and along [m²]."""
-        move = np.zeros((len(row), 2)) if move_m is None else move_m
-        none = np.zeros_like(self.terms[0])
-        t = self.terms
-        across = np.stack([t[1], 2 * t[3], t[5], none, none, none])
-        along = np.stack([t[2], t[5], 2 * t[4], none, none, none])
-        return np.stack([_look_up(own, row, load_m3, self.most_m3, move) for own in (across, along)])
+    def with_slopes(self, row: IntArray, load_m3: FloatArray, move_m: FloatArray) -> FloatArray:
+        """Loads over E of frames and slopes of them (4, M, J): by the move across and along, by the logarithm of F."""
+        return _look_up(self.terms, row, load_m3, self.most_m3, move_m, True)
 
     def curved(self) -> PressTable:
         """What a spreading of one adds at its places: the second slopes' sum by half a step of the lattice squared."""
@@ -445,11 +440,11 @@ def _balls(points, normals, areas, on, centres, ups, radius, most, share, taxels
 
 
 @allocating
-def _look_up(terms, row, load, most, move):
-    """Cubic through four nodes of the square root; beyond the last a line."""
+def _look_up(terms, row, load, most, move, sloped):
+    """Cubic through four nodes of the square root, beyond the last a line; with slopes, or those left out."""
     orders, nodes, taxels = terms.shape[0], terms.shape[2], terms.shape[3]
-    out = np.zeros((len(row), taxels))
-    w = np.empty(4)
+    out = np.zeros((4 if sloped else 1, len(row), taxels))
+    w, by, g = np.empty(4), np.empty(4), np.zeros((6, 3))
     for f in range(len(row)):
         p = row[f]
         if p < 0 or not load[f] > 0 or most[p] <= 0:
@@ -460,30 +455,33 @@ def _look_up(terms, row, load, most, move):
         if u > nodes - 1:
             a = u - (nodes - 1)
             w[0], w[1], w[2], w[3] = 0.0, 0.0, -a, 1.0 + a
+            by[0], by[1], by[2], by[3] = 0.0, 0.0, -1.0, 1.0
         else:
             w[0] = -(t - 1) * (t - 2) * (t - 3) / 6
             w[1] = t * (t - 2) * (t - 3) / 2
             w[2] = -t * (t - 1) * (t - 3) / 2
             w[3] = t * (t - 1) * (t - 2) / 6
+            by[0] = -((t - 2) * (t - 3) + (t - 1) * (t - 3) + (t - 1) * (t - 2)) / 6
+            by[1] = ((t - 2) * (t - 3) + t * (t - 3) + t * (t - 2)) / 2
+            by[2] = -((t - 1) * (t - 3) + t * (t - 3) + t * (t - 1)) / 2
+            by[3] = ((t - 1) * (t - 2) + t * (t - 2) + t * (t - 1)) / 6
         a, b = move[f, 0], move[f, 1]
+        # Powers of the move that belong to the terms, and their slopes by it.
+        g[0, 0], g[1, 0], g[2, 0], g[3, 0], g[4, 0], g[5, 0] = 1.0, a, b, a * a, b * b, a * b
+        g[1, 1], g[3, 1], g[5, 1] = 1.0, 2 * a, b
+        g[2, 2], g[4, 2], g[5, 2] = 1.0, 2 * b, a
         for o in range(orders):
-            g = (
-                1.0
-                if o == 0
-                else a
-                if o == 1
-                else b
-                if o == 2
-                else a * a
-                if o == 3
-                else b * b
-                if o == 4
-                else a * b
-            )
-            if g == 0.0:
+            x, y, z = g[o]
+            if not sloped and x == 0.0:
                 continue
             for q in range(4):
-                x = g * w[q]
+                of, force = x * w[q], x * by[q] * u / 2
+                across, along = y * w[q], z * w[q]
                 for j in range(taxels):
-                    out[f, j] += x * terms[o, p, k + q, j]
+                    term = terms[o, p, k + q, j]
+                    out[0, f, j] += of * term
+                    if sloped:
+                        out[1, f, j] += across * term
+                        out[2, f, j] += along * term
+                        out[3, f, j] += force * term
     return out

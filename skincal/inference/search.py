@@ -237,6 +237,7 @@ class Search:
 
     def _needed(self, path: Path, asked: Sequence[Named]) -> Path:
         """The same path without those of some effects that are needless."""
+        asked = self._doubtful(path.fit, asked)
         for old, less in zip(asked, self._without(path.fit, [n.name for n in asked]), strict=True):
             if Score(self.score(path.fit) - self.score(less)).total < old.limit:
                 path = replace(
@@ -247,6 +248,13 @@ class Search:
                 )
                 return self._needed(path, [n for n in asked if n is not old])
         return path
+
+    def _doubtful(self, fit: Fitted, asked: Sequence[Named]) -> list[Named]:
+        """Of some effects those without which, after a few steps, not much of what they gained is lost."""
+        begin = [self._less_one(fit, n.name) for n in asked]
+        rough = self.mapper(fitted, [Task(self.fitter, (s,), free, C.few_steps) for s, free in begin])
+        lost = [Score(self.score(fit) - self.score(less)).total for less in rough]
+        return [n for n, x in zip(asked, lost, strict=True) if x < C.contend * n.gain]
 
     def _total(self, path: Path) -> float:
         return float(self.score(path.fit).sum())
@@ -527,14 +535,14 @@ class Search:
     def _without(self, fit: Fitted, names: Sequence[str]) -> list[Fitted]:
         """The fits without each of some effects; worked out once."""
         new = [n for n in names if (fit, n) not in self._less]
-        begin = list[tuple[State, tuple[Free, ...]]]()
-        for name in new:
-            effects = {n: v for n, v in fit.state.effects.items() if n != name or n in self._known}
-            begin.append(
-                (replace(fit.state, effects=effects), tuple(f for f in fit.free if f.effect != name))
-            )
+        begin = [self._less_one(fit, name) for name in new]
         self._less.update({(fit, n): less for n, less in zip(new, self._ends(begin), strict=True)})
         return [self._less[fit, n] for n in names]
+
+    def _less_one(self, fit: Fitted, name: str) -> tuple[State, tuple[Free, ...]]:
+        """The state of a fit without an effect, and the numbers that are then free."""
+        effects = {n: v for n, v in fit.state.effects.items() if n != name or n in self._known}
+        return replace(fit.state, effects=effects), tuple(f for f in fit.free if f.effect != name)
 
     @property
     def scene(self) -> Scene:
