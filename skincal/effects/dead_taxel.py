@@ -32,7 +32,7 @@ class DeadTaxel(SignalEffect):
     name = "dead_taxel"
     stage = Stage.CONVERTER
     meaning = "one or more taxels do not answer or are stuck"
-    equation_error = 0.0
+    equation_error = 0.1
     zero_error = 0.0
     parameters = (
         per_taxel("answer", "-", 1.0, 0.0, 1.0, "a_j: part of the value that shows", typical=-1.0),

@@ -176,8 +176,8 @@ class Forward:
 
     def __getstate__(self) -> dict[str, object]:
         """Return what another process needs: what is kept between states is found again there."""
-        kept = {"_patches": {}, "_tables": {}, "_spread": None, "_moves": None, "_skin": None}
-        return {**self.__dict__, **kept}
+        found_again = {"_patches": {}, "_tables": {}, "_spread": None, "_moves": None, "_skin": None}
+        return {k: found_again.get(k, v) for k, v in self.__dict__.items() if k != "_rough"}
 
     @property
     def rests_clipped(self) -> bool:

@@ -21,8 +21,11 @@ _TURNS = (-0.2, 0.0, 0.2)
 _LAYER = np.array([C.law_power, 0.0, 0.0, 0.0])
 """From a foundation half of the way to a half-space."""
 _LATTICE = np.linspace(-0.8, 0.8, 9)
-_NEAR, _PLACES = np.linspace(-0.5, 0.5, 3), 2
-"""Places about one of the best few of a lattice, in its steps; and how many of these are tried."""
+_NEAR, _MINIMA, _PLACES = np.linspace(-0.5, 0.5, 3), 6, 2
+"""Places about one of the best few of a lattice, in its steps; how many of these there are; and of them are tried."""
+_OFF = (0.05, 0.02)
+"""By so much of its largest value an image is off a step of the lattice from its place, and about the best; smaller
+values by less, as their roots are."""
 
 
 class Task(NamedTuple):
@@ -215,26 +218,31 @@ def placed_at(fitter: Fitter, state: State, rows: IntArray) -> list[State]:
         return []
     read, slack = f.reader(state, at), fitter.before.slack_m
     top = np.maximum(np.nanmax(images, axis=1) - state.rest, 0.0)
-    sd = np.hypot(f.noise.frame, 0.05 * top)[:, None, None]
     parts = np.array_split(np.arange(len(rows)), len(rows) // 16 + 1)
 
-    def left(grid: FloatArray) -> FloatArray:
-        """(B, m) what presses leave at places (B, m, 2)."""
-        levels = np.concatenate([read(grid[k], k) for k in parts])
-        off = np.nansum(((f.noise.written(levels)[0] - images[:, None]) / sd) ** 2, axis=2)
+    def left(grid: FloatArray, part: float) -> FloatArray:
+        """(B, m) what presses leave at places (B, m, 2) where images are off by a part of the largest value."""
+        levels = f.noise.written(np.concatenate([read(grid[k], k) for k in parts]))[0]
+        about = np.maximum((levels + images[:, None]) / 2 - state.rest, 0.0)
+        variance = f.noise.frame**2 + part**2 * top[:, None, None] * about
+        off = np.nansum((levels - images[:, None]) ** 2 / variance, axis=2)
         return off + (grid**2).sum(axis=2) * fitter.before.move[0]
 
     grid = as_floats(slack * square(_LATTICE))
-    off = left(np.tile(grid, (len(rows), 1, 1))).reshape(-1, len(_LATTICE), len(_LATTICE))
+    off = left(np.tile(grid, (len(rows), 1, 1)), _OFF[0]).reshape(-1, len(_LATTICE), len(_LATTICE))
     off = np.where(minima(off), off, np.inf).reshape(len(rows), -1)
-    order = np.argsort(off, axis=1)[:, :_PLACES]
+    order = np.argsort(off, axis=1)[:, :_MINIMA]
     order = np.where(np.isfinite(np.take_along_axis(off, order, axis=1)), order, order[:, :1])
     finer = grid[order][:, :, None] + slack * (_LATTICE[1] - _LATTICE[0]) * square(_NEAR)
-    best = np.argmin(left(finer.reshape(len(rows), -1, 2)).reshape(*order.shape, -1), axis=2)
+    off = left(finer.reshape(len(rows), -1, 2), _OFF[1]).reshape(finer.shape[:3])
+    best = np.take_along_axis(finer, np.argmin(off, axis=2)[..., None, None], axis=2)[:, :, 0]
+    # The lattice tells rough places apart, and what is about them which of these are the best.
+    first = np.argsort(off.min(axis=2), axis=1, kind="stable")
+    best = np.take_along_axis(best, first[..., None], axis=1)
     out = []
     for k in range(_PLACES):
         move = state.move.copy()
-        move[rows] = np.append(finer[np.arange(len(rows)), k, best[:, k]], np.zeros((len(rows), 1)), axis=1)
+        move[rows] = np.append(best[:, k], np.zeros((len(rows), 1)), axis=1)
         out.append(replace(state, move=move))
     return out
 

@@ -17,7 +17,7 @@ from skincal.diagnosis.observed import Observed, observe
 from skincal.effects import effect
 from skincal.inference.columns import free_of
 from skincal.inference.fit import Fitter
-from skincal.inference.forward import LAW, Forward
+from skincal.inference.forward import BASE, LAW, Forward
 from skincal.inference.score import folds_of
 from skincal.inference.start import placed, placed_at
 
@@ -46,6 +46,36 @@ def test_points_that_come_and_go_do_not_tell_a_turn():
         )
         sd.append(np.sqrt(fit.covariance[2, 2]))
     assert sd[1] == pytest.approx(sd[0], rel=0.15)
+
+
+def sliding() -> Forward:
+    """The model of a session whose contacts slide by 0.4 mm as the force grows."""
+    own = seen("nothing").fitter.forward
+    samples = own.session.samples
+    force = np.where(samples.touching, np.nan_to_num(samples.contacts.force_n), 0.0)
+    far = 4e-4 * force / force.max()
+    points = samples.contacts.points_m.copy()
+    on = samples.touching & np.isfinite(points).all(axis=1)
+    points[on] = own.surface.offset(own.surface.project(points[on]), far[on], -far[on] / 2)
+    moved = replace(samples, contacts=replace(samples.contacts, points_m=points))
+    return Forward(
+        replace(own.session, samples=moved), own.surface, own.layout, own.noise, clipped=own.rests_clipped
+    )
+
+
+@pytest.mark.parametrize("column", ["elasticity", *LAW])
+def test_slopes_of_presses_that_slide_are_what_differences_say(column: str):
+    forward, ways = sliding(), [*BASE, *LAW]
+    state = replace(seen("nothing").fitter.before.start, law=np.array([-0.1, 0.1, 0.1, 0.3]))
+    by = forward.base_columns(forward.see(state))[..., ways.index(column)]
+    if column == "elasticity":
+        ends = [replace(state, log_e=state.log_e + h) for h in (0.02, -0.02)]
+    else:
+        one = np.eye(len(LAW))[LAW.index(column)]
+        ends = [replace(state, law=state.law + h * one) for h in (0.02, -0.02)]
+    more, less = (forward.see(end).values for end in ends)
+    apart = (more - less) / 0.04
+    assert np.sqrt(np.mean((by - apart) ** 2)) < 0.03 * np.sqrt(np.mean(apart**2))
 
 
 def test_a_turn_is_what_differences_say():

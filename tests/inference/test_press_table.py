@@ -87,6 +87,21 @@ def test_a_small_move_is_in_the_table():
     assert np.abs(none - want).max() > 0.02 * want.max()
 
 
+def test_slopes_of_a_table_are_what_differences_say():
+    given, row = presses(), np.arange(12)
+    table, rng = press_table(PATCH, FINGER, (Sphere(0.006),), given, E), np.random.default_rng(2)
+    # Within the table, and beyond its largest force.
+    load, move = rng.uniform(0.5, 6.0, 12) / E, rng.uniform(-1e-4, 1e-4, (12, 2))
+    value, *slopes = table.with_slopes(row, load, move)
+    assert np.array_equal(value, table.at(row, load, move))
+    h = 1e-6
+    for k, axis in enumerate(np.eye(2)):
+        apart = table.at(row, load, move + h * axis) - table.at(row, load, move - h * axis)
+        assert slopes[k] == pytest.approx(apart / (2 * h), abs=1e-6 * np.abs(slopes[k]).max())
+    apart = table.at(row, load * (1 + h), move) - table.at(row, load * (1 - h), move)
+    assert slopes[2] == pytest.approx(apart / (2 * h), abs=1e-6 * np.abs(slopes[2]).max())
+
+
 @pytest.mark.parametrize("law", [None, StressLaw(1.2, 5e-4)])
 def test_even_pressure_needs_no_casting(law: StressLaw | None):
     patch = Patch.build(Plane(), LAYOUT, SensorPose(y_m=0.0, alpha_rad=0.1), 3.5e-4, 6e-3, "gauss")
