@@ -91,7 +91,8 @@ def _known(folder: Path) -> list[str]:
     """Return the files of a folder: those of its list, and of the lists inside of it that it names."""
     known = _listed(folder)
     inner = [PurePosixPath(name).parent for name in known if PurePosixPath(name).name == NAME]
-    return [*known, *(str(at / name) for at in inner for name in _listed(folder / at))] or _named_before(folder)
+    known += [str(at / name) for at in inner for name in _listed(folder / at)]
+    return known or _named_before(folder)
 
 
 def _is_known(name: PurePosixPath, known: Sequence[str]) -> bool:

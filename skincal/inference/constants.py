@@ -31,7 +31,7 @@ class Constants:
     null_sessions: int = 120  # T  simulated sessions with nothing hidden
     null_quantile: float = 0.99  # T  of their greatest gains: an effect's limit
     slack: float = 1.25  # M  what a limit is raised by for laws and errors that the null does not have
-    few_steps: int = 3  # T  of a fit that only shows where it leads: to another contact law, without an effect
+    few_steps: int = 3  # T  of a fit that only shows where it leads, as to another contact law
     noise: float = 0.02  # P  relative error of the noise's variance, so much may always be left
     joint_steps: int = 5  # T  of a joint fit
     last_steps: int = 12  # T  of that of the effect which is taken
@@ -41,8 +41,9 @@ class Constants:
     closes: float = 0.5  # T  part of the gap that what is named must be able to close
     least_gain: float = 8.0  # T  nats; less is never named, whatever the null
     alike: float = 2.0  # T  standard errors within which two effects are not told apart
-    most: int = 4  # T  effects that are named at most
-    rounds: int = 8  # T  in which they are found: one effect may be found taxel by taxel
+    most: int = (
+        4  # T  effects that are named at most, in twice as many rounds: one may be found taxel by taxel
+    )
     # T  of a first step
     scales: tuple[float, ...] = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.1, 0.06, 1.5, 2.0, 3.0)
     # T  of the same: a press that leaves more, whatever its place, is no press like the others

@@ -225,7 +225,7 @@ class Search:
         tried = self._round(fit, named)
         rounds = (*path.rounds, tuple(tried))
         good = [t for t in tried if t.good and t.name not in path.dropped]
-        more = len(named) < C.most and len(rounds) <= C.rounds
+        more = len(named) < C.most and len(rounds) <= 2 * C.most
         alike = self._best(fit, good) if good and more else []
         if not alike:
             return [replace(path, rounds=rounds, ended=True)]
@@ -240,19 +240,20 @@ class Search:
         asked = self._doubtful(path.fit, asked)
         for old, less in zip(asked, self._without(path.fit, [n.name for n in asked]), strict=True):
             if Score(self.score(path.fit) - self.score(less)).total < old.limit:
-                path = replace(
-                    path,
-                    fit=less,
-                    named=tuple(n for n in path.named if n is not old),
-                    dropped=path.dropped | {old.name},
-                )
-                return self._needed(path, [n for n in asked if n is not old])
+                left = self._worth(less, [n for n in path.named if n is not old])
+                path = replace(path, fit=less, named=left, dropped=path.dropped | {old.name})
+                names = [n.name for n in asked]
+                return self._needed(path, [n for n in left if n.name in names])
         return path
+
+    def _worth(self, fit: Fitted, named: Sequence[Named]) -> tuple[Named, ...]:
+        """Effects with what they gain in a fit that another one has left."""
+        lost = [self.score(fit) - self.score(x) for x in self._without(fit, [n.name for n in named])]
+        return tuple(replace(n, gain=Score(x).total) for n, x in zip(named, lost, strict=True))
 
     def _doubtful(self, fit: Fitted, asked: Sequence[Named]) -> list[Named]:
         """Of some effects those without which, after a few steps, not much of what they gained is lost."""
-        begin = [self._less_one(fit, n.name) for n in asked]
-        rough = self.mapper(fitted, [Task(self.fitter, (s,), free, C.few_steps) for s, free in begin])
+        rough = self._without(fit, [n.name for n in asked], few=True)
         lost = [Score(self.score(fit) - self.score(less)).total for less in rough]
         return [n for n, x in zip(asked, lost, strict=True) if x < C.contend * n.gain]
 
@@ -532,17 +533,20 @@ class Search:
                 best = off, values
         return best[1]
 
-    def _without(self, fit: Fitted, names: Sequence[str]) -> list[Fitted]:
-        """The fits without each of some effects; worked out once."""
-        new = [n for n in names if (fit, n) not in self._less]
-        begin = [self._less_one(fit, name) for name in new]
+    def _without(self, fit: Fitted, names: Sequence[str], *, few: bool = False) -> list[Fitted]:
+        """The fits without each of some effects: to their ends, worked out once, or after a few steps."""
+        new = names if few else [n for n in names if (fit, n) not in self._less]
+        begin = list[tuple[State, tuple[Free, ...]]]()
+        for name in new:
+            effects = {n: v for n, v in fit.state.effects.items() if n != name or n in self._known}
+            begin.append(
+                (replace(fit.state, effects=effects), tuple(f for f in fit.free if f.effect != name))
+            )
+        if few:
+            tasks = [Task(self.fitter, (state,), free, C.few_steps) for state, free in begin]
+            return list(self.mapper(fitted, tasks))
         self._less.update({(fit, n): less for n, less in zip(new, self._ends(begin), strict=True)})
         return [self._less[fit, n] for n in names]
-
-    def _less_one(self, fit: Fitted, name: str) -> tuple[State, tuple[Free, ...]]:
-        """The state of a fit without an effect, and the numbers that are then free."""
-        effects = {n: v for n, v in fit.state.effects.items() if n != name or n in self._known}
-        return replace(fit.state, effects=effects), tuple(f for f in fit.free if f.effect != name)
 
     @property
     def scene(self) -> Scene:

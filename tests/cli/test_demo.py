@@ -36,7 +36,8 @@ def test_an_earlier_demonstration_is_replaced_however_it_ended(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    "name", ["thesis.tex", "run/notes.txt", "cal/mine.toml", ".gap.collect/x.csv", ".mine.collect/press-1.npz"]
+    "name",
+    ["thesis.tex", "run/notes.txt", "cal/mine.toml", ".gap.collect/x.csv", ".mine.collect/press-1.npz"],
 )
 def test_a_demonstration_with_work_of_others_stays(tmp_path: Path, name: str) -> None:
     out = left_behind(tmp_path / "demo")

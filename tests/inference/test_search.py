@@ -157,7 +157,7 @@ class Forking(Search):
         gain = {n: float((self.score(x) - self.score(fit)).sum()) for n, x in new.items()}
         return [(Named(n, (n, *(m for m in names if m != n)), gain[n], 8.0, 0.01), x) for n, x in new.items()]
 
-    def _without(self, fit: Any, names: Any) -> Any:
+    def _without(self, fit: Any, names: Any, *, few: bool = False) -> Any:
         left = [tuple(n for n in ("creep", "latency") if n in fit.effects and n != name) for name in names]
         return [SimpleNamespace(effects=effects) for effects in left]
 
