@@ -43,7 +43,7 @@ def test_a_search_ends_where_one_effect_gains_taxel_by_taxel():
     none: Any = None
     found = Endless(none, base, (), frozenset(), np.random.default_rng(0)).run()
     (one,) = found.named
-    assert one.gain == 20.0 * C.rounds
+    assert one.gain == 20.0 * 2 * C.most
 
 
 class Entry(SimpleNamespace):
