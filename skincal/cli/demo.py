@@ -51,8 +51,11 @@ def demo(
 
     Takes some minutes. The last step needs `skincal[policy]`; without it, the rest runs.
     """
+    from skincal.files import alone
+
     make_room(out)
-    _show(out)
+    with alone(out / MARKER, out):
+        _show(out)
 
 
 def make_room(out: Path) -> None:
@@ -65,7 +68,7 @@ def make_room(out: Path) -> None:
     from skincal.files import refuse_existing
     from skincal.files.manifest import NAME, write_manifest
 
-    if (out / MARKER).is_file():
+    if (out / MARKER).is_file() and not out.is_symlink():
         for name in SESSIONS:
             discard_session(out / name)
     refuse_existing(out, force=True, marker=MARKER)

@@ -41,9 +41,8 @@ class Constants:
     closes: float = 0.5  # T  part of the gap that what is named must be able to close
     least_gain: float = 8.0  # T  nats; less is never named, whatever the null
     alike: float = 2.0  # T  standard errors within which two effects are not told apart
-    most: int = (
-        4  # T  effects that are named at most, in twice as many rounds: one may be found taxel by taxel
-    )
+    # T  effects that are named at most, in twice as many rounds: one may be found taxel by taxel
+    most: int = 4
     # T  of a first step
     scales: tuple[float, ...] = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.1, 0.06, 1.5, 2.0, 3.0)
     # T  of the same: a press that leaves more, whatever its place, is no press like the others

@@ -168,7 +168,7 @@ class Forward:
         self._measured = self._presses()
         self._axes = self._measured.axes(surface)
         self._within = self._moves_within()
-        self._patches: dict[SensorPose, Patch] = {}
+        self._patches: dict[tuple[SensorPose, float], Patch] = {}
         self._tables: dict[object, tuple[FloatArray, PressTable]] = {}
         self._spread: tuple[object, Patch, FloatArray] | None = None
         self._moves: tuple[Seen, FloatArray] | None = None
@@ -177,7 +177,7 @@ class Forward:
     def __getstate__(self) -> dict[str, object]:
         """Return what another process needs: what is kept between states is found again there."""
         found_again = {"_patches": {}, "_tables": {}, "_spread": None, "_moves": None, "_skin": None}
-        return {k: found_again.get(k, v) for k, v in self.__dict__.items() if k != "_rough"}
+        return {**self.__dict__, **found_again}
 
     @property
     def rests_clipped(self) -> bool:
@@ -186,19 +186,10 @@ class Forward:
 
     def of_holds(self) -> Forward:
         """The same of holds alone, on coarser points: where the search for the sensor begins."""
-        return self._on_coarse_points(self.session.of_holds_alone())
-
-    @cached_property
-    def _rough(self) -> Forward:
-        """The same on coarser points, for what is looked for roughly."""
-        return self._on_coarse_points(self.session)
-
-    def _on_coarse_points(self, session: GapSession) -> Forward:
-        _, margin, rule = self._patch
-        clipped = self.rests_clipped
+        part, (resolution, margin, rule) = self.session.of_holds_alone(), self._patch
         return Forward(
-            session, self.surface, self.layout, self.noise, clipped=clipped,
-            resolution_m=_COARSE_M, margin_m=margin, rule=rule,
+            part, self.surface, self.layout, self.noise, clipped=self.rests_clipped,
+            resolution_m=max(resolution, _COARSE_M), margin_m=margin, rule=rule,
         )  # fmt: skip
 
     def contact_law(self, numbers: FloatArray) -> ContactLaw:
@@ -280,17 +271,16 @@ class Forward:
             self._skin = state, skin
         return self._skin[1]
 
-    def _new_skin(self, state: State, effects: Effects | None) -> EffectSkin:
-        if state.pose not in self._patches:
+    def _new_skin(self, state: State, effects: Effects | None, coarse_m: float = 0.0) -> EffectSkin:
+        resolution, margin, rule = self._patch
+        key = state.pose, max(resolution, coarse_m)
+        if key not in self._patches:
             if len(self._patches) > 8:
                 self._patches.clear()
-            resolution, margin, rule = self._patch
-            self._patches[state.pose] = Patch.build(
-                self.surface, self.layout, state.pose, resolution, margin, rule
-            )
+            self._patches[key] = Patch.build(self.surface, self.layout, *key, margin, rule)
         scale = np.exp(state.log_s)
         skin = Skin(
-            self._patches[state.pose],
+            self._patches[key],
             SkinParameters(float(np.exp(state.log_e)), scale if scale.ndim else float(scale)),
             self._converter,
         )
@@ -407,7 +397,7 @@ class Forward:
             of moves (C, G, 2) [m] of some of these samples (C,) the levels (C, G, J).
         """
         still = {n: v for n, v in state.effects.items() if not effect(n).has_memory}
-        skin = self._rough.skin(state, still)
+        skin = self._new_skin(state, still, _COARSE_M)
         felt, off = self._felt(skin)
         middle, seen = self._middle(off), self.see(state)
         part = np.ones(len(at))

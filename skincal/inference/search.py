@@ -237,7 +237,7 @@ class Search:
 
     def _needed(self, path: Path, asked: Sequence[Named]) -> Path:
         """The same path without those of some effects that are needless."""
-        asked = self._doubtful(path.fit, asked)
+        asked = self._perhaps_needless(path.fit, asked)
         for old, less in zip(asked, self._without(path.fit, [n.name for n in asked]), strict=True):
             if Score(self.score(path.fit) - self.score(less)).total < old.limit:
                 left = self._worth(less, [n for n in path.named if n is not old])
@@ -251,7 +251,7 @@ class Search:
         lost = [self.score(fit) - self.score(x) for x in self._without(fit, [n.name for n in named])]
         return tuple(replace(n, gain=Score(x).total) for n, x in zip(named, lost, strict=True))
 
-    def _doubtful(self, fit: Fitted, asked: Sequence[Named]) -> list[Named]:
+    def _perhaps_needless(self, fit: Fitted, asked: Sequence[Named]) -> list[Named]:
         """Of some effects those without which, after a few steps, not much of what they gained is lost."""
         rough = self._without(fit, [n.name for n in asked], few=True)
         lost = [Score(self.score(fit) - self.score(less)).total for less in rough]

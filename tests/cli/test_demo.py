@@ -13,7 +13,7 @@ from skincal.cli.main import main
 from skincal.collect import journal_folder
 from skincal.collect.journal import Journal
 from skincal.errors import InputError
-from skincal.files import whole_folder
+from skincal.files import alone, whole_folder
 from skincal.files.manifest import NAME
 from skincal.sample import NAMES, sample_path
 
@@ -47,6 +47,13 @@ def test_a_demonstration_with_work_of_others_stays(tmp_path: Path, name: str) ->
         make_room(out)
     assert (out / name).is_file()
     assert (out / "truth.json").is_file()
+
+
+def test_a_demonstration_at_work_stays(tmp_path: Path) -> None:
+    out = left_behind(tmp_path / "demo")
+    with alone(out / MARKER, out), pytest.raises(InputError, match="another process at work"):
+        make_room(out)
+    assert (out / "run" / "dataset.toml").is_file()
 
 
 def test_session_is_no_demonstration(folder: Path) -> None:
