@@ -20,11 +20,11 @@ from skincal.diagnosis.planned_session import plan_session
 from skincal.diagnosis.reasons import EffectAudit, facts_of, why_not
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError
+from skincal.inference.candidate_scores import top_counts
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.fit import Beforehand, Fitter
+from skincal.inference.fit import Fitter, Priors
 from skincal.inference.forward import LAW, State
 from skincal.inference.noise import Noise
-from skincal.inference.search import top_of
 from skincal.inference.session import GapSession
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray
@@ -138,7 +138,7 @@ def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.ran
     seen = observe(dataset, calibration, rng, keep=False)
     found = report_of(
         seen.fitter,
-        seen.fitter.before.start,
+        seen.fitter.priors.start,
         seen.floor,
         rng,
         calibrated=calibration is not None,
@@ -219,7 +219,7 @@ def audit_planned(
     counts = np.zeros((len(session), taxels))
     base = 1 / np.array([4e-3, 2e-3, 0.35, 1.0, 1.5, C.rest]) ** 2
     move = 1 / np.array([meta.position.sigma_m, meta.position.sigma_m, C.force]) ** 2
-    before = Beforehand(base, start, move, 2e-3, np.ones_like(counts))
+    before = Priors(base, start, move, 2e-3, np.ones_like(counts))
     mean = float(np.hypot(1.0, step / np.sqrt(12)) / 5)
     floor = NoiseFloor(
         1.0, (0.5, 2.0), "assumed", mean, (mean / 2, 2 * mean), "assumed", 0.0, step, measured=False
@@ -249,14 +249,14 @@ def report_of(
         planned: whether there are no data yet.
     """
     f, session = fitter.forward, fitter.forward.session
-    options = AuditOptions(position_sigma_m=float(1 / np.sqrt(fitter.before.move[0])))
-    seen = f.see(state)
+    options = AuditOptions(position_sigma_m=float(1 / np.sqrt(fitter.priors.move[0])))
+    seen = f.predict(state)
     samples = session.samples
     have = {c for c in COVARIATES if samples.has(c)}
     poses = 1 if samples.pose is None else int(samples.pose.max(initial=0)) + 1
     lacking = {n: tuple(c for c in e.covariates if c not in have) for n, e in EFFECTS.items()}
     names = [n for n in EFFECTS if not lacking[n]]
-    top = top_of(seen, samples)
+    top = top_counts(seen, samples)
     cases: list[FloatArray] = []
     for name in names:
         case = EFFECTS[name].at_strength(1.0, rng, f.layout, max(poses, 2), top_counts=top)
@@ -267,9 +267,9 @@ def report_of(
     w = fitter.whitened(
         seen,
         Slopes.joined([fitter.columns(seen, ()), Slopes.of(np.stack(cases, axis=-1))]),
-        fitter.equations(seen)[0],
+        fitter.equation_errors(seen)[0],
     )
-    h = fitter.built(seen, (), w, 0).blocks.h.sum(axis=0)
+    h = fitter.linearised(seen, (), w, 0).blocks.h.sum(axis=0)
     n = h.shape[0] - len(names)
     raw = (w.columns.dense[..., n:] ** 2).sum(axis=(0, 1))
     base = h[:n, :n] + np.diag(fitter.prior(state, ())[0])

@@ -15,7 +15,7 @@ from skincal.diagnosis.gap import Gap
 from skincal.diagnosis.observed import NoiseFloor, Observed
 from skincal.diagnosis.where import Share
 from skincal.effects import EFFECTS, EffectParameter
-from skincal.inference.search import Found
+from skincal.inference.search_result import SearchResult
 from skincal.model.arrays import FloatArray
 from skincal.shown import Shown
 
@@ -98,7 +98,7 @@ class Diagnosis(Shown):
     gap: Gap
     floor: NoiseFloor
     audit: AuditReport
-    found: Found
+    found: SearchResult
     observed: Observed
     depends: tuple[Share, ...]
     findings: tuple[Finding, ...]

@@ -18,7 +18,7 @@ from skincal.diagnosis.observed import Observed, full_rate
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitter
 from skincal.inference.forward import Forward, State
-from skincal.inference.start import better_of, placed_at, wild_presses
+from skincal.inference.start import better_placement, candidate_placements, outlier_presses
 from skincal.model.arrays import FloatArray, IntArray
 
 _DRAWS, _STEPS = 400, 8
@@ -81,10 +81,10 @@ def placed_presses(fitter: Fitter, state: State, rows: IntArray, others: Sequenc
         rows: of the presses.
         others: states whose places are tried, too.
     """
-    plain = Fitter(fitter.forward, fitter.counts, replace(fitter.before, image=0.0, errs=False))
-    begin = placed_at(fitter, state, rows)
+    plain = Fitter(fitter.forward, fitter.counts, replace(fitter.priors, image=0.0, errs=False))
+    begin = candidate_placements(fitter, state, rows)
     tried = [*(begin or [state]), *(replace(state, move=one.move) for one in others)]
-    best = reduce(better_of, (plain.settled(x, _STEPS, rows) for x in tried)).state.move
+    best = reduce(better_placement, (plain.profile_presses(x, _STEPS, rows) for x in tried)).state.move
     move = state.move.copy()
     move[rows] = best[rows]
     return replace(state, move=move)
@@ -110,7 +110,7 @@ def gap_of(observed: Observed, before: State, after: State, rng: np.random.Gener
         second = placed_presses(fitter, after, rows, [first])
         first = placed_presses(fitter, before, rows, [second])
     # An image out of all proportion by either model is a fault of its press, and says nothing of models.
-    wild = np.intersect1d(wild_presses(fitter, first), wild_presses(fitter, second))
+    wild = np.intersect1d(outlier_presses(fitter, first), outlier_presses(fitter, second))
     rows = np.setdiff1d(rows, wild)
     frames = _frames(whole, observed)
     (base, _), (named, noise) = (_squares(whole, s, frames) for s in (first, second))
@@ -140,7 +140,7 @@ def gap_of(observed: Observed, before: State, after: State, rng: np.random.Gener
 
 def _beyond(fitter: Fitter, state: State, rows: IntArray) -> FloatArray:
     """(P,) squares over the noise that presses leave beyond their number, nuisances integrated out."""
-    _, left = fitter.left(state)
+    _, left = fitter.residual_blocks(state)
     return (left.chi - left.count)[np.isin(left.press, rows)]
 
 
@@ -172,14 +172,14 @@ def _frames(whole: Forward, observed: Observed) -> FloatArray:
 
 def _squares(whole: Forward, state: State, counts: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Squared errors (N, J), and the noise's variance."""
-    seen = whole.see(state)
+    seen = whole.predict(state)
     level = seen.values + state.rest
     mean, _ = whole.noise.written(level)
     variance = whole.noise.variance(whole.mean @ level, whole.session.frames)
     if whole.noise.force_n:
         # The measured force of a frame is noisy, too: no model can follow that.
         more = replace(state, move=state.move + np.array([0.0, 0.0, 0.02]))
-        per_n = whole.mean @ (whole.see(more).values - seen.values) / 0.02
+        per_n = whole.mean @ (whole.predict(more).values - seen.values) / 0.02
         force = np.maximum(whole.session.mean_force(), 5 * whole.noise.force_n)[:, None]
         variance = variance + (per_n / force * whole.noise.force_n) ** 2 / whole.session.frames[:, None]
     error = (counts - whole.mean @ mean) ** 2

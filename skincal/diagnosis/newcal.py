@@ -164,7 +164,7 @@ def new_calibration(
 def hold_residuals(observed: Observed, fit: Fitted) -> FloatArray:
     """(P, J) what is left of the mean image of each hold [counts]; NaN where nothing was read."""
     f, s = observed.fitter.forward, observed.session
-    mean, _ = f.noise.written(fit.seen.values + fit.state.rest)
+    mean, _ = f.noise.written(fit.prediction.values + fit.state.rest)
     assert s.counts is not None
     left = s.counts - f.mean @ mean
     out = np.full((len(observed.dataset.presses), left.shape[1]), np.nan)

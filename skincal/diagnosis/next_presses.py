@@ -19,7 +19,7 @@ from skincal.diagnosis.pool import imagined, pool_plan
 from skincal.diagnosis.reasons import cures, facts_of, on_a_stage
 from skincal.diagnosis.rig import Rig
 from skincal.diagnosis.where import Share
-from skincal.inference.fit import Beforehand, Fitted, Fitter
+from skincal.inference.fit import Fitted, Fitter, Priors
 from skincal.model.arrays import FloatArray
 
 PLAN_FILE = "next-presses.toml"
@@ -94,14 +94,14 @@ def information(
     like = observed.fitter.forward
     forward = forward_of(session, like.surface, like.layout, like.noise, clipped=like.rests_clipped)
     still = np.zeros((session.presses, 3))
-    seen, other = (forward.see(replace(f.state, move=still)) for f in (first, second))
+    seen, other = (forward.predict(replace(f.state, move=still)) for f in (first, second))
     counts = np.zeros((len(session), seen.values.shape[1]))
-    before = Beforehand(
-        observed.fitter.before.base, first.state, observed.fitter.before.move, 2e-3, np.ones_like(counts)
+    before = Priors(
+        observed.fitter.priors.base, first.state, observed.fitter.priors.move, 2e-3, np.ones_like(counts)
     )
     fitter = Fitter(forward, counts, before)
-    w = fitter.whitened(seen, (other.values - seen.values)[..., None], fitter.equations(seen)[0])
-    found = fitter.built(seen, (), w, 0).blocks
+    w = fitter.whitened(seen, (other.values - seen.values)[..., None], fitter.equation_errors(seen)[0])
+    found = fitter.linearised(seen, (), w, 0).blocks
     out = np.zeros(len(pool))
     for k, p in enumerate(found.press.tolist()):
         if 0 <= p < len(out):

@@ -19,8 +19,8 @@ from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError, Problem
 from skincal.fitting.observe import Readout, clipped_share, noise_from_rest
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.contact_law import numbers_of
-from skincal.inference.fit import Beforehand, Fitter
+from skincal.inference.contact_law import law_parameters
+from skincal.inference.fit import Fitter, Priors
 from skincal.inference.forward import LAW, Forward, State
 from skincal.inference.noise import Noise, clipped_at_rest, noise_of
 from skincal.inference.session import Binning, GapSession
@@ -96,7 +96,7 @@ class Observed:
     def whole(self) -> Fitter:
         """The same with the presses of the end."""
         assert self.session.counts is not None
-        return Fitter(self.fitter.forward, self.session.counts, self.fitter.before)
+        return Fitter(self.fitter.forward, self.session.counts, self.fitter.priors)
 
     def without(self, spells: tuple[Spell, ...]) -> Observed:
         """The same with more spells taken off; nothing of what was found about them stays."""
@@ -108,14 +108,14 @@ class Observed:
         )
         shown = np.where(np.isfinite(old.counts), session.counts, np.nan)
         uniform = uniform_pressure(self.dataset)
-        start, stuck = old.before.start, [one.taxel for one in spells if one.stuck]
+        start, stuck = old.priors.start, [one.taxel for one in spells if one.stuck]
         if start.log_s.ndim:
             # A calibration that took what sticks for a reading says nothing of that taxel.
             log_s = start.log_s.copy()
             log_s[stuck] = np.median(log_s)
             start = replace(start, log_s=log_s)
         before = beforehand(self.dataset, start, 1.0, session, uniform=uniform)
-        before = replace(before, base=old.before.base)
+        before = replace(before, base=old.priors.base)
         return replace(
             self, session=session, fitter=Fitter(forward, shown, before), spells=(*self.spells, *spells)
         )
@@ -240,7 +240,9 @@ def start_state(
     law = ContactLaw() if calibration.contact_law is None else calibration.contact_law.law
     # Of a state E is that under the session's first ball.
     e = own.elasticity_pa_per_m * law.stiffness(session.samples.indenters[0])
-    return State(calibration.pose(), float(np.log(e)), np.log(scale), rest, numbers_of(law), moves, effects)
+    return State(
+        calibration.pose(), float(np.log(e)), np.log(scale), rest, law_parameters(law), moves, effects
+    )
 
 
 def _scale(session: GapSession, rest: float) -> float:
@@ -255,7 +257,7 @@ def _scale(session: GapSession, rest: float) -> float:
 
 def beforehand(
     dataset: Dataset, start: State, rest_sigma: float, session: GapSession, *, uniform: bool
-) -> Beforehand:
+) -> Priors:
     """What is known before the fit: ranges of the mount, what positions are worth, how well rest is known."""
     mount, position = dataset.meta.mount, dataset.meta.position
 
@@ -285,7 +287,7 @@ def beforehand(
     slack = _STILL_M if uniform else position.slack_m if np.isfinite(position.slack_m or np.inf) else 2e-3
     move = 1 / np.array([worth, worth, C.force]) ** 2
     assert session.counts is not None
-    return Beforehand(1 / sigma**2, start, move, slack or 2e-3, np.ones(session.counts.shape))
+    return Priors(1 / sigma**2, start, move, slack or 2e-3, np.ones(session.counts.shape))
 
 
 def _noise(

@@ -14,7 +14,7 @@ from skincal.diagnosis.observed import NoiseFloor, Observed
 from skincal.diagnosis.spells import Spell
 from skincal.effects import EFFECTS
 from skincal.inference.fit import Fitted
-from skincal.inference.start import out_of_proportion, raw_residual, wild_presses
+from skincal.inference.start import outlier_presses, outlier_rows, raw_residual
 from skincal.model import TaxelLayout
 
 FEWEST, _PULLED = 4, 6.0
@@ -85,8 +85,8 @@ def _noise(floor: NoiseFloor, observed: Observed) -> Iterator[Finding]:
 
 
 def _glitches(observed: Observed, base: Fitted, fit: Fitted) -> Iterator[Finding]:
-    wild = wild_presses(observed.fitter, fit.state)
-    first = wild_presses(observed.fitter, base.state)
+    wild = outlier_presses(observed.fitter, fit.state)
+    first = outlier_presses(observed.fitter, base.state)
     kept = first[~np.isin(first, wild)]
     if len(kept):
         names = ", ".join(str(observed.dataset.presses.press[p]) for p in kept)
@@ -107,7 +107,7 @@ def far_readings(observed: Observed, fit: Fitted) -> Iterator[Finding]:
     residual = np.nan_to_num(np.abs(raw_residual(observed.fitter, fit.state)))
     largest = np.zeros((observed.session.presses, residual.shape[1]))
     np.maximum.at(largest, press[pressed], residual[pressed])
-    off = np.setdiff1d(out_of_proportion(largest.max(axis=1)), wild_presses(observed.fitter, fit.state))
+    off = np.setdiff1d(outlier_rows(largest.max(axis=1)), outlier_presses(observed.fitter, fit.state))
     if len(off):
         layout, numbers = observed.dataset.layout(), observed.dataset.presses.press
         names = "; ".join(
@@ -235,7 +235,7 @@ def _numbers(observed: Observed, calibration: Calibration, fit: Fitted) -> Itera
     sha = observed.dataset.sha256
     if not sha or sha == calibration.provenance.dataset_sha256:
         return
-    start = observed.fitter.before.start
+    start = observed.fitter.priors.start
     begin = np.array(
         [start.log_e, float(np.mean(start.log_s)), start.pose.alpha_rad, start.pose.y_m, start.pose.beta_rad]
     )

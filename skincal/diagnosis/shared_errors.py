@@ -18,7 +18,7 @@ from skincal.fitting.shared import smooth_field
 from skincal.fitting.sigmas import GAIN_SIGMA
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
-from skincal.inference.forward import Seen
+from skincal.inference.forward import Prediction
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray
 
@@ -39,18 +39,18 @@ def covariance(dataset: Dataset, fitter: Fitter, fit: Fitted) -> FloatArray:
         fitter: of it.
         fit: of base and effects.
     """
-    seen, free, n = fit.seen, fit.free, fit.numbers
+    seen, free, n = fit.prediction, fit.free, fit.numbers
     field, told = _field(dataset, fitter, fit)
     parts = [fitter.columns(seen, free), Slopes.of(field)]
     if not any(effect(f.effect).replaces_range == GAINS for f in free):
         taxels = seen.values.shape[1]
         parts += [Slopes.of_taxel(GAIN_SIGMA * seen.values[:, j], j, taxels) for j in range(taxels)]
-    done = {name: fitter.done_by(seen, name) for name in seen.state.effects}
-    errors = [C.equation * d * x for d in done.values() for x in fitter.manners(seen)]
+    done = {name: fitter.effect_values(seen, name) for name in seen.state.effects}
+    errors = [C.equation * d * x for d in done.values() for x in fitter.shared_error_modes(seen)]
     known = sum(len(p) for p in parts)
     columns = Slopes.joined([*parts, *(Slopes.of(e[..., None]) for e in errors)])
-    own, _ = fitter.equations(seen, word=True)
-    wide = fitter.built(seen, free, fitter.whitened(seen, columns, own), len(columns) - n)
+    own, _ = fitter.equation_errors(seen, word=True)
+    wide = fitter.linearised(seen, free, fitter.whitened(seen, columns, own), len(columns) - n)
     h = wide.blocks.h.sum(axis=0) + np.diag(wide.prior)
     inverse = np.linalg.inv(h[:known, :known])[:n]
     moved = inverse @ h[:known, known:]
@@ -69,7 +69,7 @@ def covariance(dataset: Dataset, fitter: Fitter, fit: Fitted) -> FloatArray:
 _OF_FORCE = np.array([1.0, -1.0])
 
 
-def _way(fitter: Fitter, seen: Seen, name: str, done: FloatArray) -> FloatArray:
+def _way(fitter: Fitter, seen: Prediction, name: str, done: FloatArray) -> FloatArray:
     """(2,) how far logarithms of E and S may lie from where an effect does nothing, one standard deviation.
 
     Where that is, its equation says, and another one of the same effect says it elsewhere: at rising force or in the
@@ -101,7 +101,7 @@ def _field(dataset: Dataset, fitter: Fitter, fit: Fitted) -> tuple[FloatArray, F
     posture = np.zeros((len(places), 0)) if joints is None else joints
     rows = np.unique(fitter.press[fitter.press >= 0])
     rows = rows[np.isfinite(places[rows]).all(axis=1) & (rows < len(moves))]
-    shape = fit.seen.values.shape
+    shape = fit.prediction.values.shape
     if len(rows) == 0:
         return np.zeros((*shape, 0)), np.zeros(2)
     basis, fading = smooth_field(places, presses.force_n, posture, rows)
@@ -113,7 +113,7 @@ def _field(dataset: Dataset, fitter: Fitter, fit: Fitted) -> tuple[FloatArray, F
     at = np.zeros((len(moves), basis.shape[1]))
     at[rows] = sigma * basis
     row = fitter.forward.row
-    by_move = fitter.forward.press_columns(fit.seen)[..., :2]
+    by_move = fitter.forward.press_columns(fit.prediction)[..., :2]
     each = np.where((row >= 0)[:, None], at[np.maximum(row, 0)], 0.0)
     columns = np.concatenate([by_move[..., k, None] * each[:, None] for k in range(2)], axis=2)
     other = sigma**2 * (basis.shape[1] * 2 / len(rows) + (fading**2).sum() / 3)

@@ -94,13 +94,13 @@ def find_spells(
     if first:
         # One that sticks has next to no scale by a calibration that took it for dead.
         state = replace(state, log_s=np.maximum(state.log_s, np.median(state.log_s)))
-    level = forward.see(state).values + state.rest
+    level = forward.predict(state).values + state.rest
     expected = forward.mean @ forward.noise.written(level)[0]
     variance = forward.noise.variance(forward.mean @ level, fitter.frames)
     ends = forward.noise.low, forward.noise.high
     # What effects do to a value taxel by taxel the curve of a taxel has, too; in the fit they may have followed a step.
     others = {n: v for n, v in state.effects.items() if effect(n).stage < Stage.CONVERTER}
-    bare = forward.mean @ forward.see(replace(state, effects=others)).values
+    bare = forward.mean @ forward.predict(replace(state, effects=others)).values
     return spells_in(session, session.counts, expected, variance, bare, ends, first=first)
 
 

@@ -47,7 +47,7 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
         "noise": vars(d.floor),
         "noise_frame_counts": d.floor.frame_counts,
         "null_sessions": len(d.found.null.laws),
-        "left": d.found.left.tolist(),
+        "left": d.found.misfit.tolist(),
         "next_presses": list(d.next_presses),
         "seed": d.seed,
     }
@@ -92,7 +92,7 @@ def _candidates(diagnosis: Diagnosis) -> list[list[dict[str, Any]]]:
                 "name": t.name,
                 "score": t.gain,
                 "error": t.error,
-                "sure": t.sure,
+                "sure": t.significance,
                 "limit": t.limit,
                 "p_value": t.p_value,
             }

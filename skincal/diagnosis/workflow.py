@@ -23,12 +23,13 @@ from skincal.diagnosis.spells import find_spells
 from skincal.diagnosis.where import shares, where_text
 from skincal.effects import EFFECTS
 from skincal.fitting.tasks import Mapper
-from skincal.inference.columns import free_of
+from skincal.inference.columns import free_parameters
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.contact_law import beaten_foundation
+from skincal.inference.contact_law import rejected_foundation
 from skincal.inference.fit import Fitted, Fitter
-from skincal.inference.search import Found, Search
-from skincal.inference.start import base_fit, raw_residual, wild_presses, with_image_error, without_presses
+from skincal.inference.search import search_effects
+from skincal.inference.search_result import SearchResult
+from skincal.inference.start import fit_base, outlier_presses, raw_residual, with_image_error, without_presses
 from skincal.model.arrays import FloatArray
 
 Heard = Callable[[str], None]
@@ -76,10 +77,10 @@ def diagnose(
     corrupted, wait_for_order = is_corrupted(checked), search_for_order(dataset, mapper)
     observed = observe(dataset, calibration, split)
     fitter = observed.fitter
-    if not corrupted and (stuck := find_spells(observed.session, fitter, fitter.before.start, first=True)):
+    if not corrupted and (stuck := find_spells(observed.session, fitter, fitter.priors.start, first=True)):
         observed = observed.without(stuck)
         fitter = observed.fitter
-    base = base_fit(fitter, mapper, known=True)
+    base = fit_base(fitter, mapper, known=True)
     order = wait_for_order()
     wrong = corrupted or order is not None
     heard("what can be seen")
@@ -87,46 +88,50 @@ def diagnose(
     heard("what is missing")
     # In wrong images no effect is looked for: what looks like one says nothing of the skin.
     names = () if wrong else observed.names
-    found = Search(fitter, base, names, observed.covariates, searched, heard, null_sessions, mapper).run()
-    if not wrong and (found.open or found.doubtful):
+    found = search_effects(
+        fitter, base, names, observed.covariates, searched,
+        progress=heard, null_sessions=null_sessions, mapper=mapper,
+    )  # fmt: skip
+    if not wrong and (found.is_incomplete or found.is_doubtful):
         # About the best model: what an effect does to a taxel and its neighbours may look like a step about the base.
-        spells = find_spells(observed.session, fitter, found.fitted.state)
+        spells = find_spells(observed.session, fitter, found.final.state)
         if spells:
             other = observed.without(spells)
-            base = base_fit(other.fitter, mapper, known=True)
-            anew = Search(
-                other.fitter, base, other.names, other.covariates, spelled, heard, null_sessions, mapper
-            ).run()
+            base = fit_base(other.fitter, mapper, known=True)
+            anew = search_effects(
+                other.fitter, base, other.names, other.covariates, spelled,
+                progress=heard, null_sessions=null_sessions, mapper=mapper,
+            )  # fmt: skip
             # What was taken off must have been what was left.
             if anew.excess.max() < found.excess.max():
                 observed, fitter, found = other, other.fitter, anew
     heard("gap on presses nobody has fitted")
-    gap = gap_of(observed, found.base.state, found.fitted.state, again)
-    named = bool(found.named)
+    gap = gap_of(observed, found.base.state, found.final.state, again)
+    named = bool(found.selected)
     # What is left is more than chance, or presses that nobody has fitted are as far off or further: no name is sure.
-    stays = gap.stays and not all(EFFECTS[n.name].in_places for n in found.named)
-    doubt = gap.refutes or stays or found.doubtful
-    taken_back = tuple(n.name for n in found.named) if named and doubt else ()
-    unexplained = (not named and found.open) or wrong
+    stays = gap.stays and not all(EFFECTS[n.name].in_places for n in found.selected)
+    doubt = gap.refutes or stays or found.is_doubtful
+    taken_back = tuple(n.name for n in found.selected) if named and doubt else ()
+    unexplained = (not named and found.is_incomplete) or wrong
     verdict = "unknown" if taken_back or unexplained else "effects" if named else "none"
-    unexplained = (found.open or wrong) and verdict != "none"
+    unexplained = (found.is_incomplete or wrong) and verdict != "none"
     heard("calibration")
     final, effects = calibration, ()
-    beaten = None if verdict == "unknown" else beaten_foundation(fitter, found.fitted, dealt)
+    beaten = None if verdict == "unknown" else rejected_foundation(fitter, found.final, dealt)
     law = False
     if beaten is not None:
         # The presses of the end can take it back.
-        by_law = gap_of(observed, beaten.state, found.fitted.state, again)
+        by_law = gap_of(observed, beaten.state, found.final.state, again)
         law = by_law.after < by_law.before
         gap = by_law if law and verdict != "effects" and calibration.contact_law is None else gap
     if verdict == "none" and not law and _misfits(calibration, dataset):
         verdict, unexplained = "unknown", True
     if verdict == "effects" or law:
         whole = observed.whole()
-        ready = placed_presses(whole, found.fitted.state, np.flatnonzero(observed.held))
-        wild = wild_presses(whole, ready)
+        ready = placed_presses(whole, found.final.state, np.flatnonzero(observed.held))
+        wild = outlier_presses(whole, ready)
         last_fitter = with_image_error(without_presses(whole, wild), ready)
-        last = last_fitter.solve(ready, found.fitted.free, steps=C.joint_steps)
+        last = last_fitter.solve(ready, found.final.free, steps=C.joint_steps)
         wide = covariance(dataset, last_fitter, last)
         effects = _named(found, observed, last, wide) if verdict == "effects" else ()
         final = new_calibration(
@@ -134,7 +139,7 @@ def diagnose(
         )
     left = _residual(fitter, found.base)
     depends = shares(left, observed.session)
-    shown = found.fitted if effects else found.base
+    shown = found.final if effects else found.base
     findings = findings_of(observed, calibration, final, found.base, shown, effects, gap)
     if wrong:
         # What else stands out is that of the wrong images.
@@ -143,7 +148,7 @@ def diagnose(
     findings = tuple(one.in_unit(dataset.meta.sensor.unit) for one in findings)
     heard("next presses")
     rivals = (
-        [(n.name, found.fitted, other, fit) for n in found.named for other, fit in n.rivals]
+        [(n.name, found.final, other, fit) for n in found.selected for other, fit in n.rivals]
         if effects
         else []
     )
@@ -169,18 +174,20 @@ def _residual(fitter: Fitter, fit: Fitted) -> FloatArray:
     return np.where(np.isfinite(fitter.counts), raw_residual(fitter, fit.state), np.nan)
 
 
-def _named(found: Found, observed: Observed, last: Fitted, wide: FloatArray) -> tuple[NamedEffect, ...]:
+def _named(
+    found: SearchResult, observed: Observed, last: Fitted, wide: FloatArray
+) -> tuple[NamedEffect, ...]:
     """Of what was found; numbers are those of the last fit, to all presses, as in the calibration."""
-    fit, fitter = found.fitted, observed.fitter
+    fit, fitter = found.final, observed.fitter
     excess = [float(np.nansum(_residual(fitter, x) ** 2 - 1)) for x in (found.base, fit)]
     whole = max(excess[0] - excess[1], 1e-9)
     made = []
-    for one in found.named:
+    for one in found.selected:
         without = {n: v for n, v in fit.state.effects.items() if n != one.name}
         residual = np.where(
             np.isfinite(fitter.counts), raw_residual(fitter, replace(fit.state, effects=without)), np.nan
         )
-        alone = len(found.named) == 1
+        alone = len(found.selected) == 1
         share = (
             1 - max(excess[1], 0.0) / max(excess[0], 1e-9)
             if alone
@@ -188,7 +195,7 @@ def _named(found: Found, observed: Observed, last: Fitted, wide: FloatArray) -> 
         )
         made.append(
             NamedEffect(
-                one.name, one.alike, one.p_value, one.gain, dict(last.state.effects[one.name]),
+                one.name, one.equivalents, one.p_value, one.gain, dict(last.state.effects[one.name]),
                 effect_intervals(last, one.name, wide),
                 where_text(_residual(fitter, found.base) if alone else residual, observed.session,
                 observed.dataset.layout()),
@@ -220,12 +227,12 @@ def refitted_effects(
     both = replace(calibration, effects=known.effects, contact_law=known.contact_law)
     rng, drawn = np.random.default_rng(seed).spawn(2)
     observed = observe(dataset, both, rng, keep=False)
-    base = base_fit(observed.fitter, known=True)
+    base = fit_base(observed.fitter, known=True)
     free = []
     for name, values in base.state.effects.items():
         if name in observed.names:
             checked = EFFECTS[name].checked(values, dataset.layout().taxels)
-            free += free_of(name, checked, None, observed.covariates)
+            free += free_parameters(name, checked, None, observed.covariates)
     state = replace(
         base.state,
         effects={
@@ -234,7 +241,7 @@ def refitted_effects(
     )
     fitter = observed.fitter
     last = fitter.solve(state, tuple(free), steps=C.last_steps)
-    wild = wild_presses(fitter, last.state)
+    wild = outlier_presses(fitter, last.state)
     # They have drawn sensor, places and effects after them: again without them.
     fitter = with_image_error(without_presses(fitter, wild), last.state)
     last = fitter.solve(state if len(wild) else last.state, tuple(free), steps=C.last_steps)

@@ -1,11 +1,11 @@
-"""Whitened observations, press by press, with what each press has for itself integrated out.
+"""Whitened normal equations of each press, with the nuisance parameters of the press integrated out.
 
-Of a press p with whitened columns C, residual e and nuisance columns N with prior precision L (shift of the contact,
-scale of the force, an error of the image, of the equation of each effect), G = N'N + L::
+For a press p with whitened columns C, residual e and nuisance columns N of prior precision L (shift of the contact,
+scale of the force, image error, equation error of each effect in the model), let G = N'N + L::
 
     H_p = C'C - C'N G^-1 N'C,   b_p = C'e - C'N G^-1 (N'e - L m),   chi_p = e'e + m'Lm - v'G^-1 v,  v = N'e - L m
 
-with m where the nuisances are now. All that follows, fits, scores, null sessions, is linear algebra on H_p and b_p.
+with m the present nuisance parameters. Fits, scores and null sessions are linear algebra on H_p and b_p.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ IDLE_BLOCKS = 12
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """B blocks: presses, then stretches of rest. Their curvatures ``H_p`` are worked out as they are asked for.
+    """Normal equations of B blocks: presses, then stretches of rest.
 
     Attributes:
-        b: (B, n).
-        loss: (B,) minus twice the logarithm of the likelihood with presses where they are, but for a constant.
-        ahead: (B,) by how much less that is where a press's own numbers would be best, by its slopes.
-        chi: (B,) squares that are left, over the noise.
-        count: (B,) values.
+        b: (B, n) slopes.
+        loss: (B,) minus twice the log-likelihood, up to a constant, with presses where they are.
+        ahead: (B,) linear estimate of how much less the loss is at the best nuisance parameters of the press.
+        chi: (B,) squared residuals over the noise.
+        count: (B,) number of values.
         press: (B,) row of the press, -1 for rest.
-        moves: (P, 3, n) how far down each press's best own three numbers go with a step of each column.
-        own: curvature (B, k, k) and slope (B, k) by what a press has for itself, its three numbers last.
-        drawn: (B, n, S) what ``b`` is in simulated sessions.
-        drawn_chi: (B, S) and their squares.
-        products: of columns, before the own numbers of presses are taken out.
+        moves: (P, 3, n) minus the change of each press's best shift and force with a step of each column.
+        own: curvature (B, k, k) and slope (B, k) of the nuisance parameters, shift and force last.
+        drawn: (B, n, S) ``b`` of simulated sessions.
+        drawn_chi: (B, S) ``chi`` of simulated sessions.
+        products: of the columns, from which ``H_p`` is computed on demand.
     """
 
     b: FloatArray
@@ -57,22 +57,22 @@ class Blocks:
 
     @cached_property
     def h(self) -> FloatArray:
-        """(B, n, n) all of it; for many columns :meth:`Products.between` gives parts."""
+        """Curvatures (B, n, n); with many columns, use :meth:`Products.between` for parts."""
         every = np.arange(self.b.shape[1])
         return self.products.between(every, every)
 
 
 @dataclass(frozen=True, eq=False)
 class Products:
-    """Products of n columns in B blocks, image errors taken out; columns of different taxels have none.
+    """Products of n columns in B blocks, image errors integrated out; columns of different taxels are orthogonal.
 
     Attributes:
-        taxel: (n,) taxel of columns of one taxel alone, -1 for others.
-        place: (n,) which of the dense ones a column is, or which of its taxel's.
-        dense: (B, d, d).
-        mixed: (B, J, d, m) of dense columns and those of each taxel.
-        single: (B, J, m, m) of those of each taxel.
-        z: (B, k, n) columns along the own numbers of presses; their product is what these take.
+        taxel: (n,) taxel of a single-taxel column, -1 for a dense one.
+        place: (n,) index of a column among the dense ones, or among those of its taxel.
+        dense: (B, d, d) products of dense columns.
+        mixed: (B, J, d, m) products of dense columns with those of each taxel.
+        single: (B, J, m, m) products of the columns of each taxel.
+        z: (B, k, n) columns projected on the nuisance columns; the product of two is subtracted.
     """
 
     taxel: IntArray
@@ -83,7 +83,7 @@ class Products:
     z: FloatArray
 
     def between(self, rows: IntArray, columns: IntArray) -> FloatArray:
-        """(B, r, c) of ``H_p``."""
+        """Return the block (B, r, c) of ``H_p``."""
         out = np.zeros((len(self.z), len(rows), len(columns)))
         (d, s), (e, t) = (
             (np.flatnonzero(self.taxel[x] < 0), np.flatnonzero(self.taxel[x] >= 0)) for x in (rows, columns)
@@ -100,21 +100,21 @@ class Products:
 
     @cached_property
     def whole(self) -> Products:
-        """Those of all blocks as one."""
+        """Sum over all blocks, as one block."""
         dense, mixed, single = (x.sum(axis=0)[None] for x in (self.dense, self.mixed, self.single))
         return Products(self.taxel, self.place, dense, mixed, single, self.z.reshape(1, -1, self.z.shape[2]))
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Observations block by block: M of them that were read in any taxel, those of presses first, then those at rest.
+    """Order of the observations: M with any reading, those of presses first, then those at rest.
 
     Attributes:
-        order: (M,) which.
+        order: (M,) indices of observations.
         begin: (B + 1,) first of each block, and the end.
         owner: (B,) row of the press, -1 for rest.
-        pressed: how many are of presses.
-        phases: (N,) masks, one for each phase of a press.
+        pressed: number of observations of presses.
+        phases: masks (N,), one for each phase of a press.
     """
 
     order: IntArray
@@ -125,7 +125,7 @@ class Rows:
 
     @classmethod
     def of(cls, press: IntArray, phase: IntArray, seen: BoolArray) -> Rows:
-        """Sort observations by their press (N,), -1 at rest, as far as any taxel was read (N, J)."""
+        """Sort observations by press (N,), -1 at rest; those without a reading (N, J) in any taxel are left out."""
         rows = [np.flatnonzero(press == p) for p in range(int(press.max(initial=-1)) + 1)]
         rows += np.array_split(np.flatnonzero(press < 0), IDLE_BLOCKS)
         rows = [r for r in rows if seen[r].any()]
@@ -137,15 +137,15 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
-    """One linearisation: all (N, J, ...) over the noise, robust weights in.
+    """A linearisation of N observations of J taxels, divided by the noise and with robust weights.
 
     Attributes:
         residual: (N, J).
-        columns: n of them.
-        press: (N, J, 3) by the move across and along and the logarithm of the force.
-        signal: (N, J) level above rest, as it shows.
-        own: (N, J, k) what the equation of each effect in the model may err by, at one standard deviation.
-        seen: (N, J).
+        columns: slopes by n parameters.
+        press: (N, J, 3) slopes by the shift of the press across and along and by the logarithm of its force.
+        signal: (N, J) expected level above rest.
+        own: (N, J, k) equation error of each effect in the model, one standard deviation.
+        seen: (N, J) True where there is a reading.
         log_sd: (N, J) logarithm of the noise.
     """
 
@@ -167,32 +167,32 @@ def blocks(
     rng: np.random.Generator | None = None,
     image: float = C.image,
 ) -> Blocks:
-    """Builds them.
+    """Integrate out the nuisance parameters of each press.
 
-    The error of an image is one number a taxel and press, along the signal s alone: it is integrated out first, by
-    ``x'y - (s'x) (s'y) / (l + s's)`` in place of every product x'y over the observations of a taxel.
+    The image error is one parameter for each taxel and press, along the signal s. It is integrated out first:
+    ``x'y - (s'x) (s'y) / (l + s's)`` replaces every product x'y over the observations of a taxel.
 
     Args:
-        w: whitened.
-        rows: of the blocks.
-        at: (P, 3) where each press's own numbers are.
-        precision: (3,) of these, beforehand.
-        draws: (N, J, S) whitened residuals of S simulated sessions; nuisances are added here.
+        w: whitened linearisation.
+        rows: order of the observations.
+        at: (P, 3) present shift and log force scale of each press.
+        precision: (3,) their prior precisions.
+        draws: (N, J, S) whitened residuals of S simulated sessions; nuisance parameters are drawn and added here.
         rng: for those.
-        image: relative error of a press's image, taxel by taxel.
+        image: relative error of the image of a press, independent in each taxel.
     """
     taxels, n, dense = w.residual.shape[1], len(w.columns), w.columns.dense.shape[2]
     order, begin, owner = rows.order, rows.begin, rows.owner
     errs = [w.own * f[:, None, None] for f in rows.phases] if w.own.shape[2] else []
-    # A press's own numbers come last: what they take beyond errors of equations is then known by itself.
+    # Shift and force come last, so that their part is separate in the Cholesky factor.
     lam = np.append(np.ones(len(errs) * w.own.shape[2]), precision)
     k = len(lam)
-    # Nuisances, columns, residual side by side: all that is needed are their products, block by block.
+    # Nuisance columns, dense columns and residual side by side; only their products by block are needed.
     side = np.concatenate([*errs, w.press, w.columns.dense, w.residual[..., None]], axis=2)[order]
     own, slot = w.columns.slots()
     own, of_one = own[order], w.columns.taxel >= 0
     signal = w.signal[order]
-    # At rest there are none.
+    # Blocks at rest have no nuisance parameters.
     side[rows.pressed :, :, :k], signal[rows.pressed :] = 0.0, 0.0
     square = np.add.reduceat(signal**2, begin[:-1], axis=0)
     freed = image**2 / (1 + square * image**2)
@@ -209,7 +209,7 @@ def blocks(
     m[owner >= 0, -3:] = at[owner[owner >= 0]]
 
     def arranged(dense: FloatArray, single: FloatArray) -> FloatArray:
-        """(B, n, q) in the order of columns, of (B, d, q) and (B, J, m, q)."""
+        """Put products of dense (B, d, q) and single-taxel columns (B, J, m, q) in column order: (B, n, q)."""
         out = np.empty((len(dense), n, dense.shape[2]))
         out[:, ~of_one], out[:, of_one] = dense, single[:, w.columns.own, slot]
         return out
@@ -233,13 +233,13 @@ def blocks(
             of_one_looked -= own_image[b][..., None] * taken[:, None]
             drawn_own[b], drawn[b] = looked[:k], arranged(looked[None, k:], of_one_looked[None])[0]
             drawn_chi[b] = np.einsum("rjs,rjs->s", each, each) - (along_it * taken).sum(axis=0)
-    # Columns beside the own numbers of presses, the residual and simulated sessions behind them.
+    # Products of nuisance columns with the columns, the residual and simulated sessions.
     by_own = np.swapaxes(arranged(product[:, k : k + dense, :k], mixed[:, :, :k].swapaxes(2, 3)), 1, 2)
     by_residual = arranged(product[:, k : k + dense, -1:], mixed[:, :, -1, :, None])
     right = np.concatenate([by_own, product[:, :k, -1:], drawn_own], axis=2)
     right[..., n] -= lam * m
     g = product[:, :k, :k] + np.diag(lam)
-    # In units of the diagonal: metres beside parts.
+    # In units of the diagonal: columns are in metres and logarithms.
     unit = 1 / np.sqrt(np.diagonal(g, axis1=1, axis2=2))
     chol = np.linalg.cholesky(g * unit[:, :, None] * unit[:, None, :])
     z = np.linalg.solve(chol, right * unit[..., None])
@@ -274,7 +274,7 @@ def blocks(
 
 @allocating
 def _along(signal, x, begin):
-    """(B, J, k) products of the signal (M, J) with columns (M, J, k), block by block."""
+    """Compute products (B, J, k) of the signal (M, J) with columns (M, J, k), block by block."""
     out = np.zeros((len(begin) - 1, x.shape[1], x.shape[2]))
     for b in range(len(out)):
         for r in range(begin[b], begin[b + 1]):
@@ -288,7 +288,7 @@ def _along(signal, x, begin):
 def _of_taxels(
     side: FloatArray, own: FloatArray, spans: Sequence[tuple[int, int]]
 ) -> tuple[FloatArray, FloatArray]:
-    """Products in each block of columns (N, J, m) with (N, J, q), (B, J, q, m), and with themselves (B, J, m, m)."""
+    """Multiply single-taxel columns (N, J, m) with others (N, J, q) and with each other, in each block."""
     (taxels, m), q = own.shape[1:], side.shape[2]
     mixed, single = np.zeros((len(spans), taxels, q, m)), np.zeros((len(spans), taxels, m, m))
     if m:

@@ -1,4 +1,4 @@
-"""Whether a model leaves more than chance: squares of presses, against the same in null sessions."""
+"""Posterior predictive check: the squares that a model leaves, to be compared with those of null sessions."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ import numpy as np
 
 from skincal.model.arrays import FloatArray, IntArray
 
-LEFT = ("middle of the presses", "worst presses", "rest")
 
-
-def left(chi: FloatArray, count: IntArray, press: IntArray) -> FloatArray:
-    """(S, 3) squares over the noise: the trimmed mean over presses, their 95 % quantile, the worst stretch of rest.
+def misfit(chi: FloatArray, count: IntArray, press: IntArray) -> FloatArray:
+    """Mean squared residuals over the noise: 1 is chance.
 
     Args:
-        chi: (B, S) squares of blocks.
-        count: (B,) values of each.
-        press: (B,) -1 for rest.
+        chi: (B, S) sums of squares of blocks, in S sessions.
+        count: (B,) values in each block.
+        press: (B,) press of each block, -1 for rest.
+
+    Returns:
+        (S, 3): mean over presses without the worst tenth, 95 % quantile of presses, worst block of rest.
     """
     each = chi / np.maximum(count, 1)[:, None]
     own, idle = np.sort(each[press >= 0], axis=0), each[press < 0]

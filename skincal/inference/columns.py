@@ -1,8 +1,7 @@
-"""Slopes by the parameters of effects: those that are in the model, and those that are looked for.
+"""Slopes by the parameters of effects, in the model or candidates for it, by differences of the effects' equations.
 
-All are differences of the effects' own equations. A parameter that each taxel has for itself changes, where nothing
-mixes taxels afterwards, its own taxel alone; so one run of the chain serves all of them, and only what that taxel
-reads is kept (:mod:`skincal.inference.slopes`).
+A per-taxel parameter changes only its own taxel where no later stage mixes taxels. One run of the chain then gives the
+slopes of all taxels, each kept at its own taxel (:mod:`skincal.inference.slopes`).
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import numpy as np
 
 from skincal.effects import EffectParameter, Stage, effect
 from skincal.effects.starts import Scene, Start
-from skincal.inference.forward import Effects, Forward, Seen
+from skincal.inference.forward import Effects, Forward, Prediction
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray
 
@@ -23,15 +22,15 @@ _LOG_STEP, _LINEAR_STEP = 0.03, 0.01
 
 
 @dataclass(frozen=True)
-class Free:
-    """One number of an effect that is fitted.
+class FreeParameter:
+    """One fitted number of an effect.
 
     Attributes:
-        effect: its name.
-        parameter: which.
-        index: which taxel or pose; None for one number.
-        sigma: standard deviation of what is expected of it beforehand, on its own scale.
-        middle: where that lies, on its own scale.
+        effect: name of the effect.
+        parameter: which of its parameters.
+        index: taxel or pose; None for a scalar.
+        sigma: standard deviation of the prior, on the parameter's own scale.
+        middle: mean of the prior, on the same scale.
     """
 
     effect: str
@@ -42,29 +41,29 @@ class Free:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether it is fitted as its logarithm."""
+        """True if its logarithm is fitted."""
         return self.parameter.scale == "log"
 
     def get(self, effects: Effects) -> float:
-        """Its value, on its own scale."""
+        """Return its value in some effects, on its own scale."""
         value = float(np.asarray(effects[self.effect][self.parameter.name]).ravel()[self.index or 0])
         return float(np.log(value)) if self.logarithmic else value
 
     def bounds(self) -> tuple[float, float]:
-        """On its own scale."""
+        """Return its bounds, on its own scale."""
         p = self.parameter
         return (float(np.log(p.low)), float(np.log(p.high))) if self.logarithmic else (p.low, p.high)
 
     def clipped(self, value: float) -> float:
-        """A value within its bounds."""
+        """Return a value clipped to its bounds."""
         low, high = self.bounds()
         return min(max(value, low), high)
 
 
 def with_values(
-    effects: Effects, free: Sequence[Free], values: FloatArray
+    effects: Effects, free: Sequence[FreeParameter], values: FloatArray
 ) -> dict[str, dict[str, FloatArray]]:
-    """Parameters with some numbers set, on their own scales, within their bounds."""
+    """Return effects with some numbers set, given on their own scales and clipped to their bounds."""
     out = {n: {k: np.array(v, dtype=np.float64) for k, v in own.items()} for n, own in effects.items()}
     for f, value in zip(free, values, strict=True):
         own = float(np.exp(value)) if f.logarithmic else float(value)
@@ -77,11 +76,18 @@ def with_values(
     return out
 
 
-def free_of(
+def free_parameters(
     name: str, values: Mapping[str, FloatArray], first: Start | None, covariates: frozenset[str]
-) -> list[Free]:
-    """What is fitted of an effect: strengths that its start moves, or that differ if it is known, and its forms."""
-    found: list[Free] = []
+) -> list[FreeParameter]:
+    """List the fitted numbers of an effect: the strengths that its start changes, and its forms.
+
+    Args:
+        name: of the effect.
+        values: its present parameters.
+        first: start of a candidate; None for an effect of the calibration, whose strengths off neutral are fitted.
+        covariates: names of those that the session has.
+    """
+    found: list[FreeParameter] = []
     if first is None:
         away = {
             p.name: np.asarray(values[p.name])
@@ -118,20 +124,20 @@ def free_of(
             else:
                 middle = float(np.log(p.neutral)) if p.scale == "log" else p.neutral
                 sigma = max(float(np.log1p(scale)) if p.scale == "log" else scale, 1e-12) * 3
-            found.append(Free(name, p, i, sigma, middle))
+            found.append(FreeParameter(name, p, i, sigma, middle))
     return found
 
 
 def is_local(name: str, others: Effects) -> bool:
-    """Whether what an effect does to a taxel stays there: nothing mixes taxels behind it."""
+    """Return whether an effect changes a taxel only by that taxel's own load: no later stage mixes taxels."""
     stage = effect(name).stage
     mixed = any(effect(n).stage == Stage.CROSSTALK for n in others)
     return stage > Stage.CROSSTALK or (stage >= Stage.TRANSFER and stage != Stage.CROSSTALK and not mixed)
 
 
-def free_columns(forward: Forward, seen: Seen, free: Sequence[Free]) -> list[Slopes]:
-    """Slopes over K samples by numbers of effects in the model, each on its own scale."""
-    now, taxels = seen.state.effects, seen.values.shape[1]
+def free_columns(forward: Forward, prediction: Prediction, free: Sequence[FreeParameter]) -> list[Slopes]:
+    """Compute the slopes over K samples by fitted numbers of effects in the model, each on its own scale."""
+    now, taxels = prediction.state.effects, prediction.values.shape[1]
     at = np.array([f.get(now) for f in free])
     out: list[Slopes] = [Slopes.of(np.zeros((0, 0, 0)))] * len(free)
     local = [f.parameter.shape == "per-taxel" and is_local(f.effect, now) for f in free]
@@ -142,7 +148,7 @@ def free_columns(forward: Forward, seen: Seen, free: Sequence[Free]) -> list[Slo
         steps = np.array([_step(free[k], at[k]) for k in members])
         some = [free[k] for k in members]
         changed = with_values(now, some, at[members] + steps)
-        difference = forward.with_effects(seen, changed) - seen.values
+        difference = forward.with_effects(prediction, changed) - prediction.values
         for k, step in zip(members, steps, strict=True):
             j = free[k].index
             if local[k] and j is not None:
@@ -152,7 +158,7 @@ def free_columns(forward: Forward, seen: Seen, free: Sequence[Free]) -> list[Slo
     return out
 
 
-def _step(f: Free, at: float) -> float:
+def _step(f: FreeParameter, at: float) -> float:
     _, high = f.bounds()
     p = f.parameter
     size = f.sigma / 3 if p.counts_power else p.typical or (p.high - p.low) / 4
@@ -163,12 +169,12 @@ def _step(f: Free, at: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """An effect from one start, with what its points do.
+    """An effect at one of its starts, linearised.
 
     Attributes:
         name: of the effect.
-        start: where it begins.
-        columns: n mean changes of the level of observations, one for each point.
+        start: point in its parameters to begin at.
+        columns: n slopes of observations, one for each point of the start.
     """
 
     name: str
@@ -177,32 +183,32 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, int | None]:
-        """Equal for starts of the same thing."""
+        """Name and taxel; equal for starts of the same thing."""
         return self.name, self.start.alone
 
 
 def candidates(
     forward: Forward,
-    seen: Seen,
+    prediction: Prediction,
     scene: Scene,
     slope: FloatArray,
     names: Sequence[str],
     had: set[tuple[str, int | None]],
 ) -> Iterator[Candidate]:
-    """All starts of effects whose covariates are there, with their columns.
+    """Yield every start of the effects whose covariates are there, with its columns.
 
     Args:
         forward: the model.
-        seen: the present state.
-        scene: its scale.
+        prediction: present state and its prediction.
+        scene: scale of the session.
         slope: (K, J) of the converter.
-        names: effects that may be looked for.
-        had: effects, or single taxels of them, that the state has already.
+        names: effects that may be missing.
+        had: effects, or single taxels of them, that the model has already.
     """
     skip = {n for n, alone in had if alone is None}
     wanted = [(n, s) for n in names if n not in skip for s in starts_of(n, scene) if (n, s.alone) not in had]
-    taxels = seen.values.shape[1]
-    have = {n: dict(own) for n, own in seen.state.effects.items()}
+    taxels = prediction.values.shape[1]
+    have = {n: dict(own) for n, own in prediction.state.effects.items()}
     found: list[list[Slopes]] = [[] for _ in wanted]
     runs: dict[object, list[tuple[int, int, int | None]]] = {}
     turns: Counter[object] = Counter()
@@ -213,7 +219,7 @@ def candidates(
             j = _taxel_of(name, point) if local else None
             key: object = (w, q)
             if j is not None:
-                # Points of different taxels share a run of the chain.
+                # Points of different taxels share one run of the chain.
                 own = (name, j, tuple((k, float(v)) for k, v in point.items() if not v.ndim))
                 key = (own[0], own[2], turns[own])
                 turns[own] += 1
@@ -226,7 +232,7 @@ def candidates(
                 if v.ndim:
                     v[j] = wanted[w][1].points[q][k][j]
         effects = {**have, name: _joined(name, have.get(name), point)}
-        mean = forward.mean @ ((forward.with_effects(seen, effects) - seen.values) * slope)
+        mean = forward.mean @ ((forward.with_effects(prediction, effects) - prediction.values) * slope)
         for w, q, j in members:
             found[w][q] = Slopes.of(mean[..., None]) if j is None else Slopes.of_taxel(mean[:, j], j, taxels)
     for (name, s), parts in zip(wanted, found, strict=True):
@@ -236,7 +242,7 @@ def candidates(
 
 
 def starts_of(name: str, scene: Scene) -> tuple[Start, ...]:
-    """Starts of an effect, within the bounds of its parameters."""
+    """Return the starts of an effect, clipped to the bounds of its parameters."""
     own = effect(name)
 
     def inside(point: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -246,7 +252,7 @@ def starts_of(name: str, scene: Scene) -> tuple[Start, ...]:
 
 
 def _taxel_of(name: str, point: Mapping[str, FloatArray]) -> int | None:
-    """The taxel that alone differs from neutral, if one alone does."""
+    """Return the taxel that a point changes, if it changes one alone."""
     own: set[int] = set()
     for k, v in point.items():
         if v.ndim:
@@ -257,7 +263,7 @@ def _taxel_of(name: str, point: Mapping[str, FloatArray]) -> int | None:
 def _joined(
     name: str, before: Mapping[str, FloatArray] | None, point: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray]:
-    """A point beside what the state has of the same effect: taxel by taxel."""
+    """Merge a point with the present parameters of the same effect, taxel by taxel."""
     if before is None:
         return dict(point)
     out = {k: np.array(v) for k, v in before.items()}
@@ -274,10 +280,10 @@ def _joined(
     return out
 
 
-def begun(
+def parameters_from_step(
     name: str, s: Start, coefficients: FloatArray, before: Mapping[str, FloatArray] | None
 ) -> dict[str, FloatArray]:
-    """Parameters of an effect that multiples of a start's points stand for, within bounds."""
+    """Return the parameters, within bounds, that multiples of the points of a start stand for."""
     own = effect(name)
     out: dict[str, FloatArray] = {}
     for p in own.parameters:

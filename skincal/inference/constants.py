@@ -1,4 +1,4 @@
-"""Every number that the diagnosis does not find in the data: what it is, and why it is what it is."""
+"""Constants of the diagnosis that the data do not determine, each with its reason."""
 
 from __future__ import annotations
 
@@ -8,54 +8,58 @@ from typing import Final
 
 @dataclass(frozen=True)
 class Constants:
-    """One table. P: a prior; T: a tolerance; M: measured (docs/diagnose.md says how)."""
+    """All of them. P: a prior; T: a tolerance; M: measured (docs/diagnose.md says how)."""
 
-    image: float = 0.01  # P  relative error of a press's image, taxel by taxel: mounting, contact law, cells
+    image: float = (
+        0.01  # P  relative error of an image, independent in each taxel: mounting, contact law, cells
+    )
     force: float = 0.02  # P  relative error of a press's force
     equation: float = 0.2  # P  relative error of an effect's equation in each phase of a press
-    parts: int = 4  # T  of force, image and session in which an equation errs by one factor each
-    law_power: float = 0.22  # M  how far the exponent of the stress lies from 1 that fits elastic layers
-    law_blur: float = 0.2  # M  the same of a spreading beyond that, in steps of 0.25 mm, squared
-    law_radius: float = 0.06  # M  the same of the indenter's radius, relative
-    law_bare: float = 0.7  # P  part of the pressure itself in what taxels feel: none or all, with equal odds
-    law_scale: float = 0.012  # M  the same of the scale
-    rest: float = 0.3  # P  how far the common level at rest is from what idle frames say, in noises
-    huber: float = 8.0  # T  residuals beyond so many noises count in proportion
-    settled: float = 0.5  # T  a step that gains less ends a fit [twice nats]
-    loose: float = 0.1  # T  a step may leave so much more than the state before it [twice nats]
-    own_steps: int = 2  # T  steps of presses by themselves after one of the whole
-    folds: int = 6  # T  parts of the presses that are held out in turn
-    clip: float = 3.0  # T  no press counts for more in the standard error of a gain
-    sure: float = 2.7  # T  standard errors by which a gain must be there
-    few: int = 3  # T  presses without which a gain must stay beyond its limit, or be sure as above
+    parts: int = 4  # T  intervals of force, image and session with one factor of equation error each
+    law_power: float = 0.22  # M  sd of the stress exponent less 1 over elastic layers
+    law_blur: float = 0.2  # M  sd of the spreading beyond what goes with it [half of (0.25 mm)²]
+    law_radius: float = 0.06  # M  sd of the relative radius of the indenter
+    law_bare: float = (
+        0.7  # P  sd of the part of unprojected pressure that taxels feel: 0 or 1, equally likely
+    )
+    law_scale: float = 0.012  # M  sd of the relative scale over elastic layers
+    rest: float = 0.3  # P  sd of the common level at rest about idle frames [noise sd]
+    huber: float = 8.0  # T  residual from which the loss is linear [noise sd]
+    settled: float = 0.5  # T  gain of a step below which a fit has converged [twice nats]
+    loose: float = 0.1  # T  increase of the loss that a step may cause [twice nats]
+    own_steps: int = 2  # T  steps of each press after a joint one
+    folds: int = 6  # T  folds of presses that are held out in turn
+    clip: float = 3.0  # T  bound of a press's gain in its significance [nats]
+    sure: float = 2.7  # T  significance that a gain needs [standard errors]
+    few: int = 3  # T  best presses without which a gain must exceed its limit, unless significant
     null_sessions: int = 120  # T  simulated sessions with nothing hidden
-    null_quantile: float = 0.99  # T  of their greatest gains: an effect's limit
-    slack: float = 1.25  # M  what a limit is raised by for laws and errors that the null does not have
-    few_steps: int = 3  # T  of a fit that only shows where it leads, as to another contact law
-    noise: float = 0.02  # P  relative error of the noise's variance, so much may always be left
-    joint_steps: int = 5  # T  of a joint fit
-    last_steps: int = 12  # T  of that of the effect which is taken
-    contend: float = 0.5  # T  of the best gain, whole or shared: what has less is not fitted in full
-    contenders: int = 4  # T  that are fitted in full in a round
-    paths: int = 2  # T  that are followed where effects are not told apart
-    closes: float = 0.5  # T  part of the gap that what is named must be able to close
-    least_gain: float = 8.0  # T  nats; less is never named, whatever the null
-    alike: float = 2.0  # T  standard errors within which two effects are not told apart
-    # T  effects that are named at most, in twice as many rounds: one may be found taxel by taxel
+    null_quantile: float = 0.99  # T  quantile of their gains that is an effect's limit
+    slack: float = 1.25  # M  factor on limits, for laws and errors that the null lacks
+    few_steps: int = 3  # T  steps of a rough fit
+    noise: float = 0.02  # P  relative error of the noise variance, tolerated in a misfit
+    joint_steps: int = 5  # T  steps of a joint fit
+    last_steps: int = 12  # T  steps of a final fit
+    contend: float = 0.5  # T  part of the best gain, plain or clipped, that a joint fit needs
+    contenders: int = 4  # T  joint fits in a round
+    paths: int = 2  # T  paths followed with equivalent effects
+    closes: float = 0.5  # T  part of the gap that named effects must close
+    least_gain: float = 8.0  # T  least gain of a named effect, whatever the null [nats]
+    alike: float = 2.0  # T  standard errors within which two effects are equivalent
+    # T  largest number of effects; twice as many rounds, as one may be found taxel by taxel
     most: int = 4
-    # T  of a first step
+    # T  scales of a first step
     scales: tuple[float, ...] = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.1, 0.06, 1.5, 2.0, 3.0)
-    # T  of the same: a press that leaves more, whatever its place, is no press like the others
+    # T  misfit of an outlier press, over the median
     wild: float = 5.0
-    # T  errors of images that are tried, over ``image``
+    # T  image errors to choose from, over ``image``
     images: tuple[float, ...] = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0)
-    like_none: float = 2.5  # T  standard deviations from which on a contact law is none of a layer
-    # T  by how much logarithms of E are then less where a fit begins again, or more where it begins with an effect
+    like_none: float = 2.5  # T  prior sds beyond which a contact law is implausible
+    # T  changes of log E at which fits then restart
     softer: tuple[float, ...] = (0.7, 1.5)
-    smooth: float = 0.5  # T  of a step: noise from which on rounding leaves no more than 0.2 % of a step
-    least_slope: float = 1e-3  # T  of the converter, where it clips
-    least_variance: float = 0.05  # T  of the usual one, where it clips
-    least_noise: float = 1e-4  # T  of the largest signal, where there is no noise
+    smooth: float = 0.5  # T  noise from which rounding errors are below 0.2 % of a step [steps]
+    least_slope: float = 1e-3  # T  least slope of the converter, where it clips
+    least_variance: float = 0.05  # T  least variance where it clips, over the usual one
+    least_noise: float = 1e-4  # T  least noise, over the largest signal
 
 
 CONSTANTS: Final = Constants()

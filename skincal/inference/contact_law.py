@@ -1,10 +1,10 @@
-"""The contact law of a calibration, a state's numbers of it, and whether a session shows that they are not zero.
+"""The contact law of a calibration, its parameters in a state, and the evidence for a law other than the foundation's.
 
-A state's numbers are the power of the stress less 1, and what a spreading and the relative radius have beyond what goes
-with it (:mod:`skincal.inference.forward`); the spreading's variance is so many times half the square of a quarter of a
-millimetre. Every fit has them, with the width by which elastic layers differ from the foundation as their prior. A
-calibration gets them where they predict presses that the fit has not seen. The fourth, how much of the pressure itself
-taxels feel, says nothing of the contact: every fit has it, and no calibration.
+A state has the power of the stress less 1, and the excess of spreading and relative radius over what elastic layers of
+that power have (:mod:`skincal.inference.forward`); the variance of the spreading is in units of half the square of a
+quarter of a millimetre. Every fit has these parameters, with the width by which elastic layers differ from the
+foundation as their prior. A calibration gets them if they predict held-out presses better. The fourth parameter, the
+part of the unprojected pressure in what taxels feel, is in every fit but in no calibration.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from skincal.model.arrays import FloatArray, IntArray, as_floats
 _WIDTH = 1.96
 
 
-def numbers_of(law: ContactLaw) -> FloatArray:
-    """A state's numbers for a contact law."""
+def law_parameters(law: ContactLaw) -> FloatArray:
+    """Return a state's parameters (4,) for a contact law."""
     own = np.array([law.exponent - 1, law.spread_m2 / BLUR_M2, law.radius_scale - 1, 0.0])
     return as_floats(np.linalg.solve(LAW_WAYS, own))
 
 
 def law_ends(forward: Forward, numbers: FloatArray, covariance: FloatArray) -> tuple[ContactLaw, ContactLaw]:
-    """Ends of 95 % intervals, of a state's numbers and the covariance (n, n) of its fit."""
+    """Return the ends of 95 % intervals, from a state's parameters and the covariance (n, n) of its fit."""
     own = slice(len(BASE), len(BASE) + len(LAW))
     reach = _WIDTH * np.sqrt(np.diag(LAW_WAYS @ covariance[own, own] @ LAW_WAYS.T))
-    # Of what the bounds of the numbers allow.
+    # Clipped to the range that the bounds of the parameters allow.
     corners = np.array(list(product(*law_bounds()))) @ LAW_WAYS.T
     least, most = corners.min(axis=0), corners.max(axis=0)
     ends = [np.clip(LAW_WAYS @ numbers + side * reach, least, most) for side in (-1, 1)]
@@ -43,16 +43,16 @@ def law_ends(forward: Forward, numbers: FloatArray, covariance: FloatArray) -> t
 
 
 def law_gain(fit: Fitted, folds: IntArray) -> Score:
-    """What blocks gain to first order by the law's numbers on presses that their fit has not seen.
+    """Score the law's parameters to first order, on held-out presses.
 
     Args:
         fit: with the law free.
-        folds: (B,) part of each block.
+        folds: (B,) fold of each block.
     """
     n, law = len(fit.prior), len(BASE) + np.arange(len(CONTACT))
     others = np.setdiff1d(np.arange(n), law)
     h = fit.blocks.h
-    # About the foundation: both models begin where the law's numbers are zero.
+    # Expand about the foundation, where the law's parameters are zero.
     b = (fit.blocks.b + h[:, :, law] @ fit.state.law[: len(CONTACT)])[:, :, None]
     pull = fit.pull.copy()
     pull[law] = 0.0
@@ -61,31 +61,35 @@ def law_gain(fit: Fitted, folds: IntArray) -> Score:
     return Score((held_out(h, b, fit.prior, pull, folds) - without)[:, 0])
 
 
-def beaten_foundation(fitter: Fitter, fit: Fitted, rng: np.random.Generator) -> Fitted | None:
-    """The same model's fit with the foundation's law, if the session shows that this is not its contact law.
+def rejected_foundation(fitter: Fitter, fit: Fitted, rng: np.random.Generator) -> Fitted | None:
+    """Return the fit with the foundation's law if the session rejects it, else None.
 
-    It is shown as an effect must be: first to first order, then against the foundation's own fit, which may find a
-    better place than slopes say.
+    The evidence must be significant as that of an effect: to first order, then against the foundation's own fit, which
+    may be better than slopes say.
 
     Args:
         fitter: of the session.
         fit: with the law free.
-        rng: deals the folds.
+        rng: draws the folds.
     """
     folds = folds_of(fit.blocks, rng)
     if not _is_sure(law_gain(fit, folds)):
         return None
     foundation = _foundation_fit(fitter, fit)
-    return foundation if _is_sure(Score(fit.predicted(folds) - foundation.predicted(folds))) else None
+    return (
+        foundation
+        if _is_sure(Score(fit.held_out_scores(folds) - foundation.held_out_scores(folds)))
+        else None
+    )
 
 
 def _is_sure(gain: Score) -> bool:
-    return gain.total > C.least_gain and gain.sure > C.sure
+    return gain.total > C.least_gain and gain.significance > C.sure
 
 
 def _foundation_fit(fitter: Fitter, fit: Fitted) -> Fitted:
-    """The same model's fit with the law of the foundation."""
-    held = Fitter(fitter.forward, fitter.counts, fitter.before)
+    """Refit the same model with the law of the foundation."""
+    held = Fitter(fitter.forward, fitter.counts, fitter.priors)
     held.foundation = True
     law = np.append(np.zeros(len(CONTACT)), fit.state.law[len(CONTACT) :])
     return held.solve(replace(fit.state, law=law), fit.free, steps=C.last_steps)

@@ -208,7 +208,7 @@ class Press:
     def foundation_pa(
         self, elasticity_pa_per_m: float, force_n: float, law: StressLaw | None = None
     ) -> Floats:
-        """What a taxel feels (n, n) [Pa] under an elastic foundation; without a law stress grows with penetration."""
+        """Compute the stress (n, n) [Pa] that a taxel feels on an elastic foundation; linear without a law."""
         law = law or StressLaw(1.0, 1.0)
         gap, cosine, facing = self._geometry
         near = np.where(np.isfinite(gap), gap, self.sphere_radius_m)
@@ -252,16 +252,7 @@ class Press:
 
 @dataclass(frozen=True, eq=False)
 class PressureField:
-    """What a press does, on the grid of :class:`Press`.
-
-    Attributes:
-        axis_m: (n,) centres of cells [m]; first index round the cylinder, second along it.
-        pressure_pa: (n, n) pressure [Pa].
-        approach_m: how far the sphere has come since first touch [m].
-        load_n: sum of pressure times area [N].
-        force_n: force along the contact normal [N].
-        felt_pa: (n, n) what a taxel sums up: pressure with both projections of the paper's equation 3 [Pa].
-    """
+    """Pressures of a press, on the grid of :class:`Press`."""
 
     axis_m: Floats
     pressure_pa: Floats

@@ -1,9 +1,8 @@
-"""What a session reads under a state of the sensor: y = c(g(theta, law, effects, press) + rest), and its slopes.
+"""The observation model: y = c(g(theta, law, effects, press) + rest), and its slopes.
 
-A state is the pose, E, S, the level at rest, four numbers of the contact law, the parameters of effects, and for every
-press a shift of its contact and of its force. Loads come from tables (:mod:`skincal.inference.press_table`);
-everything after
-the contact is the chain of effects itself, so each slope by a parameter is a difference of that chain.
+A state is the pose, E, S, the level at rest, four parameters of the contact law, the parameters of effects, and a shift
+and force scale of every press. Loads come from tables (:mod:`skincal.inference.press_table`); everything after the
+contact is the chain of effects itself, so each slope by a parameter is a difference of that chain.
 """
 
 from __future__ import annotations
@@ -37,43 +36,45 @@ from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.patch import Rule
 
 Effects = Mapping[str, Mapping[str, FloatArray]]
-"""Parameters by effect; what is left out is neutral."""
+"""Parameters by effect and name; those left out are neutral."""
 
 BASE = ("y", "turn", "alpha", "elasticity", "scale", "rest")
 CONTACT = ("power", "blur", "radius")
 LAW = (*CONTACT, "bare")
 _STEP = {"y": 5e-5, "turn": 5e-5, "alpha": 0.06}
 _SOFT, _POWER, _RADIUS = 0.015, 0.05, 0.015
-"""Steps to both sides. A skin that is harder by some part and a ball that is larger by the same do nearly alike: only
-with the same step do both slopes see the same points met, and tell no difference that is not there."""
+"""Steps of central differences. A stiffer skin and a larger sphere have nearly the same effect; both steps are equal,
+so that the same points come into contact and the slopes do not differ by discretisation."""
 LAW_WAYS = np.array(
     [[1.0, 0.0, 0.0, 0.0], [-0.3, 1.0, 0.0, 0.0], [-0.65, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
-"""What a state's numbers do to power, blur, radius and bare. In layers from thin to thick the first three go
-together: a state has the power, and what blur and radius have beyond what goes with it (slopes of the twins' fits)."""
+"""From a state's parameters to power, blur, radius and bare. Blur and radius of elastic layers vary with the power
+(slopes fitted to the twins); a state has their differences from that."""
 BLUR_M2 = STEP_M**2 / 2
-"""Variance of a spreading of one: a state's number multiplies a quarter of the Laplacian over squared steps."""
+"""Variance of one unit of spreading [m²]."""
 _SLID_M = 1.2e-4
-"""A table's second order is right so far from its places [m]."""
+"""Distance from its place up to which the second-order expansion of a table holds [m]."""
 _COARSE_M = 6e-4
-"""Between points where places are looked for."""
+"""Spacing of points for the search of places [m]."""
 _PLACE_M = 1.5e-4
-"""Places that have tables lie so far apart [m]: a press that moves by less keeps its own."""
+"""Grid of the places of tables [m]: a press that moves by less keeps its table."""
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The sensor, and how each press differs from what was measured of it.
+    """Parameters of the sensor, and the nuisance parameters of each press.
 
     Attributes:
         pose: of the patch.
         log_e: logarithm of E [Pa/m].
         log_s: logarithm of S [1/N]; (J,) where taxels have their own.
         rest: level that all taxels share [counts].
-        law: (4,) power of the stress less 1, blur and relative radius beyond what goes with it (``LAW_WAYS``), and
-            bare, the part of the pressure itself in what taxels feel: 0 where it is projected (paper, equation 3).
-        move: (P, 3) shift of each press across and along [m], and logarithm of its force.
-        effects: beyond the base model.
+        law: (4,) power of the stress less 1; blur and relative radius, each less what goes with the power
+            (``LAW_WAYS``);
+            and bare, the part of the unprojected pressure in what taxels feel: 0 if it is projected (paper, equation
+            3).
+        move: (P, 3) shift of each press across and along [m], and logarithm of its force scale.
+        effects: parameters of effects beyond the base model.
     """
 
     pose: SensorPose
@@ -86,18 +87,18 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """A state's loads, and what is read of them.
+class Prediction:
+    """A state and its prediction.
 
     Attributes:
-        state: of which.
+        state: the state.
         felt: samples after effects on place and force.
         loads: (K, J) [N].
-        values: (K, J) levels less rest [counts].
+        values: (K, J) levels above rest [counts].
         moves: (3, K, J) slopes of loads by the move across and along [N/m], and by the logarithm of the force.
         table: of the presses.
-        places: (P, 2) of the table, from the measured places [m].
-        key: what else the table belongs to.
+        places: (P, 2) places of the table, relative to the measured ones [m].
+        key: everything else that the table depends on.
     """
 
     state: State
@@ -111,16 +112,16 @@ class Seen:
 
 
 class Means:
-    """From samples to observations: ``means @ values`` is (N, ...) of (K, ...)."""
+    """Averages samples to observations: ``means @ values`` is (N, ...) for (K, ...)."""
 
     def __init__(self, parts: csr_array) -> None:
-        """Take the part (N, K) that each sample has in each observation."""
+        """Take the weight (N, K) of each sample in each observation."""
         self._parts = parts
         every = np.arange(parts.shape[1])
         self._plain = parts.shape[0] == len(every) and np.array_equal(parts @ every, every)
 
     def __matmul__(self, values: FloatArray) -> FloatArray:
-        """Means over the samples of each observation."""
+        """Average over the samples of each observation."""
         if self._plain:
             return values
         flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
@@ -128,7 +129,7 @@ class Means:
 
 
 class Forward:
-    """The model of one session. Tables that are still right are kept from one state to the next."""
+    """Observation model of one session; tables are cached from one state to the next."""
 
     def __init__(
         self,
@@ -142,17 +143,17 @@ class Forward:
         margin_m: float = 6e-3,
         rule: Rule = "gauss",
     ) -> None:
-        """Take what stays the same.
+        """Take what all states share.
 
         Args:
-            session: samples and what was observed of them.
+            session: samples and their observed means.
             surface: that carries the sensor.
             layout: its taxels.
             noise: of a frame, and the converter.
-            clipped: whether an untouched taxel rests at the converter's lower bound, so that none reads less.
+            clipped: True if an untouched taxel rests at the converter's lower bound, so that none reads less.
             resolution_m: of the patch.
-            margin_m: how far it goes on.
-            rule: where a tactile point lies in its cell.
+            margin_m: of the patch beyond the taxels.
+            rule: position of a tactile point in its cell.
         """
         self.session, self.surface, self.layout, self.noise = session, surface, layout, noise
         self.samples = session.remembered
@@ -171,21 +172,21 @@ class Forward:
         self._patches: dict[tuple[SensorPose, float], Patch] = {}
         self._tables: dict[object, tuple[FloatArray, PressTable]] = {}
         self._spread: tuple[object, Patch, FloatArray] | None = None
-        self._moves: tuple[Seen, FloatArray] | None = None
+        self._moves: tuple[Prediction, FloatArray] | None = None
         self._skin: tuple[State, EffectSkin] | None = None
 
     def __getstate__(self) -> dict[str, object]:
-        """Return what another process needs: what is kept between states is found again there."""
+        """Return what another process needs; caches are left out."""
         found_again = {"_patches": {}, "_tables": {}, "_spread": None, "_moves": None, "_skin": None}
         return {**self.__dict__, **found_again}
 
     @property
     def rests_clipped(self) -> bool:
-        """Whether an untouched taxel rests at the converter's lower bound."""
+        """True if an untouched taxel rests at the converter's lower bound."""
         return self._converter.value_min is not None
 
     def of_holds(self) -> Forward:
-        """The same of holds alone, on coarser points: where the search for the sensor begins."""
+        """Return the model of the holds alone, with coarser points: for the first search of the pose."""
         part, (resolution, margin, rule) = self.session.of_holds_alone(), self._patch
         return Forward(
             part, self.surface, self.layout, self.noise, clipped=self.rests_clipped,
@@ -193,7 +194,7 @@ class Forward:
         )  # fmt: skip
 
     def contact_law(self, numbers: FloatArray) -> ContactLaw:
-        """The contact law of a state's numbers, but for bare; E is that under the session's first ball."""
+        """Return the contact law of a state's parameters without ``bare``; its E is for the session's first sphere."""
         return self._contact_law(LAW_WAYS @ numbers)
 
     def _contact_law(self, law: FloatArray) -> ContactLaw:
@@ -229,16 +230,17 @@ class Forward:
 
     def _moves_within(self) -> FloatArray:
         """(K, 2) how far each sample lies from its press's place [m]: contacts that slide or roll."""
-        return self._off(self.samples)
+        return self._offsets(self.samples)
 
     def _slides(self, off: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The ends of the line along which each press slides, and how far along it each sample is.
+        """Fit a line to the path of each press, and return its ends and the part of it that each sample has covered.
 
         Args:
-            off: (K, 2) of each sample from the place of its press [m].
+            off: (K, 2) offset of each sample from the place of its press [m].
 
         Returns:
-            (1 or 2, P, 2) from the places [m], one where no press slides; (K,) from the first, 0, to the second, 1.
+            (1 or 2, P, 2) ends relative to the places [m], one if no press slides; (K,) part from the first, 0, to the
+            second, 1.
         """
         on, many = self.row >= 0, self.presses
         if np.abs(off[on]).max(initial=0.0) <= _SLID_M:
@@ -254,7 +256,7 @@ class Forward:
         part[on] = (along - ends[0][row]) / np.maximum(ends[1] - ends[0], 1e-12)[row]
         return ends[..., None] * way, part
 
-    def _off(self, samples: Samples) -> FloatArray:
+    def _offsets(self, samples: Samples) -> FloatArray:
         row = np.maximum(self.row, 0)
         step = samples.contacts.points_m - self._measured.points_m[row]
         found = np.einsum("kdx,kx->kd", self._axes[row], step)
@@ -263,8 +265,8 @@ class Forward:
     # ------------------------------------------------------------------ a state
 
     def skin(self, state: State, effects: Effects | None = None) -> EffectSkin:
-        """The skin of a state; that of the last one is kept."""
-        if effects is not None or self._skin is None or not _alike(self._skin[0], state):
+        """Return the skin of a state; the last one is cached."""
+        if effects is not None or self._skin is None or not _has_same_skin(self._skin[0], state):
             skin = self._new_skin(state, effects)
             if effects is not None:
                 return skin
@@ -287,17 +289,17 @@ class Forward:
         given = state.effects if effects is None else effects
         return EffectSkin.of(skin, self.surface, given, missing="abstain")
 
-    def see(self, state: State, near: Seen | None = None) -> Seen:
-        """What a state reads.
+    def predict(self, state: State, near: Prediction | None = None) -> Prediction:
+        """Predict a state.
 
         Args:
-            state: it.
-            near: another that was seen; where only places differ, and by little, they are moves from its table: small
-                differences are then those of its slopes.
+            state: the state.
+            near: an earlier prediction; if only places differ, by little, its table and slopes are used, so that small
+                differences are not those of two tables.
         """
         skin = self.skin(state)
-        felt, off = self._felt(skin)
-        places, key = self._middle(off) + state.move[:, :2], self._key(skin, felt, state)
+        felt, off = self._felt_samples(skin)
+        places, key = self._press_means(off) + state.move[:, :2], self._key(skin, felt, state)
         reach = _SLID_M + _PLACE_M / 2
         if near is not None and key == near.key and np.abs(places - near.places).max(initial=0.0) < reach:
             places, table = near.places, near.table
@@ -307,22 +309,26 @@ class Forward:
         row, e = np.maximum(self.row, 0), float(np.exp(state.log_e))
         at = np.where((self.row >= 0)[:, None], off + state.move[row, :2] - places[row], 0.0)
         loads, *moves = e * table.with_slopes(self.row, self._force(felt, state) / e, at)
-        return Seen(state, felt, loads, self._after(skin, loads, felt), np.array(moves), table, places, key)
+        return Prediction(
+            state, felt, loads, self._after(skin, loads, felt), np.array(moves), table, places, key
+        )
 
-    def _felt(self, skin: EffectSkin) -> tuple[Samples, FloatArray]:
-        """Samples as the skin feels them, and how far (K, 2) they are from the measured place of their press."""
+    def _felt_samples(self, skin: EffectSkin) -> tuple[Samples, FloatArray]:
+        """Return samples after effects on place and force, and their offsets (K, 2) from the measured places."""
         felt = self.samples
         for _, one, values in at_work(skin.effects, felt, InputEffect, "abstain"):
             felt = one.apply(felt, values, skin.setting)
-        off = self._within if felt.contacts.points_m is self.samples.contacts.points_m else self._off(felt)
+        off = (
+            self._within if felt.contacts.points_m is self.samples.contacts.points_m else self._offsets(felt)
+        )
         return felt, off
 
-    def shifted(self, state: State) -> FloatArray:
-        """(P, 2) how far effects of a state shift the contact of each press, across and along [m]."""
-        return self._middle(self._felt(self.skin(state))[1])
+    def contact_shifts(self, state: State) -> FloatArray:
+        """Return the shift (P, 2) of the contact of each press by effects, across and along [m]."""
+        return self._press_means(self._felt_samples(self.skin(state))[1])
 
-    def _middle(self, off: FloatArray) -> FloatArray:
-        """(P, 2) mean of moves over each press, weighted by force."""
+    def _press_means(self, off: FloatArray) -> FloatArray:
+        """Average offsets (K, 2) over each press, weighted by force: (P, 2)."""
         w = np.where(self.row >= 0, np.maximum(np.nan_to_num(self.samples.contacts.force_n), 0.0), 0.0)
         r = np.maximum(self.row, 0)
         total = np.bincount(r, w, self.presses)
@@ -332,7 +338,7 @@ class Forward:
         )
 
     def _key(self, skin: EffectSkin, felt: Samples, state: State) -> object:
-        """All that a table depends on but for the places."""
+        """Return everything that a table depends on except the places."""
         spread = [a for a in skin.effects if isinstance(a.effect, SpreadEffect) and not a.neutral]
         radii = tuple(i.radius_m if isinstance(i, Sphere) else n for n, i in enumerate(felt.indenters))
         law = tuple((LAW_WAYS @ state.law).tolist())
@@ -341,24 +347,24 @@ class Forward:
     def _table(
         self, key: object, skin: EffectSkin, felt: Samples, state: State, places: FloatArray
     ) -> PressTable:
-        """Tables of presses at their places; of those kept, what is elsewhere by anything is made anew.
+        """Return the tables of presses at some places; only presses that have moved are computed again.
 
-        So what a state reads does not depend on the states that were asked for before.
+        The result depends on the state alone, not on the states before it.
         """
         blur = float((LAW_WAYS @ state.law)[1])
         if key not in self._tables:
             if len(self._tables) > 40:
                 self._tables.clear()
-            self._tables[key] = places, self._make(skin, felt, state, places).spread(blur)
+            self._tables[key] = places, self._make_table(skin, felt, state, places).spread(blur)
         before, table = self._tables[key]
         if len(new := np.flatnonzero((before != places).any(axis=1))):
             terms = table.terms.copy()
-            terms[:, new] = self._make(skin, felt, state, places[new], rows=new).spread(blur).terms
+            terms[:, new] = self._make_table(skin, felt, state, places[new], rows=new).spread(blur).terms
             table = PressTable(terms, table.most_m3)
         self._tables[key] = places, table
         return table
 
-    def _make(
+    def _make_table(
         self,
         skin: EffectSkin,
         felt: Samples,
@@ -388,21 +394,21 @@ class Forward:
         force = np.where(felt.touching & (self.row >= 0), np.nan_to_num(felt.contacts.force_n), 0.0)
         return np.maximum(force * np.exp(state.move[row, 2]), 0.0)
 
-    def reader(self, state: State, at: IntArray) -> Callable[[FloatArray, IntArray], FloatArray]:
-        """What presses read elsewhere: of one sample each (B,), by the chain without memory.
+    def predictor_at(self, state: State, at: IntArray) -> Callable[[FloatArray, IntArray], FloatArray]:
+        """Return a function that predicts presses at other places, at one sample (B,) each.
 
-        Effects with memory change all that is felt in the same proportion as where the state has the press.
+        Effects with memory scale the prediction by the same factor as at the present place.
 
         Returns:
-            of moves (C, G, 2) [m] of some of these samples (C,) the levels (C, G, J).
+            from moves (C, G, 2) [m] of some of these samples (C,) to levels (C, G, J).
         """
         still = {n: v for n, v in state.effects.items() if not effect(n).has_memory}
         skin = self._new_skin(state, still, _COARSE_M)
-        felt, off = self._felt(skin)
-        middle, seen = self._middle(off), self.see(state)
+        felt, off = self._felt_samples(skin)
+        middle, prediction = self._press_means(off), self.predict(state)
         part = np.ones(len(at))
         if len(still) < len(state.effects):
-            ways = seen.values[at], self._after(skin, seen.loads, felt)[at]
+            ways = prediction.values[at], self._after(skin, prediction.loads, felt)[at]
             now, plain = (np.maximum(x.sum(axis=1), 1e-12) for x in ways)
             part = np.clip(now / plain, 0.2, 5.0)
         force = self._force(felt, replace(state, move=np.zeros_like(state.move)))[at]
@@ -412,7 +418,7 @@ class Forward:
             many, taxels, own = moves.shape[1], self.layout.taxels, np.repeat(at[some], moves.shape[1])
             rows = self.row[own]
             places = moves.reshape(-1, 2) + middle[rows]
-            table = self._make(skin, felt, state, places, rows=rows, lattice=False)
+            table = self._make_table(skin, felt, state, places, rows=rows, lattice=False)
             loads = e * table.at(np.arange(len(rows)), np.repeat(force[some], many) / e)
             values = self._after(skin, loads, felt[own])
             return values.reshape(-1, many, taxels) * part[some, None, None] + state.rest
@@ -425,97 +431,100 @@ class Forward:
 
     # ------------------------------------------------------------------ slopes
 
-    def with_loads(self, seen: Seen, change: FloatArray) -> FloatArray:
-        """(K, J) what a small change of loads does to values."""
-        skin = self.skin(seen.state)
+    def values_by_loads(self, prediction: Prediction, change: FloatArray) -> FloatArray:
+        """Return the change (K, J) of values by a small change of loads."""
+        skin = self.skin(prediction.state)
         if not any(a.effect.stage >= Stage.MEMORY and not a.neutral for a in skin.effects):
             return change * skin.skin.parameters.scale_per_n
-        ends = (self._after(skin, seen.loads + side * change, seen.felt) for side in (1, -1))
+        ends = (self._after(skin, prediction.loads + side * change, prediction.felt) for side in (1, -1))
         return (next(ends) - next(ends)) / 2
 
-    def with_effects(self, seen: Seen, effects: Effects) -> FloatArray:
-        """(K, J) values with other effects, by the shortest way: from the contact only if that changes."""
-        skin = self.skin(seen.state, effects)
-        if _early_part(effects) == _early_part(seen.state.effects):
-            return self._after(skin, seen.loads, seen.felt)
-        return self.see(replace(seen.state, effects=effects), seen).values
+    def with_effects(self, prediction: Prediction, effects: Effects) -> FloatArray:
+        """Return values (K, J) with other effects; contacts are computed again only if an effect on them changes."""
+        skin = self.skin(prediction.state, effects)
+        if _contact_parameters(effects) == _contact_parameters(prediction.state.effects):
+            return self._after(skin, prediction.loads, prediction.felt)
+        return self.predict(replace(prediction.state, effects=effects), prediction).values
 
-    def base_columns(self, seen: Seen, *, contact: bool = True) -> FloatArray:
-        """(K, J, 6 + 4) slopes by ``BASE`` (place in metres, angle, logarithms, counts) and ``LAW``.
+    def base_columns(self, prediction: Prediction, *, contact: bool = True) -> FloatArray:
+        """Compute slopes (K, J, 6 + 4) by ``BASE`` (place in metres, angle, logarithms, counts) and ``LAW``.
 
-        Without ``contact`` those by ``CONTACT`` are left at zero, as all by ``LAW`` are without balls: these numbers
-        say how a skin answers to a ball.
+        Slopes by ``CONTACT`` are zero without ``contact``, and those by ``LAW`` without spheres, to which these
+        parameters belong.
         """
-        s, near = seen.state, _Near(self, seen)
-        out = np.zeros((*seen.values.shape, len(BASE) + len(LAW)))
+        s, near = prediction.state, _LocalTables(self, prediction)
+        out = np.zeros((*prediction.values.shape, len(BASE) + len(LAW)))
         alike = self.surface.is_uniform
         far, ends = self._from_centre(s, near.places), list[FloatArray]()
         for angle in (_STEP["alpha"], -_STEP["alpha"]):
-            # Where the surface is alike everywhere presses go along with a patch that is turned.
+            # On a uniform surface presses turn with the patch.
             along = angle * np.stack([-far[:, 1], far[:, 0]], axis=1) if alike else 0.0
             ends.append(near.loads(pose=moved_pose(self.surface, s.pose, "alpha", angle), along=along))
-        out[..., 2] = self.with_loads(seen, (ends[0] - ends[1]) / 2) / _STEP["alpha"]
+        out[..., 2] = self.values_by_loads(prediction, (ends[0] - ends[1]) / 2) / _STEP["alpha"]
         if alike:
-            # Everywhere alike: a patch that moves one way is presses that move the other way, and exactly so, or the
-            # difference would seem to tell the one from the other. A turn is a shift of presses, and a turn about each.
-            # Of what memory keeps of the press before, too: that press went another way in a turn, but is not asked.
-            moves, way = self.press_columns(seen), far[np.maximum(self.row, 0)][:, None]
+            # On a uniform surface a move of the patch equals the opposite move of all presses. The slopes must be
+            # equal exactly, or their difference would seem to identify one of them. A turn is a shift of each press and
+            # a turn about it; what memory keeps of the press before is shifted alike, an approximation.
+            moves, way = self.press_columns(prediction), far[np.maximum(self.row, 0)][:, None]
             out[..., 0], out[..., 1] = -moves[..., 1], -moves[..., 0]
             out[..., 2] += way[..., 1] * moves[..., 0] - way[..., 0] * moves[..., 1]
         for k, name in enumerate(() if alike else ("y", "turn")):
             change = near.loads(pose=moved_pose(self.surface, s.pose, name, _STEP[name])) - near.loads()
-            out[..., k] = self.with_loads(seen, change) / _STEP[name]
-        # Nor does what a press leaves in the rest after it tell its place: there it has no shift of its own.
+            out[..., k] = self.values_by_loads(prediction, change) / _STEP[name]
+        # What a press leaves in the rest after it has no shift of its own, so it must not inform the pose.
         out[self.row < 0, :, :3] = 0.0
-        out[..., 3] = self.with_loads(seen, _SOFT * near.by_elasticity()) / _SOFT
-        more = self._after(self.skin(replace(s, log_s=s.log_s + _SOFT)), seen.loads, seen.felt)
-        out[..., 4] = (more - seen.values) / np.expm1(_SOFT)
+        out[..., 3] = self.values_by_loads(prediction, _SOFT * near.by_elasticity()) / _SOFT
+        more = self._after(self.skin(replace(s, log_s=s.log_s + _SOFT)), prediction.loads, prediction.felt)
+        out[..., 4] = (more - prediction.values) / np.expm1(_SOFT)
         out[..., 5] = 1.0
-        balls = any(isinstance(one, Sphere) for one in seen.felt.indenters)
+        balls = any(isinstance(one, Sphere) for one in prediction.felt.indenters)
         if contact and balls:
             by = near.by_contact() @ LAW_WAYS[: len(CONTACT), : len(CONTACT)]
             for k in range(len(CONTACT)):
-                out[..., len(BASE) + k] = self.with_loads(seen, 0.02 * by[..., k]) / 0.02
+                out[..., len(BASE) + k] = self.values_by_loads(prediction, 0.02 * by[..., k]) / 0.02
         if balls:
-            out[..., -1] = self.with_loads(seen, 0.02 * near.by_bare()) / 0.02
+            out[..., -1] = self.values_by_loads(prediction, 0.02 * near.by_bare()) / 0.02
         return out
 
     def _from_centre(self, state: State, places: FloatArray) -> FloatArray:
-        """(P, 2) how far presses are from the patch's centre, across and along [m]."""
+        """Return the places (P, 2) of presses relative to the patch's centre, across and along [m]."""
         points = self.surface.project(self._measured.points_m)
         centre = self.surface.wrap(replace(state.pose, alpha_rad=0.0), np.zeros((1, 2)))[0]
         at, zero = self.surface.unrolled(points), self.surface.unrolled(centre)
         return np.nan_to_num(np.stack([at[0] - zero[0], at[1] - zero[1]], axis=1) + places)
 
-    def press_columns(self, seen: Seen) -> FloatArray:
-        """(K, J, 3) slopes by the shift of a press across and along [1/m] and by the logarithm of its force.
+    def press_columns(self, prediction: Prediction) -> FloatArray:
+        """Compute slopes (K, J, 3) by the shift of a press across and along [1/m] and the logarithm of its force.
 
-        Those of the last state are kept.
+        The last ones are cached.
         """
-        if self._moves is not None and self._moves[0] is seen:
+        if self._moves is not None and self._moves[0] is prediction:
             return self._moves[1]
-        steps = zip((2e-5, 2e-5, _SOFT), seen.moves, strict=True)
-        self._moves = seen, np.stack([self.with_loads(seen, h * x) / h for h, x in steps], axis=-1)
+        steps = zip((2e-5, 2e-5, _SOFT), prediction.moves, strict=True)
+        self._moves = (
+            prediction,
+            np.stack([self.values_by_loads(prediction, h * x) / h for h, x in steps], axis=-1),
+        )
         return self._moves[1]
 
 
-class _Near:
-    """Loads of states about one, all by tables for the places that its presses have: slopes are their differences.
+class _LocalTables:
+    """Loads of states near one, all from tables at the same places, so that differences are slopes.
 
-    A press that slides has tables at both ends of the line that it slides along: between them slopes are lines.
+    A press that slides has tables at both ends of its line; slopes between them are interpolated.
     """
 
-    def __init__(self, forward: Forward, seen: Seen) -> None:
-        self._f, self._seen, self._skin = forward, seen, forward.skin(seen.state)
-        off = forward._felt(self._skin)[1]
-        middle = forward._middle(off)
-        self.places = middle + seen.state.move[:, :2]
-        self._force = forward._force(seen.felt, seen.state)
-        self._law = LAW_WAYS @ seen.state.law
+    def __init__(self, forward: Forward, prediction: Prediction) -> None:
+        self._f, self._seen, self._skin = forward, prediction, forward.skin(prediction.state)
+        off = forward._felt_samples(self._skin)[1]
+        middle = forward._press_means(off)
+        self.places = middle + prediction.state.move[:, :2]
+        self._force = forward._force(prediction.felt, prediction.state)
+        self._law = LAW_WAYS @ prediction.state.law
         self._line, self._part = forward._slides(off - middle[np.maximum(forward.row, 0)])
         self._own = self._table()
-        # Spreading at the places of the state's table: its second order is all that there is of it.
-        self._blur = seen.table.curved()
+        # Spreading comes from the second slopes, which only the state's own table has.
+        self._blur = prediction.table.curved()
 
     def loads(
         self,
@@ -524,19 +533,19 @@ class _Near:
         along: FloatArray | float = 0.0,
         law: FloatArray | None = None,
     ) -> FloatArray:
-        """(K, J) at another pose, with presses moved along (P, 2) [m], under another law; without spreading."""
+        """Compute loads (K, J) without spreading: at another pose, with moved presses (P, 2) [m], under another law."""
         here = pose is None and law is None
         return self._of(self._own if here else self._table(pose, along, law))
 
     def by_elasticity(self) -> FloatArray:
-        """(K, J) slope by the logarithm of E."""
+        """Return slopes (K, J) by the logarithm of E."""
         return self._by_e + self._spread_by_e
 
     def by_contact(self) -> FloatArray:
-        """(K, J, 3) slopes by power, blur and radius.
+        """Return slopes (K, J, 3) by power, blur and radius.
 
-        What is spread goes with a number as with E: in the proportion in which all else does. Of a press between taxels
-        nothing else is felt, and no proportion is known; so what is spread counts against it.
+        Spread load is assumed to change with a parameter in the proportion in which it changes with E. For a press
+        between taxels, which feel nothing else, no proportion is known, and spreading counts against it.
         """
         parts = list[FloatArray]()
         for step in (np.array([_POWER, 0, 0, 0]), np.array([0, 0, _RADIUS, 0])):
@@ -548,7 +557,7 @@ class _Near:
         return np.stack([parts[0], self._of(self._blur), parts[1]], axis=-1)
 
     def by_bare(self) -> FloatArray:
-        """(K, J) slope by the part of the pressure itself: a line."""
+        """Return slopes (K, J) by the part of the unprojected pressure, in which loads are linear."""
         other = np.array([*self._law[:3], float(round(1 - self._law[3]))])
         return (self.loads(law=other) - self.loads()) / (other - self._law).sum()
 
@@ -568,7 +577,7 @@ class _Near:
         skin = self._skin if pose is None else self._f.skin(replace(s, pose=pose))
         ends = (self.places + along + self._line).reshape(-1, 2)
         rows = np.tile(np.arange(self._f.presses), len(self._line))
-        return self._f._make(skin, self._seen.felt, s, ends, rows=rows, lattice=False, law=law)
+        return self._f._make_table(skin, self._seen.felt, s, ends, rows=rows, lattice=False, law=law)
 
     def _of(self, table: PressTable, harder: float = 0.0) -> FloatArray:
         e = float(np.exp(self._seen.state.log_e + harder))
@@ -579,26 +588,26 @@ class _Near:
         return first + self._part[:, None] * (other[0] - first) if other else first
 
 
-def _alike(one: State, other: State) -> bool:
-    """Whether two states have the same skin; arrays are not looked into."""
+def _has_same_skin(one: State, other: State) -> bool:
+    """Return whether two states have the same skin; arrays are compared by identity."""
     same = one.pose == other.pose and one.log_e == other.log_e
     return same and one.log_s is other.log_s and one.effects is other.effects
 
 
 def _stress(skin: EffectSkin) -> StressLaw | None:
-    """How stress grows with penetration by an effect; None: in proportion."""
+    """Return the stress law of an effect; None if stress is proportional to penetration."""
     own = [a.effect.law(a.values) for a in skin.effects if isinstance(a.effect, LawEffect) and not a.neutral]
     return own[-1] if own else None
 
 
-def _early_part(effects: Effects) -> list[tuple[str, str, bytes]]:
-    """What of effects acts before the loads are known."""
+def _contact_parameters(effects: Effects) -> list[tuple[str, str, bytes]]:
+    """Return the parameters of effects that act before the loads are known."""
     early = [n for n in effects if effect(n).stage <= Stage.SPREAD]
     return [(n, k, np.asarray(v).tobytes()) for n in early for k, v in effects[n].items()]
 
 
 def moved_pose(surface: Surface, pose: SensorPose, name: str, step: float) -> SensorPose:
-    """A pose moved along y, around the finger (both in metres) or turned about its normal [rad]."""
+    """Move a pose along y or around the finger [m], or turn it about its normal [rad]."""
     if name == "alpha":
         return replace(pose, alpha_rad=pose.alpha_rad + step)
     if name == "y":

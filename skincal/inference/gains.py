@@ -1,9 +1,9 @@
-"""Gains of many candidates at once: what blocks gain by a model with some more columns, beyond the model as it is.
+"""Held-out gains of many candidates at once, each added to the model by itself.
 
-The same numbers as :func:`skincal.inference.score.held_out` with and without a candidate's columns. The model's own
-columns are eliminated once for all candidates, fold by fold: with ``W = H_mm^-1 H_mc`` and the model's own step ``c_m``
-a candidate's step is ``(H_cc - H_cm W)^-1 (b_c - H_cm c_m)``, and the model follows it by ``-W`` times as much. What a
-block says of a candidate is freed of what it says of the model's own columns in the same way.
+They equal :func:`skincal.inference.score.held_out` with a candidate's columns, less that without. The model's own
+columns are eliminated once for all candidates, fold by fold: with ``W = H_mm^-1 H_mc`` and the model's own step
+``c_m``, the step of a candidate is ``(H_cc - H_cm W)^-1 (b_c - H_cm c_m)``, and the model's step changes by ``-W``
+times it. The columns of the held-out block are reduced in the same way.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ def gains(
     sigma: Sequence[FloatArray],
     folds: IntArray,
 ) -> list[FloatArray]:
-    """What blocks gain (B, S) by each candidate on folds that its step has not seen [nats].
+    """Compute the gain (B, S) of each candidate on held-out folds [nats].
 
     Args:
         blocks: of the model's columns, then those of the candidates one after the other.
-        b: (B, n, S) of S sessions.
+        b: (B, n, S) slopes of S sessions.
         prior: (m,) precisions of the model's columns.
         pull: (m,) slope of their prior.
-        sigma: for each candidate the standard deviations of its columns beforehand.
-        folds: (B,) part of each block.
+        sigma: prior standard deviations of the columns of each candidate.
+        folds: (B,) fold of each block.
     """
     m = len(prior)
     own, product = np.arange(m), blocks.products
@@ -78,29 +78,29 @@ def gains(
 
 
 def whole(blocks: Blocks, columns: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Curvature (n, n) and slope (n,) of some columns by all blocks."""
+    """Return curvature (n, n) and slope (n,) of some columns, summed over blocks."""
     return blocks.products.whole.between(columns, columns)[0], blocks.b[:, columns].sum(axis=0)
 
 
 def full_step(h: FloatArray, b: FloatArray, prior: FloatArray, pull: FloatArray) -> FloatArray:
-    """The step (n,) by a curvature (n, n) and a slope (n,); ``prior`` and ``pull`` (n,) are of the same columns."""
+    """Return the step (n,) for a curvature (n, n) and slope (n,), with the precision and slope (n,) of the prior."""
     return _inverse(h + np.diag(prior)) @ (b - pull)
 
 
 def _inverse(h: FloatArray) -> FloatArray:
-    """Inverse of a curvature, in units of its diagonal: metres beside parts."""
+    """Invert a curvature, scaled by its diagonal: columns are in metres, radians and logarithms."""
     size = 1 / np.sqrt(np.diag(h))
     return np.linalg.inv(h * np.outer(size, size)) * np.outer(size, size)
 
 
 def _products(one: FloatArray, other: FloatArray, size: int) -> FloatArray:
-    """(candidates, size, size) of columns (m, candidates * size), each with those of the same candidate."""
+    """Multiply columns (m, candidates * size) within each candidate: (candidates, size, size)."""
     left, right = (x.T.reshape(-1, size, len(x)) for x in (one, other))
     return left @ right.swapaxes(1, 2)
 
 
 def _chunks(sigma: Sequence[FloatArray], first: int) -> list[tuple[list[int], IntArray]]:
-    """Candidates with as many columns each, and their columns (candidates, size)."""
+    """Group candidates with equally many columns: their indices, and their columns (candidates, size)."""
     begin = first + np.cumsum([0, *(len(s) for s in sigma)])
     by_size: dict[int, list[int]] = {}
     for w, s in enumerate(sigma):

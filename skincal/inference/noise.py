@@ -1,9 +1,9 @@
-"""Noise of a session, and what the converter makes of a level: its mean, its slope and its scatter.
+"""Noise of a session, and mean, slope and variance of what the converter makes of a level.
 
-A frame is ``round(level + noise)`` in steps of the converter, clipped. Mean and variance of it as functions of the
-level are worked out once, as a table. Where the noise is small against a step they are a staircase. A level at rest
-stands on one place of it; that of a pressed taxel is known only within the spread that the press's own numbers give
-it, and what is expected is the mean over that spread, beside a variance that all frames of the level share.
+A frame is ``round(level + noise)`` in steps of the converter, clipped. Mean and variance as functions of the level are
+tabulated once. Where the noise is small against a step they are a staircase. The level at rest stands at one place of
+it. The level of a pressed taxel is known only within the spread of the press's nuisance parameters; the expected value
+is then the mean over that spread, and all frames of the level share a variance.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _NEAR, _FINE, _KNOTS = 8.0, 8.0, 4000
 _FEW_AT_REST = 100
-"""Fewer frames at rest do not tell the noise better than holds do."""
+"""Least number of frames at rest that is used beside holds."""
 _SHARED = 1.94
-"""Second differences of independent frames tell as much as so many times fewer of these: 1 + 2 (16 + 1) / 36."""
+"""Variance inflation of estimates by second differences, which overlap: 1 + 2 (16 + 1) / 36."""
 _AWAY = 4
-"""Rounds in which the noise, and how far from the bounds it is looked for, follow each other."""
+"""Rounds in which the noise and the distance from the bounds at which it is estimated are alternated."""
 _NODES = np.linspace(-3.0, 3.0, 13)
 _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
 _NODES /= np.sqrt(_WEIGHTS @ _NODES**2)
@@ -32,19 +32,19 @@ _NODES /= np.sqrt(_WEIGHTS @ _NODES**2)
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """What a frame scatters by.
+    """Noise of a frame, and the converter.
 
     Attributes:
-        sigma: (J,) standard deviation before rounding, of a level at rest [counts].
+        sigma: (J,) standard deviation before rounding, at rest [counts].
         grows: part of the level above rest that is added to it, in quadrature.
         step: of the converter [counts]; 0 for values that are not rounded.
-        low: where the converter clips [counts]; -inf if it does not, or not known.
-        high: the same above.
+        low: lower bound of the converter [counts]; -inf if there is none, or it is not known.
+        high: upper bound.
         force_n: noise of the measured force of a frame [N].
         rest: level at rest that all taxels share [counts].
-        origin: a value that is written; all others are whole steps from it [counts].
+        origin: a value on the grid of steps [counts].
         within: relative standard error of ``sigma``.
-        stairs: of which this is a line through where a level is, that scatters by what is rounded; None: of none.
+        stairs: staircase of which this noise is the linear approximation, with its rounding as scatter; None: exact.
     """
 
     sigma: FloatArray
@@ -60,12 +60,12 @@ class Noise:
 
     @cached_property
     def frame(self) -> float:
-        """Of the middle taxel [counts]."""
+        """Standard deviation of the median taxel [counts]."""
         return max(float(np.median(self.sigma)), 1e-9)
 
     @property
     def coarse(self) -> bool:
-        """Whether rounding leaves a staircase."""
+        """True if rounding leaves a staircase."""
         return self.frame < C.smooth * self.step
 
     def _sd(self, level: FloatArray) -> FloatArray:
@@ -73,16 +73,16 @@ class Noise:
 
     @cached_property
     def _as_line(self) -> Noise:
-        """One that is not rounded, and scatters by as much."""
+        """The same noise without rounding, with the variance of rounding added."""
         return replace(self, sigma=np.hypot(self.sigma, self.step / np.sqrt(12)), step=0.0, stairs=None)
 
     @cached_property
     def _table(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Levels near the bounds, or all of a staircase in even steps: mean, slope and variance of a frame there."""
+        """Levels near the bounds, or all of a staircase, with mean, slope and variance of a frame there."""
         x = np.zeros(0)
         if self.coarse:
             around = _NEAR * self.step
-            # Above, the error of an image alone makes it smooth.
+            # At higher levels the image error alone smooths the staircase.
             last = min(self.rest + C.smooth * self.step / C.image, self.high)
             x = np.arange(max(self.low, self.rest) - around, last + around, self.frame / _FINE)
         else:
@@ -97,10 +97,10 @@ class Noise:
         return x, mean, np.gradient(mean, x) if len(x) else x, variance
 
     def _rounded(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean and variance of a frame of levels (n,) that lie near each other."""
+        """Return mean and variance of a frame, for levels (n,) near each other."""
         sd = self._sd(level)
         wide = _NEAR * float(sd.max())
-        # Many values within the noise, or none, are as good as some hundred.
+        # A step far finer than the noise is replaced by a coarser one.
         step = self.step if self.step > wide / 200 else wide / 200
         begin = np.floor((level.min() - wide - self.origin) / step)
         end = np.ceil((level.max() + wide - self.origin) / step)
@@ -109,16 +109,16 @@ class Noise:
         share = np.diff(below, axis=1, prepend=0.0, append=1.0)
         written = np.clip(k, self.low, self.high)
         mean = share @ written
-        # About the level itself, or little is left of it in large numbers.
+        # About the mean, against cancellation of large numbers.
         off = written[None] - mean[:, None]
         return mean, (share * off**2).sum(axis=1)
 
     def moments(self, level: FloatArray, spread: FloatArray | None = None) -> tuple[FloatArray, ...]:
-        """Mean of what is written, its slope, its variance in a frame, and that which frames of a level share [counts].
+        """Return mean, slope and variance of a reading, and the variance that the frames of a level share.
 
         Args:
-            level: of any shape.
-            spread: within which each is known; None: the error of an image. Only a staircase asks.
+            level: of any shape [counts].
+            spread: prior standard deviation of each level; None: the image error. Only a staircase uses it.
         """
         kept = shared_rounding(self.frame, self.step) if self.coarse else 0.0
         if self.stairs:
@@ -140,7 +140,7 @@ class Noise:
                 one, steep, var = self._stairs(at + z * wide)
                 total += w * np.stack([one, steep, var, (one - at) ** 2])
             mean[near], slope[near], each[near] = total[:3]
-            # What a line takes up belongs to what gave the level its spread.
+            # The linear part belongs to the nuisance parameters that spread the level.
             shared[near] = np.maximum(total[3] - (total[0] - at) ** 2 - (total[1] * wide) ** 2, 0.0)
         else:
             for end in (e for e in (self.low, self.high) if np.isfinite(e)):
@@ -149,29 +149,29 @@ class Noise:
         return mean, np.maximum(slope, C.least_slope), np.maximum(each, C.least_variance * plain), shared
 
     def _stairs(self, level: FloatArray) -> FloatArray:
-        """(3, n) mean, slope and variance on a staircase."""
+        """Interpolate mean, slope and variance (3, n) on a staircase."""
         x, *rows = self._table
         place = np.clip((level - x[0]) / (x[1] - x[0]), 0.0, len(x) - 1.001)
         k = place.astype(np.int64)
         return np.stack([y[k] + (place - k) * (y[k + 1] - y[k]) for y in rows])
 
     def rounded(self, value: FloatArray) -> FloatArray:
-        """What is written of values of any shape [counts]."""
+        """Round and clip values of any shape as the converter does [counts]."""
         return np.clip(
             self.origin + self.step * np.rint((value - self.origin) / self.step), self.low, self.high
         )
 
     def written(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean of what is written, and its slope, for levels of any shape [counts]."""
+        """Return the mean of a reading, and its slope, for levels of any shape [counts]."""
         return self.moments(level)[:2]  # type: ignore[return-value]
 
     def variance(self, level: FloatArray, frames: FloatArray) -> FloatArray:
-        """Variance (N, J) of means over frames (N,) at levels (N, J) [counts²]."""
+        """Return the variance (N, J) of means over frames (N,) at levels (N, J) [counts²]."""
         _, _, each, shared = self.moments(level)
         return (each + (self.sigma**2 - self.frame**2)) / frames[:, None] + shared
 
     def level_of(self, mean: float, frames: float) -> tuple[float, float]:
-        """The level of which frames have a mean, and within what it is known [counts]."""
+        """Estimate the level whose frames have a mean, with its standard deviation [counts]."""
         x, m, _, v = self._table
         if not len(x) or not x[0] <= mean <= x[-1]:
             return mean, 0.0
@@ -183,9 +183,9 @@ class Noise:
 
 
 def shared_rounding(sigma: float, step: float) -> float:
-    """Variance of the mean of a rounded, noisy level over where the level may lie within its step [counts²].
+    """Return the variance of the mean of a rounded, noisy level over its place within a step [counts²].
 
-    The Fourier series of the rounding error, each wave shrunk by the noise.
+    The Fourier series of the rounding error, each wave damped by the noise.
     """
     if not step:
         return 0.0
@@ -195,7 +195,7 @@ def shared_rounding(sigma: float, step: float) -> float:
 
 
 def sigma_before_rounding(variance: float, step: float) -> float:
-    """Noise whose frames, rounded in steps, scatter by a variance about their mean, levels lying anywhere."""
+    """Return the noise whose rounded frames have a variance about their mean, for levels anywhere within a step."""
     low, high = 0.0, float(np.sqrt(max(variance, 0.0))) + step
     for _ in range(50):
         middle = (low + high) / 2
@@ -205,7 +205,7 @@ def sigma_before_rounding(variance: float, step: float) -> float:
 
 
 def step_of(counts: FloatArray) -> float:
-    """Step in which values come; 0 where they are no multiples of one."""
+    """Return the step in which values come; 0 if they are no multiples of one."""
     some = np.unique(counts[np.isfinite(counts)].ravel()[:200_000])
     if len(some) < 3 or len(some) > 20_000:
         return 0.0
@@ -229,25 +229,25 @@ def noise_of(
     *,
     integer: bool,
 ) -> Noise:
-    """Finds the noise from frames that follow each other.
+    """Estimate the noise from consecutive frames.
 
     Args:
         counts: (M, J) frames.
-        hold: (M,) the hold that each belongs to, -1 for none.
-        rest: (M,) the stretch of rest that each belongs to, -1 for none.
+        hold: (M,) hold of each, -1 for none.
+        rest: (M,) stretch of rest of each, -1 for none.
         force_n: (M,) measured force.
-        low: where the converter clips; -inf if it does not.
-        high: the same above.
-        integer: whether values are whole numbers.
+        low: lower bound of the converter; -inf if there is none.
+        high: upper bound.
+        integer: True if values are whole numbers.
     """
-    # A bound need not be a whole number of steps from what is written between them.
+    # A bound need not lie on the grid of steps.
     between = counts[(counts > low) & (counts < high)] if integer else counts[:0]
     step, origin = step_of(between), float(np.quantile(between, 0.5, method="lower")) if between.size else 0.0
     away = 4 * max(step, 1.0) if integer else 0.0
     level = np.nanmedian(counts[rest >= 0], axis=0) if (rest >= 0).any() else np.nanmin(counts, axis=0)
 
     def steps(part: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Second differences (over the root of 6), mean levels, and force's, of frames in a row."""
+        """Return second differences (over the root of 6), mean levels, and second differences of the force."""
         ok = (part[2:] >= 0) & (part[2:] == part[:-2])
         second = (counts[2:] - 2 * counts[1:-1] + counts[:-2])[ok] / np.sqrt(6)
         third = (counts[2:] + counts[1:-1] + counts[:-2])[ok] / 3
@@ -255,13 +255,13 @@ def noise_of(
         return second, third, force
 
     held, idle = steps(hold), steps(rest)
-    # Levels in holds lie anywhere within a step of the converter; at rest they are all the same.
+    # Levels in holds lie anywhere within a step; at rest they are all at one place of it.
     d, at, force = (
         held if len(held[0]) > 300 else tuple(np.concatenate(x) for x in zip(held, idle, strict=True))
     )
     inside, usual = np.zeros(d.shape, dtype=bool), 0.0
     for _ in range(_AWAY):
-        # Frames that a bound clips scatter less than the noise.
+        # Clipped frames scatter less than the noise.
         some = (at > low + max(away, 4 * usual)) & (at < high - max(away, 4 * usual)) & np.isfinite(d)
         if not some.any():
             break
@@ -281,7 +281,7 @@ def noise_of(
         own, high_up = d[loud], above[loud]
         own, high_up = (x[np.abs(own) < 6 * np.sqrt(variance + (0.1 * high_up) ** 2)] for x in (own, high_up))
         more = float(np.mean(own**2) - variance)
-        # Too little is not told from the scatter of the estimate.
+        # Less is within the error of the estimate.
         if more > max(4 * variance * np.sqrt(2 / len(own) + 2 / (quiet.sum() + 1.0)), 0.1 * variance):
             grows = float(np.sqrt(more / np.mean(high_up**2)))
     sigma = max(
@@ -297,7 +297,7 @@ def noise_of(
     noise = Noise(own, grows, step, low, high, noise_of_force, origin=origin)
     if (rest >= 0).sum() < _FEW_AT_REST or noise.coarse:
         return noise
-    # Frames at rest are many more, and tell the noise through the converter.
+    # There are many more frames at rest; their scatter gives the noise through the converter.
     found, error = _noise_at_rest(counts[rest >= 0], idle[0], noise)
     before = 1 / np.sqrt(2 * max(quiet.sum(), 1) / _SHARED)
     weight = error**-2 / (error**-2 + before**-2)
@@ -306,7 +306,7 @@ def noise_of(
 
 
 def _noise_at_rest(counts: FloatArray, second: FloatArray, noise: Noise) -> tuple[float, float]:
-    """Noise by mean (of frames) and scatter (of second differences) of each taxel at rest, and its relative error."""
+    """Estimate the noise from mean and scatter of each taxel at rest, with its relative standard error."""
     mean, variance = np.nanmean(counts, axis=0), np.array([_robust(d[np.isfinite(d)]) ** 2 for d in second.T])
     tried = noise.frame * np.geomspace(0.6, 1.6, 12)
     seen = np.empty((len(tried), len(mean)))
@@ -318,13 +318,13 @@ def _noise_at_rest(counts: FloatArray, second: FloatArray, noise: Noise) -> tupl
         seen[k] = one.variance(np.where(inside, level, mean)[None], np.ones(1))[0]
     own = np.array([np.interp(v, s, np.log(tried)) for v, s in zip(variance, seen.T, strict=True)])
     middle = float(np.median(own))
-    # Of taxels that scatter alike.
+    # Standard error from the spread over taxels.
     scatter = 1.4826 * float(np.median(np.abs(own - middle)))
     return float(np.exp(middle)), max(1.25 * scatter / float(np.sqrt(len(own))), 1e-3)
 
 
 def _robust(x: FloatArray, step: float = 0.0) -> float:
-    """Standard deviation of values, those far out left aside; the median alone would be that of steps."""
+    """Return the standard deviation without outliers; the median absolute deviation alone would be quantised."""
     if not len(x):
         return 0.0
     size = np.abs(x)
@@ -334,5 +334,5 @@ def _robust(x: FloatArray, step: float = 0.0) -> float:
 
 
 def clipped_at_rest(mean: FloatArray, low: float, sigma: float) -> BoolArray:
-    """Whether means at rest (J,) are what noise about a bound leaves."""
+    """Return whether means at rest (J,) are those of noise about the lower bound."""
     return mean < low + 1.5 * max(sigma, 1e-12)

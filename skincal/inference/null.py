@@ -1,9 +1,10 @@
-"""The one null: what every candidate gains in sessions with nothing hidden.
+"""The null distribution: what every candidate gains in sessions with nothing hidden.
 
-A null session has this session's presses, noise, rest and fitted parameters. Its residual is drawn: noise, or counts on
-a staircase; the own numbers of presses by their priors; and what a contact law other than the model's leaves after the
-base model has been fitted to it (twins), as far as the session itself can have that. With the columns of this session
-the gain of a candidate is then the same linear algebra as for the data, so that a null session costs milliseconds.
+A null session has this session's presses, noise, level at rest and fitted parameters. Its residual is simulated: noise,
+or counts on a staircase; nuisance parameters of presses by their priors; and what another contact law leaves after the
+base model has been fitted to it (:mod:`skincal.inference.twins`), as far as the session's own data allow that law. The
+columns are those of this session, so the gain of a candidate is the same linear algebra as for the data, and a null
+session costs milliseconds.
 """
 
 from __future__ import annotations
@@ -19,81 +20,81 @@ from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.forward import State
 from skincal.inference.gains import full_step, whole
 from skincal.inference.start import raw_residual
-from skincal.inference.twins import LAWS, name_of, twin_values
+from skincal.inference.twins import LAWS, law_name, twin_values
 from skincal.model.arrays import FloatArray
 
 FOUNDATION = "fitted law"
-"""Name of the law of null sessions that have no other."""
+"""Name of the contact law of null sessions without a twin's residual."""
 
 
 @dataclass(frozen=True, eq=False)
 class Null:
-    """Gains of candidates in sessions with nothing hidden.
+    """Gains and misfits in S null sessions.
 
     Attributes:
-        laws: name of the contact law of each of S sessions.
+        laws: name of the contact law of each session.
         gains: by effect, (S,) the greatest gain of any of its starts [nats].
-        left: (S, 3) what a check of the base model says of each (:func:`skincal.inference.check.left`).
-        level: part of the sessions that a limit is to exceed.
+        misfit: (S, 3) misfit of the base model in each (:func:`skincal.inference.check.misfit`).
+        level: of the quantile that sets a limit.
     """
 
     laws: tuple[str, ...]
     gains: dict[str, FloatArray]
-    left: FloatArray
+    misfit: FloatArray
     level: float = C.null_quantile
 
     def quantile(self, name: str) -> float:
-        """The gain that an effect seldom exceeds with nothing hidden [nats]."""
+        """Return the null quantile of the gain of an effect [nats]."""
         own = self.gains.get(name)
         return 0.0 if own is None else float(np.quantile(own, self.level))
 
     def limit(self, name: str) -> float:
-        """The gain that an effect must have to be named [nats]."""
+        """Return the gain that an effect must exceed to be selected [nats]."""
         return max(C.least_gain, C.slack * self.quantile(name))
 
-    def left_limits(self) -> FloatArray:
-        """(3,) what a model may leave: what null sessions leave, and a margin."""
-        return 1 + C.slack * np.maximum(np.quantile(self.left, self.level, axis=0) - 1, C.noise)
+    def misfit_limits(self) -> FloatArray:
+        """Return the misfit (3,) that a model may have: the null quantile and a margin."""
+        return 1 + C.slack * np.maximum(np.quantile(self.misfit, self.level, axis=0) - 1, C.noise)
 
     def p_value(self, name: str, gain: float) -> float:
-        """Part of null sessions in which an effect gains as much."""
+        """Return the part of null sessions in which an effect gains as much."""
         return (1 + float((self.gains.get(name, np.zeros(0)) >= gain).sum())) / (1 + len(self.laws))
 
 
 def law_residuals(fitter: Fitter, base: Fitted, mapper: Mapper = map) -> dict[str, FloatArray]:
-    """(N, J) what other contact laws leave after the base model's fit, whitened, robust weights in."""
-    found = dict[str, FloatArray]()
+    """Compute the residual (N, J) of the base model's fit under each other contact law, whitened and weighted."""
+    out = dict[str, FloatArray]()
     for law, numbers in LAWS.items():
-        left = mapper(_twin_residual, [(fitter, base.state, law, number) for number in numbers])
-        found |= {
-            name_of(law, number): x * _weights(fitter)
-            for number, x in zip(numbers, left, strict=True)
+        residuals = mapper(_twin_residual, [(fitter, base.state, law, number) for number in numbers])
+        out |= {
+            law_name(law, number): x * _weights(fitter)
+            for number, x in zip(numbers, residuals, strict=True)
             if x is not None
         }
-        if found:
+        if out:
             break
-    return found
+    return out
 
 
 def _twin_residual(twin: tuple[Fitter, State, str, float]) -> FloatArray | None:
-    """What the base model's fit leaves of a session under another law."""
+    """Fit the base model to a session under another law, and return its residual; None if the law does not apply."""
     fitter, state, law, number = twin
     f, values = fitter.forward, twin_values(fitter.forward, state, law, number)
     if values is None:
         return None
     mean, _ = f.noise.written(values + state.rest)
-    before = replace(fitter.before, weights=np.ones(fitter.counts.shape))
+    before = replace(fitter.priors, weights=np.ones(fitter.counts.shape))
     other = Fitter(f, np.where(np.isfinite(fitter.counts), f.mean @ mean, np.nan), before)
     fit = other.solve(replace(state, effects={}), steps=C.few_steps)
     return np.nan_to_num(raw_residual(other, fit.state))
 
 
-def drawn_noise(fitter: Fitter, base: Fitted, rng: np.random.Generator, sessions: int) -> FloatArray:
-    """(N, J, S) residuals of noise; laws are added behind the columns, nuisances where they go."""
-    # The noise is known within its standard error.
+def draw_noise(fitter: Fitter, base: Fitted, rng: np.random.Generator, sessions: int) -> FloatArray:
+    """Draw whitened, weighted residuals (N, J, S) of noise alone, for S sessions."""
+    # The noise is uncertain by its standard error.
     times = 1 + fitter.forward.noise.within * rng.standard_normal(sessions)
     if fitter.forward.noise.coarse:
-        # A level near the edge of a step has a few large residuals, which have less weight in the data, too.
+        # Levels near the edge of a step have a few large residuals, which are clipped as the robust loss does.
         drawn = np.clip(_on_stairs(fitter, base, rng, times), -C.huber, C.huber)
     else:
         drawn = times * rng.standard_normal((*fitter.counts.shape, sessions), dtype=np.float32)
@@ -101,16 +102,16 @@ def drawn_noise(fitter: Fitter, base: Fitted, rng: np.random.Generator, sessions
 
 
 def _weights(fitter: Fitter) -> FloatArray:
-    return np.where(np.isfinite(fitter.counts), fitter.before.weights, 0.0)
+    return np.where(np.isfinite(fitter.counts), fitter.priors.weights, 0.0)
 
 
-def parts_of_laws(
+def law_parts(
     blocks: Blocks, prior: FloatArray, pull: FloatArray, sigma: FloatArray, laws: int
 ) -> FloatArray:
-    """How much of what each law leaves the session can have (L,), 0 to 1.
+    """Bound how much of the residual of each law (L,) the session's data allow, from 0 to 1.
 
-    The residual of a law is a column like others: its multiple is fitted beside the base model alone, and beside every
-    effect that may be missing. The most that either allows counts.
+    The residual of a law is a column, whose multiple is fitted twice: with the base model alone, and with every effect
+    that may be missing. The bound is the larger estimate plus two standard errors.
 
     Args:
         blocks: of the columns of the base model, those of candidates, and those of L laws last.
@@ -126,19 +127,19 @@ def parts_of_laws(
         cross = h[:n, n:]
         step = full_step(h[:n, :n], b[:n], prior[:n], pull[:n])
         follow = full_step(h[:n, :n], cross, prior[:n], np.zeros_like(cross))
-        # Beforehand it is about as much as 1, or what a law leaves nothing of would have no error.
+        # A prior of 1 about 0 keeps the error finite where a law leaves no residual.
         curve = 1 + np.diag(h[n:, n:]) - (cross * follow).sum(axis=0)
         part = (b[n:] - cross.T @ step) / curve
         most = np.maximum(most, part + C.alike / np.sqrt(curve))
     return np.minimum(most, 1.0)
 
 
-def with_laws(blocks: Blocks, parts: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """``drawn`` (B, n, S) and ``drawn_chi`` (B, S) of sessions of which each has one law, so much of it.
+def add_laws(blocks: Blocks, parts: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Add the residual of a law to null sessions: return slopes (B, n, S) and squares (B, S).
 
     Args:
-        blocks: with columns of L laws behind all others.
-        parts: (L, S), 0 for the laws that a session does not have.
+        blocks: with the columns of L laws last, and slopes and squares of noise drawn.
+        parts: (L, S) multiples of each law in each session.
     """
     every = np.arange(blocks.b.shape[1])
     laws = every[len(every) - len(parts) :]
@@ -148,13 +149,15 @@ def with_laws(blocks: Blocks, parts: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def _on_stairs(fitter: Fitter, base: Fitted, rng: np.random.Generator, times: FloatArray) -> FloatArray:
-    """Residuals (N, J, S) of counts in coarse steps, of levels within their spread, less what a line takes up."""
+    """Draw residuals (N, J, S) of counts in coarse steps, less the linear response to the spread of levels."""
     f, noise, session = fitter.forward, fitter.forward.noise, fitter.forward.session
-    level = f.mean @ (base.seen.values + base.state.rest)
-    # Within a step a level may lie anywhere; beyond, it would only meet the ends of the converter.
-    spread = np.minimum(f.mean @ fitter.spread(base.seen, f.press_columns(base.seen)), noise.step)
+    level = f.mean @ (base.prediction.values + base.state.rest)
+    # A level may lie anywhere within a step; a wider spread would only reach the ends of the converter.
+    spread = np.minimum(
+        f.mean @ fitter.level_sd(base.prediction, f.press_columns(base.prediction)), noise.step
+    )
     mean, slope, _, _ = noise.moments(level, spread)
-    # All of a hold is at one level.
+    # All frames of a hold are at one level.
     group = np.where(session.held(), session.press, session.presses + np.arange(len(session)))
     _, group = np.unique(group, return_inverse=True)
     sessions = len(times)
@@ -166,4 +169,4 @@ def _on_stairs(fitter: Fitter, base: Fitted, rng: np.random.Generator, times: Fl
         shape = (int(rows.sum()), *off.shape[1:])
         total[rows] += noise.rounded(level[rows, :, None] + off[rows] + sd[rows] * rng.standard_normal(shape))
     left = total / frames[:, None, None] - mean[..., None] - slope[..., None] * off
-    return left / np.sqrt(fitter.expected(base.seen)[2])[..., None]
+    return left / np.sqrt(fitter.expected(base.prediction)[2])[..., None]

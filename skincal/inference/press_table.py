@@ -1,12 +1,12 @@
-"""Loads of every press over its force, made once for a pose and looked up for every frame.
+"""Loads of every press as a function of its force: tabulated once for a pose, looked up for every frame.
 
-Under a law of stress the loads of a press are functions of F / E alone, and smooth ones. So for each press the loads of
-all taxels are worked out at some values of F / E, and again with the contact moved a little on a lattice of six
-places: that gives the value and its slopes up to the second order in the move. A frame is then a look-up, and so are
-its slopes by force, by E and by the place.
+Under a given stress law the loads of a press over E are smooth functions of F / E alone. For each press the loads of
+all taxels are computed at some values of F / E, and again with the contact moved to the six places of a small lattice,
+which gives slopes and second slopes by the move. A frame is then a look-up, and so are its slopes by force, E and
+place.
 
-For spheres the loads are summed by a compiled loop (points sorted by the depth at which they are met, running sums of
-area and moment); other indenters take :class:`skincal.model.Skin`.
+For spheres a compiled loop sums the loads (points sorted by the depth at which they are met, running sums of area and
+moment); other indenters use :class:`skincal.model.Skin`.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ from skincal.model.arrays import FloatArray, IntArray
 from skincal.workers.processes import available_cores
 
 NODES = 22
-"""Values of F / E in a table, even in the square root."""
+"""Number of values of F / E in a table, equally spaced in the square root."""
 STEP_M = 2.5e-4
-"""How far the places of the lattice lie apart [m]."""
+"""Spacing of the lattice of places [m]."""
 _FEW_CELLS = 3
-"""A point's cell does not rise by more than so much of its side where a press can meet it."""
+"""Largest rise of the gap over a point's cell, in sides of the cell."""
 _FELT = 1e-7
-"""A taxel feels nothing of a point if it feels no more of its load: sums over the others would take longer."""
+"""Part of a point's load below which a taxel is taken not to feel it, which shortens the sums."""
 _FLAT_M = 1e-6
-"""A patch is flat if its points leave a plane by no more [m]."""
+"""Tolerance of a flat patch [m]."""
 _LATTICE = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1))
 
 
@@ -59,27 +59,27 @@ class PressTable:
     most_m3: FloatArray
 
     def at(self, row: IntArray, load_m3: FloatArray, move_m: FloatArray | None = None) -> FloatArray:
-        """Loads over E (M, J) of frames.
+        """Look up loads over E (M, J) of frames.
 
         Args:
             row: (M,) press of each frame.
             load_m3: (M,) F / E.
-            move_m: (M, 2) how far the contact is from the table's place; None: not at all.
+            move_m: (M, 2) offset of the contact from the table's place; None: zero.
         """
         terms = self.terms if move_m is not None else self.terms[:1]
         move = np.zeros((len(row), 2)) if move_m is None else move_m
         return _look_up(terms, row, load_m3, self.most_m3, move, False)[0]
 
     def with_slopes(self, row: IntArray, load_m3: FloatArray, move_m: FloatArray) -> FloatArray:
-        """Loads over E of frames and slopes of them (4, M, J): by the move across and along, by the logarithm of F."""
+        """Look up loads over E of frames, and slopes by the move across and along and the logarithm of F: (4, M, J)."""
         return _look_up(self.terms, row, load_m3, self.most_m3, move_m, True)
 
     def curved(self) -> PressTable:
-        """What a spreading of one adds at its places: the second slopes' sum by half a step of the lattice squared."""
+        """Return the change by one unit of spreading: half a squared lattice step times the sum of second slopes."""
         return PressTable((self.terms[3] + self.terms[4])[None] * STEP_M**2 / 2, self.most_m3)
 
     def spread(self, much: float) -> PressTable:
-        """The same of taxels that feel spread out; its slopes are left as they are."""
+        """Return the table of spread loads; slopes stay those without spreading."""
         terms = self.terms.copy()
         terms[0] += much * self.curved().terms[0]
         return replace(self, terms=terms)
@@ -87,12 +87,12 @@ class PressTable:
 
 @dataclass(frozen=True, eq=False)
 class Presses:
-    """P presses as they were measured: where, along which normal, with which indenter.
+    """P presses as measured.
 
     Attributes:
-        points_m: (P, 3).
-        normals: (P, 3).
-        indenter: (P,) which of the indenters.
+        points_m: (P, 3) contact points.
+        normals: (P, 3) directions of the force.
+        indenter: (P,) index of the indenter.
         most_n: (P,) largest force that a table must hold.
     """
 
@@ -102,11 +102,11 @@ class Presses:
     most_n: FloatArray
 
     def of(self, rows: IntArray) -> Presses:
-        """Some of them."""
+        """Select presses."""
         return Presses(self.points_m[rows], self.normals[rows], self.indenter[rows], self.most_n[rows])
 
     def moved(self, surface: Surface, move_m: FloatArray) -> Presses:
-        """Presses whose contacts are moved over the surface (P, 2) across and along; normals turn with its own."""
+        """Move contacts over the surface (P, 2) across and along; normals turn with the surface's."""
         old = surface.project(self.points_m)
         new = surface.offset(old, move_m[:, 0], move_m[:, 1])
         turned = self.normals + surface.normal_at(new) - surface.normal_at(old)
@@ -114,7 +114,7 @@ class Presses:
         return replace(self, points_m=self.points_m + new - old, normals=turned)
 
     def axes(self, surface: Surface) -> FloatArray:
-        """(P, 2, 3) unit vectors across and along at each contact."""
+        """Return unit vectors (P, 2, 3) across and along at each contact."""
         return np.swapaxes(contact_rotations(surface.normal_at(surface.project(self.points_m))), 1, 2)[:, :2]
 
 
@@ -131,19 +131,19 @@ def press_table(
     bare: float = 0.0,
     lattice: bool = True,
 ) -> PressTable:
-    """Works out a table.
+    """Compute a table.
 
     Args:
         patch: tactile points.
         surface: that carries them.
-        indenters: the things that press.
-        presses: where.
+        indenters: that press.
+        presses: contacts and largest forces.
         elasticity_pa_per_m: E, for the largest F / E.
-        law: how stress grows with penetration by an effect; None: in proportion.
-        contact: the contact law, of which spreading is left to the caller.
-        bare: part of the pressure itself in what a taxel feels, under balls; without it pressure is projected twice.
-        weights: (N, J) how much of each point's load a taxel feels; None: what lies on it.
-        lattice: whether slopes by the place are wanted.
+        law: stress law of an effect; None: proportional to penetration.
+        weights: (N, J) part of each point's load that a taxel feels; None: that of its own points.
+        contact: contact law; the caller adds its spreading.
+        bare: part of the unprojected pressure in what a taxel feels, under spheres; 0 projects pressure twice.
+        lattice: True if slopes by the place are wanted.
     """
     most = presses.most_n / elasticity_pa_per_m
     if _covers(indenters, patch, presses):
@@ -188,7 +188,7 @@ def _covers(indenters: tuple[Indenter, ...], patch: Patch, presses: Presses) -> 
 
 
 def _by_taxel(patch: Patch) -> FloatArray:
-    """(J,) area of each taxel's points [m²]."""
+    """Return the area (J,) of each taxel's points [m²]."""
     on = patch.taxel >= 0
     return np.bincount(patch.taxel[on], patch.areas_m2[on], patch.layout.taxels).astype(np.float64)
 
@@ -221,7 +221,7 @@ def _loads(
                     out.shape[2], power, reference, bare,
                 )  # fmt: skip
 
-            # Threads of their own: those that are kept would be missing in a fork, which would wait for them for ever.
+            # A pool of its own: a fork does not inherit the threads of a shared one, and would wait for ever.
             parts = np.array_split(rows, min(available_cores(), len(rows)) or 1)
             with ThreadPoolExecutor(len(parts)) as threads:
                 list(threads.map(balls, parts))
@@ -231,7 +231,7 @@ def _loads(
 
 
 def _on_taxels(patch: Patch, weights: FloatArray | None) -> tuple[IntArray, IntArray, FloatArray]:
-    """Where each point's taxels begin in (N + 1,), which they are, and how much of its load each feels."""
+    """Return the taxels of each point: begin (N + 1,) in a list, the list, and the part of the load each feels."""
     if weights is None:
         feels = patch.taxel >= 0
         return np.append(0, np.cumsum(feels)), patch.taxel[feels], np.ones(int(feels.sum()))
@@ -250,7 +250,7 @@ def _cast(
     law: StressLaw | None,
     weights: FloatArray | None,
 ) -> None:
-    """Loads of presses by any indenter, into (P, K, J); presses at one place share what is cast there."""
+    """Compute loads (P, K, J) of presses by any indenter; presses at one place share their rays."""
     share = np.arange(NODES) / (NODES - 1)
     skin = Skin(patch, SkinParameters(1.0, 1.0), law=law)
     place = np.round(np.hstack([presses.points_m[rows] * 1e6, presses.normals[rows] * 1e6]))
@@ -277,7 +277,7 @@ def _cast(
 
 @allocating
 def _by_size(values, count, below):
-    """Which of the first values are below a bound, smallest first: Shell's sort; numba's own is slow to compile."""
+    """Return the indices of the first values below a bound, ascending: Shell's sort; numba's compiles slowly."""
     order = np.empty(count, np.int64)
     n = 0
     for i in range(count):
@@ -304,7 +304,7 @@ def _balls(points, normals, areas, on, centres, ups, radius, most, share, taxels
     (begin, taxel, part), count, nodes = on, len(centres), len(share)
     out = np.zeros((count, nodes, taxels))
     n = len(points)
-    # Stress at parts of the greatest depth, and its integral from the surface: most of the time would go into powers.
+    # Tabulated stress and its integral over depth: powers would take most of the time.
     knots = 512
     inside, upto = np.empty(knots + 2), np.empty(knots + 2)
     for k in range(len(inside)):
@@ -317,7 +317,7 @@ def _balls(points, normals, areas, on, centres, ups, radius, most, share, taxels
         ux, uy, uz = ups[c, 0], ups[c, 1], ups[c, 2]
         if not (np.isfinite(ux + centres[c, 0] + centres[c, 1] + centres[c, 2]) and most[c] > 0):
             continue
-        # Points that a press as deep as this could meet: beyond, the gap is larger than any depth.
+        # Points within reach: beyond, the gap is larger than any depth.
         wide = (radius + 1e-4) ** 2 + 4 * radius * np.sqrt(most[c] / (np.pi * radius))
         m, first = 0, np.inf
         cx, cy, cz = centres[c, 0], centres[c, 1], centres[c, 2]
@@ -352,7 +352,7 @@ def _balls(points, normals, areas, on, centres, ups, radius, most, share, taxels
             carried *= reference * (reach / reference) ** power
             if carried >= most[c] or reach > 0.02:
                 break
-            # From a depth that carries nearly enough no farther than is needed: a ball's load is a power of the depth.
+            # Extrapolate the depth from one that carries nearly enough: the load is a power of the depth.
             short = most[c] / carried if carried > 0 else 10.0
             reach *= min(1.5, 1.05 * short ** (1 / (power + 1)))
         if power != 1.0 and carried > 1.2 * most[c]:
@@ -378,20 +378,19 @@ def _balls(points, normals, areas, on, centres, ups, radius, most, share, taxels
                 for j in range(taxels):
                     out[c, k, j] = max(level * heavy[j] - moment[j], 0.0)
             continue
-        # Another law: loads at some depths, then brought to the nodes. Depths are in knots.
+        # Other laws: loads at some depths (in knots), interpolated to the nodes.
         steps, per_m = 2 * nodes // 3, knots / reach
         whole, bent = reference * (reach / reference) ** power, power * (power - 1) / 6
         carry, own = np.zeros(steps), np.zeros((steps, taxels))
         levels = np.array([knots * (s / (steps - 1)) ** (2 / (power + 1)) for s in range(steps)])
         for i in range(m):
-            # The mean over the cell: a stress that begins steeply would jump with each point that is met.
+            # The mean over the cell: a stress that begins steeply would jump with each point in contact.
             q, met = which[i], (gap[i] - first) * per_m
             if gap[i] - first > reach + _FEW_CELLS * np.sqrt(areas[q]):
                 continue
             x, y, z = px[q] - cx, py[q] - cy, pz[q] - cz
             along, up = x * ux + y * uy + z * uz, area[i] / areas[q]
-            # How much the gap rises over half of a point's cell, outwards from the axis of the press; no more than is
-            # left of the ball.
+            # Rise of the gap over half of a point's cell, away from the axis, limited to the sphere.
             aside = np.sqrt(max(squares[q] - along * along, 1e-18))
             tilt = normals[q, 0] * x + normals[q, 1] * y + normals[q, 2] * z - up * along
             steep = (up * aside * aside + tilt * depth[i]) / (up * aside * depth[i])
@@ -420,7 +419,7 @@ def _balls(points, normals, areas, on, centres, ups, radius, most, share, taxels
                 load *= face[i]
                 for e in range(begin[q], begin[q + 1]):
                     own[s, taxel[e]] += load * part[e]
-        # Cubics through the square roots of loads over that of the force, which are nearly lines.
+        # Cubic interpolation in square roots of load and force, which are nearly proportional.
         root, own = np.sqrt(carry), np.sqrt(own)
         s = 2
         for k in range(1, nodes):
@@ -441,7 +440,7 @@ def _balls(points, normals, areas, on, centres, ups, radius, most, share, taxels
 
 @allocating
 def _look_up(terms, row, load, most, move, sloped):
-    """Cubic through four nodes of the square root, beyond the last a line; with slopes, or those left out."""
+    """Interpolate: cubic through four nodes in the square root, linear beyond the last; with slopes or without."""
     orders, nodes, taxels = terms.shape[0], terms.shape[2], terms.shape[3]
     out = np.zeros((4 if sloped else 1, len(row), taxels))
     w, by, g = np.empty(4), np.empty(4), np.zeros((6, 3))
@@ -466,7 +465,7 @@ def _look_up(terms, row, load, most, move, sloped):
             by[2] = -((t - 1) * (t - 3) + t * (t - 3) + t * (t - 1)) / 2
             by[3] = ((t - 1) * (t - 2) + t * (t - 2) + t * (t - 1)) / 6
         a, b = move[f, 0], move[f, 1]
-        # Powers of the move that belong to the terms, and their slopes by it.
+        # Monomials of the move for each term, and their slopes.
         g[0, 0], g[1, 0], g[2, 0], g[3, 0], g[4, 0], g[5, 0] = 1.0, a, b, a * a, b * b, a * b
         g[1, 1], g[3, 1], g[5, 1] = 1.0, 2 * a, b
         g[2, 2], g[4, 2], g[5, 2] = 1.0, 2 * b, a

@@ -1,11 +1,10 @@
-"""Noise before rounding, by the likelihood of rounded frames: for converters whose step is coarse against the noise.
+"""Noise before rounding, from the likelihood of rounded frames: for steps that are coarse against the noise.
 
 A frame falls on a whole step k with probability ``Phi((k + 1/2 - level) / sigma) - Phi((k - 1/2 - level) / sigma)``.
-The level of a press at a taxel is not known: it is integrated over, as one level of the whole hold or, less likely, as
-two levels of its halves, and so on (a mixture over dyadic trees; Willems, Shtarkov and Tjalkens, IEEE Trans. Inf.
-Theory 41 (1995) 653). So a level that creeps is not taken for noise, and one that is constant tells as much as all its
-frames do.
-Second differences, which do without levels, overrate the noise where few levels lie near the edge of a step.
+The level of a taxel in a press is not known and is integrated over: as one level of the whole hold or, with less prior
+probability, as two levels of its halves, and so on (a mixture over dyadic trees; Willems, Shtarkov and Tjalkens, IEEE
+Trans. Inf. Theory 41 (1995) 653). Creep is thus not taken for noise, and a constant level uses all its frames.
+Second differences, which need no levels, overestimate the noise if few levels lie near the edge of a step.
 """
 
 from __future__ import annotations
@@ -20,10 +19,10 @@ from scipy.special import logsumexp, ndtr
 from skincal.model.arrays import FloatArray, IntArray
 
 _REACH = 3
-"""Steps from the middle frame that are told apart; what lies beyond counts as the last."""
+"""Steps from the median frame that are distinguished; those beyond count as the last."""
 _CELLS = np.arange(-_REACH, _REACH + 1)
 _SIGMAS = np.geomspace(0.04, 2.0, 40)
-"""Noise that is tried [steps]."""
+"""Grid of the noise [steps]."""
 _EDGE = np.linspace(-2.5, 2.5, 41)
 _LEVELS = np.sort(
     np.column_stack(
@@ -43,9 +42,9 @@ _SHORTEST, _PARTS, _HOLDS, _IDLE = 3, 12, 400, 1000
 _SPLIT = 0.05
 """Prior probability that a level changes at half of a hold, and of its halves in turn."""
 _TOLD = 4.5
-"""Growth is believed from so many nats on: three standard deviations."""
+"""Gain at which growth is accepted [nats]: three standard deviations."""
 _OWN = 9.0
-"""The same of the own noise of a taxel, one of many."""
+"""Gain at which a taxel gets a noise of its own [nats]: larger, as there are many taxels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +64,7 @@ class RoundedNoise:
 
 @cache
 def _log_shares(lowest: int) -> FloatArray:
-    """(S, L, cells) log probabilities; frames below the cell ``lowest`` are clipped to it."""
+    """Return log probabilities (S, L, cells) of frames; those below the cell ``lowest`` are clipped to it."""
     edges = np.append(_CELLS - 0.5, np.inf)
     edges[: lowest + _REACH + 1] = -np.inf
     share = np.diff(ndtr((edges - _LEVELS[..., None]) / _SIGMAS[:, None, None]), axis=-1)
@@ -73,7 +72,7 @@ def _log_shares(lowest: int) -> FloatArray:
 
 
 def _by_level(k: IntArray, lowest: int) -> FloatArray:
-    """(B, S, L) log likelihood of frames (n, B) on whole steps, by noise and level."""
+    """Return the log-likelihood (B, S, L) of frames (n, B) on whole steps, by noise and level."""
     middle = np.sort(k, axis=0)[len(k) // 2]
     many = (np.clip(k - middle, -_REACH, _REACH)[None] == _CELLS[:, None, None]).sum(axis=1)
     own, where = np.unique(many.T, axis=0, return_inverse=True)
@@ -81,7 +80,7 @@ def _by_level(k: IntArray, lowest: int) -> FloatArray:
 
 
 def _of_trees(k: IntArray, shortest: int) -> FloatArray:
-    """(B, S) log likelihood of frames (n, B) whose levels are constant over parts of the hold."""
+    """Return the log-likelihood (B, S) of frames (n, B) whose levels are constant over parts of the hold."""
     one = logsumexp(_by_level(k, -_REACH) + _WEIGHTS, axis=2)
     if len(k) < 2 * shortest:
         return one
@@ -97,7 +96,7 @@ def _holds(steps: FloatArray, hold: IntArray) -> Iterator[FloatArray]:
 
 
 def _at_rest(idle: FloatArray, lowest: float) -> FloatArray:
-    """(S,) the same of frames at rest (M, J); every taxel has a level of its own, which may drift from part to part."""
+    """Return the log-likelihood (S,) of frames at rest (M, J), each taxel with a level of its own in each part."""
     total = np.zeros(len(_SIGMAS))
     for part in np.array_split(idle, len(idle) // _IDLE + 1):
         for own in part.T:
@@ -122,24 +121,24 @@ def noise_of_rounded(
     low: float,
     high: float,
 ) -> RoundedNoise | None:
-    """Finds the noise from frames that a converter has rounded; None where hardly any press is seen.
+    """Estimate the noise from rounded frames; None if there are hardly any presses.
 
     Args:
         counts: (M, J) frames.
-        hold: (M,) the hold that each belongs to, -1 for none.
-        rest: (M,) the stretch of rest that each belongs to, -1 for none.
+        hold: (M,) hold of each, -1 for none.
+        rest: (M,) stretch of rest of each, -1 for none.
         level: (J,) level at rest.
         step: of the converter.
-        origin: a value that is written.
-        low: where the converter clips; -inf if it does not.
-        high: the same above.
+        origin: a value on the grid of steps.
+        low: lower bound of the converter; -inf if there is none.
+        high: upper bound.
     """
     steps = np.rint((counts - origin) / step)
     tables, lifts, taxels = [], [], []
     changes = np.nanmax(counts, axis=0, initial=-np.inf) > np.nanmin(counts, axis=0, initial=np.inf)
     for frames in _holds(steps, hold):
         mean = frames.mean(axis=0) * step + origin
-        # Levels at rest all stand on one place of the staircase; those of pressed taxels lie anywhere.
+        # Levels at rest are all at one place of the staircase; those of pressed taxels lie anywhere.
         with np.errstate(invalid="ignore"):
             seen = np.flatnonzero((mean > level + 1.5 * step) & (mean < high - 4 * step) & changes)
         if len(frames) >= _SHORTEST and len(seen):
@@ -152,7 +151,7 @@ def noise_of_rounded(
     logs = np.log(_SIGMAS)
 
     def at_rest(grows: float) -> FloatArray:
-        """(B, S) likelihood of every hold by the noise at rest."""
+        """Return the log-likelihood (B, S) of every hold by the noise at rest."""
         wide = np.log(np.hypot(_SIGMAS, grows * lift[:, None] / step))
         place = np.clip((wide - logs[0]) / (logs[1] - logs[0]), 0.0, len(logs) - 1.001)
         k, rows = place.astype(np.int64), np.arange(len(table))[:, None]
@@ -175,14 +174,14 @@ def noise_of_rounded(
 
 
 def _unmoved(logs: FloatArray, resting: FloatArray, pressed: FloatArray) -> FloatArray:
-    """(S,) what frames at rest say; nothing where they scatter more than those of presses, as levels that move do."""
+    """Return the log-likelihood (S,) at rest, or zeros if frames at rest scatter more than those of presses."""
     sigma, within = _top(logs, pressed.max(axis=0))
     near = logs < np.log(sigma) + 2.5 * within
     return resting if resting[near].max(initial=-np.inf) > resting.max() - _TOLD else np.zeros_like(resting)
 
 
 def _top(x: FloatArray, y: FloatArray) -> tuple[float, float]:
-    """The number whose log likelihoods (S,) at logs are largest, and its relative standard deviation, by a parabola."""
+    """Return the maximum of log-likelihoods (S,) on a log grid, and its relative standard deviation, by a parabola."""
     i = int(np.clip(np.argmax(y), 1, len(x) - 2))
     bend = y[i - 1] - 2 * y[i] + y[i + 1]
     gap = x[1] - x[0]

@@ -1,12 +1,12 @@
-"""A session as the diagnosis sees it: what was simulated, and which means of it were observed.
+"""A session as the diagnosis uses it: samples to simulate, and observed means over some of them.
 
 With frames, consecutive frames of one press and phase are averaged to a few bins, which are samples and observations at
-once. The rule: at most ``Binning`` bins for each press and phase; loading and unloading are cut evenly, the hold and
-the rest after a press into parts that grow by half each, because what is left of the loading fades. A phase that has
-fewer frames than bins keeps all of them, so quick ramps are not averaged.
+once. At most ``Binning`` bins are made of each press and phase: equal ones of loading and unloading; of the hold and
+the rest after a press bins that grow by half each, because relaxation decays. A phase with fewer frames than bins keeps
+all of them, so quick ramps are not averaged.
 
 Without frames the samples are those of a standard press (:func:`skincal.effects.hold_session`), and a press has one
-observation, the mean of its hold. What happened between presses is then not known, so memory does not reach from one
+observation, the mean of its hold. What happened between presses is then unknown, and memory does not reach from one
 press to the next.
 """
 
@@ -25,15 +25,15 @@ from skincal.model import Contacts, Surface
 from skincal.model.arrays import FloatArray, IntArray
 
 _GROWTH = 1.5
-"""By so much each bin of a hold or a rest is longer than the one before."""
+"""Ratio of the lengths of consecutive bins of a hold or a rest."""
 
 _APART_S = 1e6
-"""Presses whose memory is not to reach each other are moved so far apart [s]."""
+"""Time between presses that are not to remember each other [s]."""
 
 
 @dataclass(frozen=True)
 class Binning:
-    """How many bins each phase of a press has at most."""
+    """Largest number of bins of each phase of a press."""
 
     load: int = 14
     hold: int = 5
@@ -41,7 +41,7 @@ class Binning:
     rest: int = 3
 
     def of_phase(self, phase: int) -> int:
-        """The bound of a phase; an unknown one counts as a hold."""
+        """Return the bound of a phase; an unknown one counts as a hold."""
         return {LOAD: self.load, UNLOAD: self.unload, IDLE: self.rest}.get(phase, self.hold)
 
 
@@ -79,28 +79,28 @@ class GapSession:
 
     @property
     def remembered(self) -> Samples:
-        """The samples for effects with memory: without frames presses lie so far apart that all is forgotten."""
+        """Samples for effects with memory: without frames presses are moved so far apart that nothing is remembered."""
         if self.has_frames or self.samples.time_s is None:
             return self.samples
         number = np.cumsum(np.diff(self.row, prepend=self.row[:1]) != 0)
-        # The pause is before the moment of rest that ends a press: after it, loading would seem to last as long.
+        # The pause comes before the moment of rest that ends a press; after it, loading would seem as long.
         number = np.append(number[1:], number[-1:])
         apart = _APART_S * number
         return replace(self.samples, time_s=self.samples.time_s + apart, apart_s=apart)
 
     def held(self) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        """(N,) observations in the hold of a press."""
+        """Return the mask (N,) of observations in the hold of a press."""
         return (self.phase == HOLD) & (self.press >= 0)
 
     def mean_force(self) -> FloatArray:
-        """(N,) mean force of the samples of each observation [N]."""
+        """Return the mean force (N,) of the samples of each observation [N]."""
         own = np.flatnonzero(self.observation >= 0)
         force = np.nan_to_num(self.samples.contacts.force_n[own]) * self.samples.touching[own]
         at = self.observation[own]
         return np.bincount(at, force, len(self)) / np.maximum(np.bincount(at, minlength=len(self)), 1)
 
     def of_holds_alone(self) -> GapSession:
-        """The holds of a session of frames, without memory of what was before: enough to find the sensor with."""
+        """Return the holds of a session of frames, without memory: enough to fit the pose."""
         own = np.flatnonzero((self.phase == HOLD) & (self.press >= 0))
         if not self.has_frames or not len(own):
             return self
@@ -119,14 +119,14 @@ def binned(
     surface: Surface,
     binning: Binning | None = None,
 ) -> GapSession:
-    """A session of frames, thinned by the rule of this module.
+    """Average the frames of a session to bins.
 
     Args:
-        frames: one sample a frame, M of them, with a phase.
+        frames: M samples, one for each frame, with phases.
         row: (M,) row of the press of each frame, -1 at rest.
-        counts: (M, J) images; None where there are none (a plan).
-        surface: to which mean places are taken.
-        binning: how finely.
+        counts: (M, J) images; None for a plan.
+        surface: that mean places are projected to.
+        binning: largest numbers of bins.
     """
     assert frames.phase is not None
     bins = bins_of(row, frames.phase, binning or Binning())
@@ -164,7 +164,7 @@ def _mean_contacts(
 
 
 def bins_of(row: IntArray, phase: IntArray, binning: Binning) -> IntArray:
-    """Growing numbers (M,) of the bins that frames fall into."""
+    """Return the ascending number (M,) of the bin of each frame."""
     if not len(row):
         return np.zeros(0, dtype=np.int64)
     change = (np.diff(row) != 0) | (np.diff(phase) != 0)
@@ -179,7 +179,7 @@ def bins_of(row: IntArray, phase: IntArray, binning: Binning) -> IntArray:
 
 
 def _parts(length: int, most: int, growing: bool) -> IntArray:
-    """Numbers (length,) of the parts of a stretch, from 0 without a gap."""
+    """Return the number (length,) of the part of each frame of a stretch, from 0 without a gap."""
     if length <= most:
         return np.arange(length)
     share = np.arange(1, most) / most
@@ -192,13 +192,13 @@ def _parts(length: int, most: int, growing: bool) -> IntArray:
 def of_holds(
     played: HoldSession, counts: FloatArray | None, *, clock: bool, frames: float = 1.0
 ) -> GapSession:
-    """A session of hold means.
+    """Make a session of hold means.
 
     Args:
         played: standard presses.
-        counts: (H, J) mean images in the hold; None for a plan.
-        clock: whether the times of presses were recorded; else what needs them abstains.
-        frames: that a mean stands for, as far as its noise is concerned.
+        counts: (H, J) mean images of the holds; None for a plan.
+        clock: True if the times of presses were recorded; otherwise effects that need them abstain.
+        frames: number of frames that a mean stands for, for its noise.
     """
     samples, presses = played.samples, len(played.hold)
     if not clock:

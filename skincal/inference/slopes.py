@@ -1,7 +1,7 @@
-"""Slopes of what all taxels read by many numbers, most of which move one taxel alone.
+"""Slopes of the readings of all taxels by many parameters, most of which change one taxel alone.
 
-A parameter that each taxel has for itself (its level, its gain, whether it answers) makes a column a taxel, and on a
-sensor of some hundred taxels these are nearly all there are. Such a column is kept as what its own taxel reads.
+A per-taxel parameter (offset, gain, dead or not) makes one column for each taxel; on a sensor with hundreds of taxels
+these are nearly all columns. Such a column is stored at its own taxel only.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ class Slopes:
     """n columns over K samples or observations, and J taxels.
 
     Attributes:
-        dense: (K, J, d) columns in which any taxel may have a part.
-        single: (K, s) columns of one taxel alone, at that taxel.
-        taxel: (n,) taxel of each column; -1 for dense ones. Both kinds keep their order.
+        dense: (K, J, d) columns that may change any taxel.
+        single: (K, s) columns of one taxel each, at that taxel.
+        taxel: (n,) taxel of each column, -1 for dense ones. Both kinds keep their order.
     """
 
     dense: FloatArray
@@ -30,17 +30,17 @@ class Slopes:
 
     @classmethod
     def of(cls, dense: FloatArray) -> Slopes:
-        """Take columns (K, J, d) of all taxels."""
+        """Make dense columns (K, J, d)."""
         return cls(dense, np.zeros((len(dense), 0)), np.full(dense.shape[2], -1))
 
     @classmethod
     def of_taxel(cls, column: FloatArray, taxel: int, taxels: int) -> Slopes:
-        """Take one column (K,) of a taxel."""
+        """Make one column (K,) of a taxel."""
         return cls(np.zeros((len(column), taxels, 0)), column[:, None], np.array([taxel]))
 
     @classmethod
     def joined(cls, parts: Sequence[Slopes]) -> Slopes:
-        """Columns one after the other."""
+        """Concatenate columns."""
         return cls(
             np.concatenate([p.dense for p in parts], axis=2),
             np.concatenate([p.single for p in parts], axis=1),
@@ -52,34 +52,34 @@ class Slopes:
 
     @property
     def own(self) -> IntArray:
-        """(s,) taxels of the single columns."""
+        """Taxels (s,) of the single columns."""
         return self.taxel[self.taxel >= 0]
 
     def through(
         self, mean: Callable[[FloatArray], FloatArray], slope: FloatArray, weight: FloatArray
     ) -> Slopes:
-        """Columns of observations: means over samples, behind a converter, over the noise.
+        """Map slopes of samples to whitened slopes of observations.
 
         Args:
-            mean: from samples (K, ...) to observations (N, ...).
+            mean: averages samples (K, ...) to observations (N, ...).
             slope: (K, J) of the converter.
-            weight: (N, J).
+            weight: (N, J) robust weight over the noise.
         """
         dense = mean(slope[..., None] * self.dense) * weight[..., None]
         return Slopes(dense, mean(slope[:, self.own] * self.single) * weight[:, self.own], self.taxel)
 
     def weighted(self, weight: FloatArray) -> Slopes:
-        """Columns times (K, J)."""
+        """Multiply all columns by (K, J)."""
         return Slopes(self.dense * weight[..., None], self.single * weight[:, self.own], self.taxel)
 
     def times(self, multiples: FloatArray) -> FloatArray:
-        """(K, J) sum of columns, so many times each."""
+        """Return the sum (K, J) of columns times multiples (n,)."""
         out = self.dense @ multiples[self.taxel < 0]
         np.add.at(out.T, self.own, (self.single * multiples[self.taxel >= 0]).T)
         return out
 
     def array(self) -> FloatArray:
-        """(K, J, n) all of them, dense."""
+        """Return all columns, dense (K, J, n)."""
         out = np.zeros((*self.dense.shape[:2], len(self)))
         out[..., self.taxel < 0] = self.dense
         out[:, self.own, np.flatnonzero(self.taxel >= 0)] = self.single
@@ -87,7 +87,7 @@ class Slopes:
 
     @property
     def moves(self) -> bool:
-        """Whether all are finite, and any is more than nothing."""
+        """True if all columns are finite and any is not zero."""
         return bool(
             np.isfinite(self.dense).all()
             and np.isfinite(self.single).all()
@@ -95,7 +95,7 @@ class Slopes:
         )
 
     def slots(self) -> tuple[FloatArray, IntArray]:
-        """Single columns taxel by taxel (K, J, m), and which of the m each is (s,)."""
+        """Arrange single columns by taxel (K, J, m), and return the index of each among those of its taxel (s,)."""
         own = self.own
         order = np.argsort(own, kind="stable")
         count = np.bincount(own, minlength=self.dense.shape[1])

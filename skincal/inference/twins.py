@@ -1,8 +1,8 @@
-"""Twins: this session under other contact laws, with nothing hidden, for the null.
+"""Twins: this session with nothing hidden, simulated under other contact laws for the null.
 
-Where balls press a cylinder or a plane, the twins are elastic layers of three thicknesses
-(:mod:`skincal.inference.elastic_layer`), so stiff that a press spreads as far as under the fitted law; the thickest is
-nearly a half-space. For other shapes they are foundations whose stress grows as another power of the penetration.
+Where spheres press a cylinder or a plane, the twins are elastic layers of three thicknesses
+(:mod:`skincal.inference.elastic_layer`), with the stiffness at which a press spreads as far as under the fitted law;
+the thickest is nearly a half-space. For other shapes the stress grows as another power of the penetration.
 """
 
 from __future__ import annotations
@@ -20,18 +20,26 @@ from skincal.model.arrays import FloatArray
 
 LAWS = {"layer": (1e-3, 3e-3, 10e-3), "power": (0.85, 1.2)}
 """Thicknesses [m] of elastic layers, and powers of the stress where no layer can be solved."""
-_POISSON, _SPACING_M, _HALF_WIDTH_M, _SETTLED, _FORCES, _TRIES, _ALIKE = 0.4, 0.25e-3, 6e-3, 1e-4, 12, 7, 0.02
+_POISSON, _SPACING_M, _HALF_WIDTH_M, _CONVERGED, _FORCES, _TRIES, _TOLERANCE = (
+    0.4,
+    0.25e-3,
+    6e-3,
+    1e-4,
+    12,
+    7,
+    0.02,
+)
 _NARROWS = 0.28
-"""With so much less than the stiffness a press narrows, as a power: 1/4 on a foundation, 1/3 on a half-space."""
+"""Exponent of the width of a contact in 1 / stiffness: between 1/4 on a foundation and 1/3 on a half-space."""
 
 
-def name_of(law: str, number: float) -> str:
-    """Name of a law of ``LAWS`` for a reader."""
+def law_name(law: str, number: float) -> str:
+    """Return the name of a law of ``LAWS`` for readers."""
     return f"{law} {1e3 * number:g} mm" if law == "layer" else f"{law} {number:g}"
 
 
 def twin_values(forward: Forward, state: State, law: str, number: float) -> FloatArray | None:
-    """Levels (K, J) above rest of the session under another law of ``LAWS``; None where it cannot be solved."""
+    """Compute levels (K, J) above rest under another law of ``LAWS``; None where it cannot be solved."""
     f, e, bare = forward, float(np.exp(state.log_e)), float(state.law[-1])
     plain = replace(state, effects={}, law=np.zeros(len(LAW)))
     skin = f.skin(plain)
@@ -69,9 +77,9 @@ def _layer_table(
             continue
         assert isinstance(ball, Sphere)
         half = min(_HALF_WIDTH_M, 0.98 * ball.radius_m)
-        press = Press(radius, ball.radius_m, _SPACING_M, half, _SETTLED)
+        press = Press(radius, ball.radius_m, _SPACING_M, half, _CONVERGED)
         top = float(presses.most_n[rows].max())
-        stiff = e * (factor or _alike(press, e, law, 0.4 * top, thick))
+        stiff = e * (factor or _matching_stiffness(press, e, law, 0.4 * top, thick))
         factor = factor or stiff / e
         solved = _solved(
             press, Layer.of_stiffness(stiff, thick, _POISSON), np.geomspace(0.01 * top, top, _FORCES)
@@ -92,8 +100,8 @@ def _layer_table(
     return PressTable(out, most)
 
 
-def _alike(press: Press, e: float, law: ContactLaw, force_n: float, thick: float) -> float:
-    """How many times as stiff as the foundation a layer is whose press spreads as far as under the fitted law."""
+def _matching_stiffness(press: Press, e: float, law: ContactLaw, force_n: float, thick: float) -> float:
+    """Return a layer's stiffness over the foundation's at which a press spreads as under the fitted law."""
 
     def width(felt: FloatArray) -> float:
         square = press.axis_m**2
@@ -114,7 +122,7 @@ def _alike(press: Press, e: float, law: ContactLaw, force_n: float, thick: float
         except ContactError:
             wide = np.inf
         low, high = (factor, high) if wide > wanted else (low, factor)
-        if abs(wide / wanted - 1) < _ALIKE:
+        if abs(wide / wanted - 1) < _TOLERANCE:
             break
         near = factor * (wide / wanted) ** (1 / _NARROWS)
         factor = float(near if low < near < high else np.sqrt(low * high))
@@ -126,11 +134,11 @@ def _solved(press: Press, layer: Layer, forces: FloatArray):
         try:
             return forces, press.fields(layer, forces)
         except SmallContactError:
-            # At the smallest forces there is no cell in contact but one: the curve begins at a larger one.
+            # At the smallest force a single cell is in contact: begin at the next one.
             forces = forces[1:]
             if len(forces) < 5:
                 layer = Layer.of_stiffness(0.5 * layer.elasticity_pa_per_m, layer.thickness_m, layer.poisson)
         except ContactError:
-            # The ball sinks in beyond the grid: a layer twice as stiff is a twin, too.
+            # The sphere sinks in beyond the grid: take a layer twice as stiff.
             layer = Layer.of_stiffness(2.0 * layer.elasticity_pa_per_m, layer.thickness_m, layer.poisson)
     return None

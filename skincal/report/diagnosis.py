@@ -94,7 +94,7 @@ def _effects(found: Diagnosis) -> list[tuple[str, ...]]:
             kind, outcome = "rival", f"cannot be distinguished from {rival}"
         elif name in found.audit.cannot_see:
             kind, outcome = "blind", f"not visible: {found.audit.reasons.get(name, '')}"
-        elif candidate is not None and candidate.good:
+        elif candidate is not None and candidate.passes_null:
             outcome = "improves the fit, but others explain more"
         visible = f"{smallest:.2g}" if np.isfinite(smallest) else "never"
         gain = "" if candidate is None else f"{candidate.gain:.1f} of {candidate.limit:.1f}"

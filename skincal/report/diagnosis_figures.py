@@ -51,9 +51,11 @@ def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
     """
     observed = found.observed
     session, forward = observed.session, observed.fitter.forward
-    base, last = found.found.base, found.found.fitted
+    base, last = found.found.base, found.found.final
     assert session.counts is not None
-    shown = [forward.mean @ forward.noise.written(x.seen.values + x.state.rest)[0] for x in (base, last)]
+    shown = [
+        forward.mean @ forward.noise.written(x.prediction.values + x.state.rest)[0] for x in (base, last)
+    ]
     off = np.nan_to_num(session.counts - shown[0]) ** 2
     if found.effects:
         off = off - np.nan_to_num(session.counts - shown[1]) ** 2
@@ -86,7 +88,7 @@ def where_figure(found: Diagnosis, dataset: Dataset) -> Figure:
     from skincal.inference.start import raw_residual
 
     models = [("base model", found.found.base)] + (
-        [("with the named effects", found.found.fitted)] if found.effects else []
+        [("with the named effects", found.found.final)] if found.effects else []
     )
     figure = new_figure(12, 3.8)
     panels = np.ravel(figure.subplots(1, 3, width_ratios=(1, 1, 1.6)))

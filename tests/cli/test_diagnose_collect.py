@@ -22,7 +22,7 @@ from skincal.diagnosis.observed import observe
 from skincal.errors import InputError
 from skincal.hand.sim import SimDriver
 from skincal.inference.constants import CONSTANTS
-from skincal.inference.start import base_fit
+from skincal.inference.start import fit_base
 
 SEED = 7
 SOURCE = f"skincal collect: driver sim, seed {SEED}, plan few"
@@ -120,7 +120,7 @@ def test_rounds_end_with_the_budget_and_are_one_session(tmp_path: Path, monkeypa
         source=SOURCE,
     ).dataset
     fitter = observe(data, None, np.random.default_rng(0), keep=False).fitter
-    meta, state = data.meta, base_fit(fitter, known=False).state
+    meta, state = data.meta, fit_base(fitter, known=False).state
     blank = make_calibration(
         sensor=meta.sensor, surface=meta.surface, indenter=meta.indenter, mount=meta.mount
     )

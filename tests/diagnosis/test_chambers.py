@@ -24,7 +24,7 @@ def observed(folder: Path, chamber: Chamber, *, frames: bool = True) -> Observed
 def test_frames_of_the_end_are_those_of_the_fitted_skin(tmp_path: Path):
     """A modelled skin that ends nearer to its taxels bears the force on a smaller area."""
     one = observed(tmp_path, Chamber.plain())
-    state, forward, whole = one.fitter.before.start, one.fitter.forward, full_rate(one)
+    state, forward, whole = one.fitter.priors.start, one.fitter.forward, full_rate(one)
     fitted, frames = (f.mean @ f.see(state).values for f in (forward, whole))
     for press in (3, 11, 20):
         rows = [f.session.held() & (f.session.press == press) for f in (forward, whole)]
@@ -37,7 +37,7 @@ def test_silent_taxel_has_a_start_and_stays_silent(tmp_path: Path):
     data = read_dataset(chamber.write(tmp_path / "chamber"))
     cal = calibrate_uniform(data).calibration
     assert cal.model.scale_per_taxel_per_n is not None and cal.model.scale_per_taxel_per_n[3] == 0.0
-    start = observe(data, cal, np.random.default_rng(0)).fitter.before.start
+    start = observe(data, cal, np.random.default_rng(0)).fitter.priors.start
     assert np.isfinite(start.log_s).all()
     new = parameters_of(cal, start)
     assert new.scale_per_taxel_per_n == pytest.approx(cal.model.scale_per_taxel_per_n)
@@ -49,7 +49,7 @@ def test_noise_and_rest_from_plateaus_without_frames(tmp_path: Path):
     chamber.rest[:] = np.linspace(10.0, 20.0, 16)
     one = observed(tmp_path, chamber, frames=False)
     assert one.floor.mean_counts == pytest.approx(0.33, rel=0.35)
-    before = one.fitter.before
+    before = one.fitter.priors
     assert before.start.rest == pytest.approx(15.0, abs=1.0)
     assert 1 / np.sqrt(before.base[5]) == pytest.approx(3.5, abs=1.0)
 
@@ -70,8 +70,8 @@ def test_a_board_that_falls_off_for_a_while_is_left_out(tmp_path: Path, taxels: 
     wrong = replace(truth, model=replace(truth.model, scale_per_taxel_per_n=tuple(scale)))
     data = replace(data, presses=replace(presses, counts=means), frames=replace(frames, counts=counts))
     one = observe(data, wrong, np.random.default_rng(0))
-    stuck = find_spells(one.session, one.fitter, one.fitter.before.start, first=True)
+    stuck = find_spells(one.session, one.fitter, one.fitter.priors.start, first=True)
     assert sorted(s.taxel for s in stuck) == list(range(taxels)) and all(s.counts > 250 for s in stuck)
     left = one.without(stuck)
     assert left.session.counts is not None and not (left.session.counts > 250).any()
-    assert np.isfinite(left.fitter.before.start.log_s).all()
+    assert np.isfinite(left.fitter.priors.start.log_s).all()

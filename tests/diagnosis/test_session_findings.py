@@ -12,7 +12,7 @@ from skincal.calibration import Finding
 from skincal.dataset import Dataset
 from skincal.diagnosis.observed import Observed, observe
 from skincal.diagnosis.session_findings import far_readings
-from skincal.inference.start import base_fit
+from skincal.inference.start import fit_base
 
 
 def observed(data: Dataset) -> Observed:
@@ -21,7 +21,7 @@ def observed(data: Dataset) -> Observed:
 
 def found(data: Dataset) -> list[Finding]:
     session = observed(data)
-    return list(far_readings(session, base_fit(session.fitter, known=True)))
+    return list(far_readings(session, fit_base(session.fitter, known=True)))
 
 
 def test_a_press_that_is_far_off_at_one_taxel():

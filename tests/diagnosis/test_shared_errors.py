@@ -80,7 +80,7 @@ def test_images_err_as_they_show():
     for size in (0.0, 0.2):
         observed = observe(scattered(data, size), state, np.random.default_rng(0))
         fitter = observed.fitter
-        fit = fitter.solve(fitter.before.start, steps=3)
+        fit = fitter.solve(fitter.priors.start, steps=3)
         found.append(with_image_error(fitter, fit.state).before.image)
     assert found[0] <= 0.02 and found[1] >= 0.05
 

@@ -10,7 +10,7 @@ import pytest
 from skincal.inference.blocks import Rows, Whitened, blocks
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.gains import full_step, gains, whole
-from skincal.inference.null import parts_of_laws, with_laws
+from skincal.inference.null import add_laws, law_parts
 from skincal.inference.score import held_out
 from skincal.inference.slopes import Slopes
 
@@ -178,7 +178,7 @@ def test_null_sessions_have_as_much_of_a_law_as_they_are_given():
     rows = Rows.of(press, phase, w.seen)
     found = blocks(beside, rows, at, PRECISION, draws, np.random.default_rng(2))
     drawn = blocks(beside, rows, at, PRECISION, draws + law @ parts, np.random.default_rng(2))
-    b, chi = with_laws(found, parts)
+    b, chi = add_laws(found, parts)
     assert b == pytest.approx(drawn.drawn) and chi == pytest.approx(drawn.drawn_chi)
 
 
@@ -203,7 +203,7 @@ def test_a_session_says_how_much_of_a_law_it_can_have():
             np.zeros((n, TAXELS)),
         )
         found = blocks(w, Rows.of(press, phase, seen), np.zeros((12, 3)), PRECISION)
-        return parts_of_laws(found, np.full(1, 1e-9), np.zeros(1), np.ones(1), 1)
+        return law_parts(found, np.full(1, 1e-9), np.zeros(1), np.ones(1), 1)
 
     assert parts(0.0) == pytest.approx([part], abs=0.01)
     assert parts(3.0) == pytest.approx([part], abs=0.01)

@@ -11,10 +11,10 @@ from inference.made import made
 from report.diagnosis_cases import calibration
 
 from skincal.diagnosis.observed import Observed, observe
-from skincal.inference.columns import Candidate, candidates, free_columns, free_of
+from skincal.inference.candidate_scores import scene_of
+from skincal.inference.columns import Candidate, candidates, free_columns, free_parameters
 from skincal.inference.fit import Fitted
 from skincal.inference.forward import Effects
-from skincal.inference.search import scene_of
 
 OFFSET = {"taxel_offset": {"offset_counts": np.linspace(-3, 3, 16)}}
 LEAK = {"crosstalk": {"leak": np.asarray(0.05)}}
@@ -31,13 +31,13 @@ def seen() -> Observed:
 
 def fitted(effects: Effects) -> Fitted:
     fitter = seen().fitter
-    return fitter.linear(replace(fitter.before.start, effects=effects), ())
+    return fitter.linearise(replace(fitter.priors.start, effects=effects), ())
 
 
 def found(effects: Effects, *names: str) -> list[Candidate]:
     fit, fitter = fitted(effects), seen().fitter
-    _, slope = fitter.forward.noise.written(fit.seen.values + fit.state.rest)
-    return list(candidates(fitter.forward, fit.seen, scene_of(fitter, fit), slope, names, set()))
+    _, slope = fitter.forward.noise.written(fit.prediction.values + fit.state.rest)
+    return list(candidates(fitter.forward, fit.prediction, scene_of(fitter, fit), slope, names, set()))
 
 
 def test_an_effect_of_each_taxel_has_a_compact_column_a_taxel():
@@ -60,12 +60,12 @@ def test_where_taxels_are_mixed_behind_it_others_see_it():
 @pytest.mark.parametrize("others", [{}, LEAK])
 def test_columns_of_one_run_are_those_of_runs_of_their_own(others: Effects):
     fit, forward = fitted({**OFFSET, **others}), seen().fitter.forward
-    free = free_of("taxel_offset", OFFSET["taxel_offset"], None, seen().covariates)
-    whole = free_columns(forward, fit.seen, free)
+    free = free_parameters("taxel_offset", OFFSET["taxel_offset"], None, seen().covariates)
+    whole = free_columns(forward, fit.prediction, free)
     for k in (0, 7):
-        (alone,) = free_columns(forward, fit.seen, [free[k]])
+        (alone,) = free_columns(forward, fit.prediction, [free[k]])
         assert whole[k].array() == pytest.approx(alone.array(), abs=1e-9)
         changed = {n: {p: np.array(v) for p, v in own.items()} for n, own in fit.state.effects.items()}
         changed["taxel_offset"]["offset_counts"][k] += 0.5
-        slope = (forward.with_effects(fit.seen, changed) - fit.seen.values) / 0.5
+        slope = (forward.with_effects(fit.prediction, changed) - fit.prediction.values) / 0.5
         assert whole[k].array()[..., 0] == pytest.approx(slope, abs=1e-6)

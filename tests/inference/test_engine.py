@@ -13,8 +13,8 @@ from inference.made import DIES, FROM_S, KINDS, found, made
 from report.diagnosis_cases import TRUTH, calibration
 
 from skincal.diagnosis.workflow import diagnose
-from skincal.inference.null import FOUNDATION, drawn_noise
-from skincal.inference.search import Search
+from skincal.inference.candidate_scores import smooth_fitter
+from skincal.inference.null import FOUNDATION, draw_noise
 
 QUIET = [kind for kind in KINDS if kind.startswith("nothing")]
 NAMED = [kind for kind in KINDS if kind not in (*QUIET, "wiring")]
@@ -72,7 +72,7 @@ def test_intervals_of_an_effect_hold_what_was_hidden(kind: str):
 def test_the_press_is_found_from_which_on_a_taxel_is_dead():
     said = found("dead_taxel, from a moment on")
     (one,) = said.effects
-    seen = said.found.fitted.seen
+    seen = said.found.final.prediction
     begin = float(one.parameters["from_s"][DIES])
     # No press that it would feel lies between the moment and the one that was found.
     felt = seen.felt.elapsed_s[seen.loads[:, DIES] > 0.05 * seen.loads.max()]
@@ -89,8 +89,7 @@ def test_rounding_gains_an_effect_no_more_than_noise(kind: str):
 
 def test_rounding_has_no_mean_about_the_line():
     said, rng = found("nothing, in steps of 8"), np.random.default_rng(1)
-    search = Search(said.observed.fitter, said.found.base, (), frozenset(), rng)
-    drawn = drawn_noise(search.lined, said.found.base, rng, 400)
+    drawn = draw_noise(smooth_fitter(said.observed.fitter), said.found.base, rng, 400)
     assert np.abs(drawn.mean(axis=-1)).max() < 0.6
 
 

@@ -1,4 +1,4 @@
-"""The search's own order of things, with rounds that are made up."""
+"""The search's own order of things, with made-up scores and fits."""
 
 from __future__ import annotations
 
@@ -8,90 +8,104 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
+from skincal.inference.candidate_fits import CandidateFits
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.equation_errors import beyond, owed
-from skincal.inference.search import Named, Search
+from skincal.inference.equation_errors import explainable_gain, without_errors
+from skincal.inference.score import Score
+from skincal.inference.search import Search
+from skincal.inference.search_result import SelectedEffect
 
 
-class Endless(Search):
-    """One more taxel of the same effect gains in every round."""
+def selected(name: str, gain: float, *others: str) -> SelectedEffect:
+    return SelectedEffect(name, (name, *others), gain, 8.0, 0.01)
 
+
+class Endless:
+    """Scores and fits in which one more taxel of the same effect gains in every round."""
+
+    null = None
     asked = 0
 
-    def _drawn(self) -> Any:
-        return None
-
-    def _round(self, fit: Any, named: Any) -> Any:
+    def score_candidates(self, fit: Any) -> Any:
         self.asked += 1
         assert self.asked < 50, "the search does not end"
-        return [SimpleNamespace(good=True, name="dead_taxel")]
+        return [SimpleNamespace(passes_null=True, name="dead_taxel")]
 
-    def _best(self, fit: Any, good: Any) -> Any:
-        return [(Named("dead_taxel", ("dead_taxel",), 20.0, 8.0, 0.01), fit)]
+    def shortlist(self, fit: Any, scores: Any) -> Any:
+        return [(selected("dead_taxel", 20.0), fit)]
 
     def score(self, fit: Any) -> Any:
         return np.zeros(12)
 
-    def _from_start(self, fit: Any) -> Any:
+    def without(self, fit: Any, names: Any, *, few_steps: bool = False) -> Any:
+        assert not names
+        return []
+
+    def restarted(self, fit: Any) -> Any:
         return fit
 
 
-def test_a_search_ends_where_one_effect_gains_taxel_by_taxel():
-    base: Any = SimpleNamespace(
-        blocks=SimpleNamespace(press=np.arange(12)), state=SimpleNamespace(effects={})
-    )
-    none: Any = None
-    found = Endless(none, base, (), frozenset(), np.random.default_rng(0)).run()
-    (one,) = found.named
+def search(parts: Any, base: Any) -> Any:
+    return Search(base, parts, parts).run()
+
+
+def test_search_ends_taxel_by_taxel():
+    (one,) = search(Endless(), SimpleNamespace()).selected
     assert one.gain == 20.0 * 2 * C.most
 
 
 class Entry(SimpleNamespace):
-    """Of a round."""
+    """Score of a candidate."""
 
-    __hash__ = object.__hash__
+    __hash__ = object.__hash__  # type: ignore[assignment]
 
 
-class Settling(Search):
-    """A joint fit that gains 40 nats after a few steps, and something else once it is settled."""
+class Settling(CandidateFits):
+    """A joint fit that gains 40 nats after a few steps, and something else once it has converged."""
 
-    settled = 0.0
+    each: Any = 0.0
 
-    def _scaled(self, fit: Any, tried: Any) -> Any:
-        return None if tried.name == "saturation" else {"share": np.ones(1)}
+    def start_values(self, fit: Any, scored: Any) -> Any:
+        return None if scored.name == "saturation" else {"share": np.ones(1)}
 
-    def _joint(self, fit: Any, tried: Any) -> Any:
+    def fit_jointly(self, fit: Any, tried: Any) -> Any:
         return [SimpleNamespace(state=None, free=(), each=2.0) for _ in tried]
 
-    def _ends(self, begin: Any) -> Any:
-        return [SimpleNamespace(each=self.settled / 20) for _ in begin]
+    def fit_to_end(self, begin: Any) -> Any:
+        return [SimpleNamespace(state=None, free=(), each=self.each) for _ in begin]
 
     def score(self, fit: Any) -> Any:
         return np.full(20, fit.each)
 
 
-@pytest.mark.parametrize(("settled", "named"), [(16.0, False), (36.0, True)])
-def test_named_effect_is_beyond_its_limit_once_settled(settled: float, named: bool):
+def fits_of(kind: Any, each: Any) -> Any:
     none: Any = None
-    before: Any = SimpleNamespace(each=0.0)
-    search = Settling(none, none, (), frozenset(), np.random.default_rng(0))
-    search.settled = settled
-    tried: Any = Entry(name="cover", gain=40.0, shared=26.0, sure=2.9, limit=30.0, p_value=0.01)
-    assert bool(search._best(before, [tried])) is named
+    fits = kind(none, none, frozenset())
+    fits.each = each
+    return fits
 
 
-def test_equation_error_bars_only_what_is_like_it():
+BEFORE: Any = SimpleNamespace(each=0.0)
+
+
+@pytest.mark.parametrize(("total", "named"), [(16.0, False), (36.0, True)])
+def test_named_effect_exceeds_its_limit_once_converged(total: float, named: bool):
+    scored = Entry(name="cover", gain=40.0, clipped_gain=26.0, significance=2.9, limit=30.0, p_value=0.01)
+    assert bool(fits_of(Settling, total / 20).shortlist(BEFORE, [scored])) is named
+
+
+def test_equation_error_bars_only_its_like():
     """Four values of two taxels, two of them at one force and two at another."""
     does, cells = np.full((4, 2), 3.0), np.repeat([[0, 0], [1, 1]], 2, axis=0)
     bent = np.repeat([[2.0, 2.0], [-1.0, -1.0]], 2, axis=0)  # by the force
     error, curvature = C.alike * does * np.sign(bent), 30.0
     gained = 0.5 * float((bent * error).sum()) ** 2 / curvature
-    assert owed([does], [cells], bent, curvature) == pytest.approx(gained)
+    assert explainable_gain([does], [cells], bent, curvature) == pytest.approx(gained)
     of_taxels = np.tile([1.0, -1.0], (4, 1))
-    assert owed([does], [cells], of_taxels, curvature) == 0
+    assert explainable_gain([does], [cells], of_taxels, curvature) == 0
 
 
-def test_errors_of_an_equation_follow_by_one_factor_in_each_phase_of_a_press():
+def test_equation_error_has_one_factor_a_phase():
     rng, phases = np.random.default_rng(3), np.repeat(np.arange(3), 4)
     does = 100 * rng.standard_normal((12, 2))
     like = does * rng.standard_normal(3)[phases][:, None]
@@ -99,40 +113,33 @@ def test_errors_of_an_equation_follow_by_one_factor_in_each_phase_of_a_press():
     for p in range(3):
         own = phases == p
         other[own] -= does[own] * (other[own] * does[own]).sum() / (does[own] ** 2).sum()
-    assert np.abs(beyond([does], phases, like)).max() < 1e-3 * np.abs(like).max()
-    assert beyond([does], phases, other) == pytest.approx(other)
+    assert np.abs(without_errors([does], phases, like)).max() < 1e-3 * np.abs(like).max()
+    assert without_errors([does], phases, other) == pytest.approx(other)
 
 
 class Lumpy(Settling):
     """A joint fit that gains 20 nats on some presses and loses a little on the others."""
 
-    on = 0
-
-    def _joint(self, fit: Any, tried: Any) -> Any:
+    def fit_jointly(self, fit: Any, tried: Any) -> Any:
         assert all(t.name != "saturation" for t, _ in tried)
-        return self._ends(tried)
-
-    def _ends(self, begin: Any) -> Any:
-        each = np.where(np.arange(20) < self.on, 20.0, -0.4)
-        return [SimpleNamespace(state=None, free=(), each=each) for _ in begin]
+        return self.fit_to_end(tried)
 
 
 @pytest.mark.parametrize(("on", "named"), [(C.few, False), (C.few + 3, True)])
-def test_what_few_presses_gain_is_no_evidence_whatever_it_is(on: int, named: bool):
-    none: Any = None
-    before: Any = SimpleNamespace(each=0.0)
-    search = Lumpy(none, none, (), frozenset(), np.random.default_rng(0))
-    search.on = on
-    tried: Any = Entry(name="cover", gain=40.0, shared=6.0, sure=1.5, limit=30.0, p_value=0.01)
-    assert bool(search._best(before, [tried])) is named
-    # What bounds keep from what its slopes promise takes no place of others, however much that is.
-    cannot = [Entry(**vars(tried) | {"name": "saturation", "gain": 900.0, "shared": 90.0})] * C.contenders
-    assert bool(search._best(before, [*cannot, tried])) is named
+def test_gain_of_few_presses_is_no_evidence(on: int, named: bool):
+    fits = fits_of(Lumpy, np.where(np.arange(20) < on, 20.0, -0.4))
+    scored = Entry(name="cover", gain=40.0, clipped_gain=6.0, significance=1.5, limit=30.0, p_value=0.01)
+    assert bool(fits.shortlist(BEFORE, [scored])) is named
+    # Effects that bounds keep from what their slopes promise take no place of others, whatever they promise.
+    large = {"name": "saturation", "gain": 900.0, "clipped_gain": 90.0}
+    cannot = [Entry(**vars(scored) | large)] * C.contenders
+    assert bool(fits.shortlist(BEFORE, [*cannot, scored])) is named
 
 
-class Forking(Search):
+class Forking:
     """Two effects gain as much alone; a third gains more beside the second."""
 
+    null = None
     gains: ClassVar = {
         (): 0.0,
         ("creep",): 40.0,
@@ -141,33 +148,29 @@ class Forking(Search):
         ("latency", "cover"): 90.0,
     }
 
-    def _drawn(self) -> Any:
-        return None
-
     def score(self, fit: Any) -> Any:
         return np.full(20, self.gains[fit.effects] / 20)
 
-    def _round(self, fit: Any, named: Any) -> Any:
-        names = ("cover",) if named else ("creep", "latency")
-        return [SimpleNamespace(good="cover" not in fit.effects, name=n, gain=0.0) for n in names]
+    def gain(self, new: Any, old: Any) -> Any:
+        return Score(self.score(new) - self.score(old))
 
-    def _best(self, fit: Any, good: Any) -> Any:
-        new = {t.name: SimpleNamespace(effects=(*fit.effects, t.name), free=()) for t in good}
-        names = tuple(new)
-        gain = {n: float((self.score(x) - self.score(fit)).sum()) for n, x in new.items()}
-        return [(Named(n, (n, *(m for m in names if m != n)), gain[n], 8.0, 0.01), x) for n, x in new.items()]
+    def score_candidates(self, fit: Any) -> Any:
+        names = ("cover",) if fit.effects else ("creep", "latency")
+        return [SimpleNamespace(passes_null="cover" not in fit.effects, name=n, gain=0.0) for n in names]
 
-    def _without(self, fit: Any, names: Any, *, few: bool = False) -> Any:
+    def shortlist(self, fit: Any, scores: Any) -> Any:
+        new = {t.name: SimpleNamespace(effects=(*fit.effects, t.name), free=()) for t in scores}
+        gain = {n: self.gain(x, fit).total for n, x in new.items()}
+        return [(selected(n, gain[n], *(m for m in new if m != n)), x) for n, x in new.items()]
+
+    def without(self, fit: Any, names: Any, *, few_steps: bool = False) -> Any:
         left = [tuple(n for n in ("creep", "latency") if n in fit.effects and n != name) for name in names]
         return [SimpleNamespace(effects=effects) for effects in left]
 
-    def _from_start(self, fit: Any) -> Any:
+    def restarted(self, fit: Any) -> Any:
         return fit
 
 
-def test_what_is_alike_alone_is_told_apart_by_what_else_there_is():
-    base: Any = SimpleNamespace(blocks=SimpleNamespace(press=np.arange(20)), effects=())
-    base.state = SimpleNamespace(effects={})
-    none: Any = None
-    found = Forking(none, base, (), frozenset(), np.random.default_rng(0)).run()
-    assert [n.alike for n in found.named] == [("latency",), ("cover",)]
+def test_later_effects_resolve_an_equivalence_set():
+    found = search(Forking(), SimpleNamespace(effects=()))
+    assert [n.equivalents for n in found.selected] == [("latency",), ("cover",)]

@@ -17,7 +17,7 @@ from skincal.diagnosis.diagnosis import Diagnosis
 from skincal.diagnosis.observed import observe
 from skincal.diagnosis.summary import summary
 from skincal.diagnosis.workflow import diagnose
-from skincal.inference.contact_law import numbers_of
+from skincal.inference.contact_law import law_parameters
 from skincal.inference.fit import Fitter
 from skincal.model import ContactLaw
 from skincal.prediction import predict_dataset
@@ -65,8 +65,8 @@ def fitter() -> Fitter:
 
 def test_numbers_of_a_state_and_a_law_are_the_same():
     numbers = np.array([0.12, -0.3, 0.04, 0.0])
-    assert numbers_of(fitter().forward.contact_law(numbers)) == pytest.approx(numbers)
-    assert numbers_of(ContactLaw()).tolist() == [0, 0, 0, 0]
+    assert law_parameters(fitter().forward.contact_law(numbers)) == pytest.approx(numbers)
+    assert law_parameters(ContactLaw()).tolist() == [0, 0, 0, 0]
     assert fitter().forward.contact_law(np.zeros(4)).reference_radius_m == calibration().indenter.radius_m
 
 
@@ -83,8 +83,8 @@ def test_numbers_of_a_state_and_a_law_are_the_same():
     ],
 )
 def test_a_skin_has_the_law_that_is_fitted(law: tuple[float, float, float]):
-    forward, state = fitter().forward, fitter().before.start
-    fitted = forward.see(replace(state, law=np.array([*law, 0.0]))).values - forward.see(state).values
+    forward, state = fitter().forward, fitter().priors.start
+    fitted = forward.predict(replace(state, law=np.array([*law, 0.0]))).values - forward.predict(state).values
     skin = forward.skin(state)
     other = replace(skin, skin=replace(skin.skin, contact=forward.contact_law(np.array([*law, 0.0]))))
     change = other.values(forward.samples) - skin.values(forward.samples)
