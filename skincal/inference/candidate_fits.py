@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from itertools import islice
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -45,6 +46,7 @@ class CandidateFits:
     known: frozenset[str] = frozenset()
     mapper: Mapper = map
     _reduced: dict[tuple[Fitted, str], Fitted] = field(default_factory=dict, init=False)
+    _scores: WeakKeyDictionary[Fitted, FloatArray] = field(default_factory=WeakKeyDictionary, init=False)
 
     @cached_property
     def smooth(self) -> Fitter:
@@ -54,8 +56,10 @@ class CandidateFits:
     # ------------------------------------------------------------------ comparison
 
     def score(self, fit: Fitted) -> FloatArray:
-        """Return the held-out log-likelihood (B,) of each block."""
-        return fit.held_out_scores(self.folds)
+        """Return the held-out log-likelihood (B,) of each block; cached."""
+        if fit not in self._scores:
+            self._scores[fit] = fit.held_out_scores(self.folds)
+        return self._scores[fit]
 
     def gain(self, new: Fitted, old: Fitted) -> Score:
         """Return the score of a fit less that of another."""

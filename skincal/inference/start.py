@@ -84,7 +84,7 @@ def fit_base(fitter: Fitter, mapper: Mapper = map, *, known: bool) -> Fitted:
     precision = fitter.priors.move.copy()
     precision[:2] = 1 / float(np.clip(own, 1e-4, least)) ** 2
     fitter.priors = replace(fitter.priors, move=precision)
-    state = place_presses(fitter, _alternate(fitter, state, 2).state)
+    state = relocate_presses(fitter, _alternate(fitter, state, 2).state)
     # A layer of some millimetres is far from a foundation, and a missing effect may stop the fit on the way.
     layer = replace(state, law=state.law - _LAYER)
     found = mapper(run_fit, [FitTask(fitter, (begin,)) for begin in (state, layer)])
@@ -93,7 +93,7 @@ def fit_base(fitter: Fitter, mapper: Mapper = map, *, known: bool) -> Fitted:
 
 def refit_placed(fitter: Fitter, fit: Fitted) -> Fitted:
     """Return a fit, or one continued from better places of presses if that has less loss."""
-    if (better := place_presses(fitter, fit.state)) is fit.state:
+    if (better := relocate_presses(fitter, fit.state)) is fit.state:
         return fit
     return min(fit, fitter.solve(better, fit.free, steps=C.joint_steps), key=Fitted.loss)
 
@@ -105,7 +105,7 @@ def _alternate(fitter: Fitter, state: State, rounds: int) -> Fitted:
     for _ in range(rounds - 1):
         if found.state is state:
             break
-        state = place_presses(fitter, found.state)
+        state = relocate_presses(fitter, found.state)
         update_weights(fitter, state)
         found = fitter.solve(state, steps=3)
     return found
@@ -179,7 +179,7 @@ def with_image_error(fitter: Fitter, state: State) -> Fitter:
     return min(others, key=loss)
 
 
-def place_presses(fitter: Fitter, state: State) -> State:
+def relocate_presses(fitter: Fitter, state: State) -> State:
     """Move each press to a better place of a lattice, if there is one.
 
     An image may fit at two places with a barrier between them, and presses at the wrong one bend the fit.

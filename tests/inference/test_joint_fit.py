@@ -19,7 +19,7 @@ from skincal.inference.columns import free_parameters
 from skincal.inference.fit import Fitter
 from skincal.inference.forward import BASE, LAW, Forward
 from skincal.inference.score import folds_of
-from skincal.inference.start import candidate_placements, place_presses
+from skincal.inference.start import candidate_placements, relocate_presses
 
 
 @cache
@@ -269,7 +269,7 @@ def test_presses_come_back_from_wrong_places_however_many_they_are():
     rng = np.random.default_rng(3)
     lost, which = end.move.copy(), rng.random(len(end.move)) < 0.6
     lost[which, :2] = (fitter.priors.slack_m * rng.choice([-0.6, 0.6], (len(which), 2)))[which]
-    found = place_presses(fitter, replace(end, move=lost))
+    found = relocate_presses(fitter, replace(end, move=lost))
     assert (fitter.profile_presses(found).loss < fitter.profile_presses(end).loss + 2.0).all()
 
 
