@@ -34,7 +34,8 @@ def test_results_and_errors_come_back(tmp_path: Path):
 
 
 def test_a_reading_process_loads_little():
-    loaded = "import sys, skincal.imports.apart; print(*sys.modules); import skincal.imports.bag_source; print(*sys.modules)"
+    names = "skincal.imports.apart", "skincal.imports.bag_source"
+    loaded = "; ".join(f"import sys, {name}; print(*sys.modules)" for name in names)
     done = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True)
     first, all_of_them = (set(line.split()) for line in done.stdout.splitlines())
     assert not first & {"pandas", "scipy"} and "scipy.signal" not in all_of_them
