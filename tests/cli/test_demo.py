@@ -66,7 +66,7 @@ def test_samples_are_there() -> None:
     assert all(sample_path(name).exists() for name in NAMES)
 
 
-def test_a_verb_that_fails_ends_the_demonstration_with_its_status(
+def test_failed_verb_ends_the_demonstration(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def ends(*arguments: str, quiet: bool = False) -> str:

@@ -148,19 +148,29 @@ def begin(fails: bool) -> tuple[int, int, int]:
         return process, log, err
     status = 70
     try:
-        os.setsid()  # a signal to suspend that comes after the last word would leave it waiting for a shell
-        os.dup2(err_end, 2)
-        sys.stderr, sys.stdout = os.fdopen(2, "w", buffering=1), io.StringIO()
-        Told.log, Told.fails = log_end, fails
-        sys.modules["told_hand"] = sys.modules[__name__]
+        status = _status_of_test(fails, log_end, err_end)
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    except KeyboardInterrupt:
+        # After the last word, when the verb has given the signal back to Python: it kills, as all others do then.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        signal.raise_signal(signal.SIGINT)
+    finally:
+        os._exit(status)
+
+
+def _status_of_test(fails: bool, log: int, err: int) -> int:
+    os.setsid()  # a signal to suspend that comes after the last word would leave it waiting for a shell
+    os.dup2(err, 2)
+    sys.stderr, sys.stdout = os.fdopen(2, "w", buffering=1), io.StringIO()
+    Told.log, Told.fails = log, fails
+    sys.modules["told_hand"] = sys.modules[__name__]
+    try:
         main(["hand", "test", "told_hand:Told"])
     except SystemExit as ended:
-        status = ended.code if isinstance(ended.code, int) else 0
         if sys.stdout.getvalue():
-            os.write(log_end, LATE)
-    finally:
-        sys.stderr.flush()
-        os._exit(status)
+            os.write(log, LATE)
+        return ended.code if isinstance(ended.code, int) else 0
+    return 70
 
 
 RUNS = 16

@@ -52,7 +52,7 @@ def test_one_factor_is_seldom_doubted_where_it_is_enough() -> None:
 
 
 @pytest.mark.parametrize("now", [{"lost": 5}, {"exponent": 0.6}])
-def test_what_no_factor_explains_isread_run(now: dict[str, object]) -> None:
+def test_wear_that_no_factor_explains(now: dict[str, object]) -> None:
     rng = np.random.default_rng(2)
     found = [compare(rng, **now) for _ in range(30)]
     assert np.mean([not one.enough for one in found]) > 0.9  # type: ignore[attr-defined]
@@ -72,7 +72,9 @@ def test_the_verb_scales_the_calibration(tmp_path: Path, capsys: pytest.CaptureF
     cal, now, out = tmp_path / "cal", tmp_path / "rolled", tmp_path / "rescaled"
     write_calibration(make_calibration(), cal)
     assert (
-        run("deploy", "marble", "marble-tactile-1", "--trajectory", "still", "--duration-s", 1, "--out", now)
+        run(
+            "deploy", "marble", "marble-tactile-1", "--trajectory", "still", "--duration-s", 0.5, "--out", now
+        )
         == 0
     )
     capsys.readouterr()

@@ -666,7 +666,7 @@ def test_a_period_that_changes_is_that_of_the_connection() -> None:
         assert hand.period_s == PERIOD_S
 
 
-def test_garbage_of_the_rest_of_the_process_is_not_looked_for_while_a_hand_moves() -> None:
+def test_garbage_collections_are_small_while_a_hand_moves() -> None:
     class Node:
         pass
 

@@ -17,14 +17,12 @@ def make() -> gymnasium.Env:
     return gymnasium.make("Pendulum-v1")
 
 
-@pytest.mark.parametrize("answered", [0, 1])
-def test_environments_end_though_an_answer_was_taken(answered: int):
+def test_environments_end_with_and_without_an_answer():
     environments = parallel(make, 2, processes=True)
     assert isinstance(environments, vec_env.SubprocVecEnv)
     environments.reset()
     environments.step_async(np.zeros((2, 1), dtype=np.float32))
-    for remote in environments.remotes[:answered]:
-        remote.recv()  # as far as an interrupted step came
+    environments.remotes[0].recv()  # as far as an interrupted step came
     processes = list(environments.processes)
     end(environments)
     assert not any(process.is_alive() for process in processes)

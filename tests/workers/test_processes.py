@@ -52,7 +52,7 @@ def _thresholds(_: int) -> tuple[int, int, int]:
     return gc.get_threshold()
 
 
-def test_garbage_is_looked_for_less_often_in_workers_and_for_a_while_here() -> None:
+def test_rare_garbage_collections_in_workers() -> None:
     before = gc.get_threshold()
     with mapper(2) as spread, rare_collections():
         [worker] = spread(_thresholds, [0])
