@@ -11,9 +11,9 @@ from chambers import Chamber
 
 from skincal.calibrate import calibrate_uniform
 from skincal.dataset import read_dataset
-from skincal.diagnosis.newcal import parameters_of
-from skincal.diagnosis.observed import Observed, full_rate, observe
-from skincal.diagnosis.spells import find_spells
+from skincal.diagnosis.observed import Observed, frame_forward, observe
+from skincal.diagnosis.taxel_faults import find_faults
+from skincal.diagnosis.updated_calibration import updated_parameters
 
 
 def observed(folder: Path, chamber: Chamber, *, frames: bool = True) -> Observed:
@@ -24,7 +24,7 @@ def observed(folder: Path, chamber: Chamber, *, frames: bool = True) -> Observed
 def test_frames_of_the_end_are_those_of_the_fitted_skin(tmp_path: Path):
     """A modelled skin that ends nearer to its taxels bears the force on a smaller area."""
     one = observed(tmp_path, Chamber.plain())
-    state, forward, whole = one.fitter.before.start, one.fitter.forward, full_rate(one)
+    state, forward, whole = one.fitter.before.start, one.fitter.forward, frame_forward(one)
     fitted, frames = (f.mean @ f.see(state).values for f in (forward, whole))
     for press in (3, 11, 20):
         rows = [f.session.held() & (f.session.press == press) for f in (forward, whole)]
@@ -39,7 +39,7 @@ def test_silent_taxel_has_a_start_and_stays_silent(tmp_path: Path):
     assert cal.model.scale_per_taxel_per_n is not None and cal.model.scale_per_taxel_per_n[3] == 0.0
     start = observe(data, cal, np.random.default_rng(0)).fitter.before.start
     assert np.isfinite(start.log_s).all()
-    new = parameters_of(cal, start)
+    new = updated_parameters(cal, start)
     assert new.scale_per_taxel_per_n == pytest.approx(cal.model.scale_per_taxel_per_n)
     assert new.scale_per_n == pytest.approx(cal.model.scale_per_n)
 
@@ -70,7 +70,7 @@ def test_a_board_that_falls_off_for_a_while_is_left_out(tmp_path: Path, taxels: 
     wrong = replace(truth, model=replace(truth.model, scale_per_taxel_per_n=tuple(scale)))
     data = replace(data, presses=replace(presses, counts=means), frames=replace(frames, counts=counts))
     one = observe(data, wrong, np.random.default_rng(0))
-    stuck = find_spells(one.session, one.fitter, one.fitter.before.start, first=True)
+    stuck = find_faults(one.session, one.fitter, one.fitter.before.start, calibrated=True)
     assert sorted(s.taxel for s in stuck) == list(range(taxels)) and all(s.counts > 250 for s in stuck)
     left = one.without(stuck)
     assert left.session.counts is not None and not (left.session.counts > 250).any()

@@ -27,7 +27,7 @@ def test_something_is_missing_where_the_fit_says_so() -> None:
 
 def test_a_name_that_leaves_most_of_the_gap_is_taken_back() -> None:
     plain = found("hysteresis")
-    assert not plain.gap.stays
+    assert not plain.gap.is_unexplained
     data = plain.observed.dataset
     frames, rng = data.frames, np.random.default_rng(0)
     assert frames is not None
@@ -38,4 +38,4 @@ def test_a_name_that_leaves_most_of_the_gap_is_taken_back() -> None:
     other = replace(data, frames=replace(frames, counts=counts))
     diagnosis = workflow.diagnose(other, calibration(), seed=1)
     assert (diagnosis.verdict, diagnosis.taken_back) == ("unknown", ("hysteresis",))
-    assert diagnosis.gap.stays and not diagnosis.gap.refutes
+    assert diagnosis.gap.is_unexplained and not diagnosis.gap.is_refuted

@@ -7,18 +7,18 @@ from typing import Any
 
 import pytest
 
-from skincal.diagnosis.reasons import Facts, cures, on_a_stage
+from skincal.diagnosis.reasons import PressVariety, phrase_for_stage, recommend_recordings
 from skincal.effects import EFFECTS
 
 
 @pytest.mark.parametrize("lacking", [(), ("pose", "time")])
 @pytest.mark.parametrize("lost_to_base", [0.0, 2.0])
 def test_a_stage_is_not_told_of_hands(lacking: tuple[str, ...], lost_to_base: float):
-    none = Facts(False, False, False, 1.0, 1, False, 1.0, 1, 0.0)
+    none = PressVariety(False, False, False, 1.0, 1, False, 1.0, 1, 0.0)
     said: list[str] = []
     for name in EFFECTS:
         found: Any = SimpleNamespace(name=name, lacking=lacking, raw_distance=3.0, threshold=1.0,
                                      lost_to_base=lost_to_base, lost_to_presses=1.0)  # fmt: skip
-        said += cures(found, none)
+        said += recommend_recordings(found, none)
     assert any("hand" in cure for cure in said)
-    assert not any("hand" in on_a_stage(cure) for cure in said)
+    assert not any("hand" in phrase_for_stage(cure) for cure in said)

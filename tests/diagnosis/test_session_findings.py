@@ -42,4 +42,4 @@ def test_a_press_that_is_far_off_at_one_taxel():
     assert not found(data)
     (one,) = found(replace(data, frames=replace(frames, counts=counts)))
     assert one.code == "far_readings"
-    assert one.text.startswith(f"press {number}: taxel_{lit // 4}_{lit % 4} reads ")
+    assert one.text.startswith(f"press {number}: taxel_{lit // 4}_{lit % 4} is ")

@@ -12,7 +12,7 @@ import pytest
 from inference.made import KINDS, made
 from report.diagnosis_cases import calibration
 
-from skincal.diagnosis.gap import gap_of, placed_presses
+from skincal.diagnosis.gap import measure_gap, place_presses
 from skincal.diagnosis.observed import Observed, observe
 from skincal.effects import effect
 from skincal.inference.columns import free_of
@@ -200,7 +200,7 @@ def test_a_press_no_model_can_follow_has_no_part_in_the_gap():
     assert counts is not None
     image = counts[observed.session.press == row]
     counts[observed.session.press == row] = image[:, ::-1]
-    gap = gap_of(
+    gap = measure_gap(
         observed, observed.fitter.before.start, observed.fitter.before.start, np.random.default_rng(0)
     )
     counts[observed.session.press == row] = image
@@ -210,9 +210,9 @@ def test_a_press_no_model_can_follow_has_no_part_in_the_gap():
 
 def test_presses_kept_for_the_end_are_placed_where_they_fit():
     observed = seen("hysteresis")
-    whole, rows = observed.whole(), np.flatnonzero(observed.held)
+    whole, rows = observed.fitter_of_all(), np.flatnonzero(observed.held)
     state = observed.fitter.before.start
-    own = placed_presses(whole, state, rows)
+    own = place_presses(whole, state, rows)
     left = misfit(whole, own)[rows]
     for step in (2e-4, -2e-4):
         for axis in (0, 1):
@@ -221,7 +221,7 @@ def test_presses_kept_for_the_end_are_placed_where_they_fit():
             assert (left <= misfit(whole, replace(own, move=move))[rows] + 1.0).all()
     # From where another model has them they come to places that are no worse, but for tables made elsewhere.
     far = replace(state, move=np.full_like(state.move, 3e-4))
-    assert (misfit(whole, placed_presses(whole, state, rows, [far]))[rows] <= left + 5.0).all()
+    assert (misfit(whole, place_presses(whole, state, rows, [far]))[rows] <= left + 5.0).all()
 
 
 def misfit(fitter: Fitter, state) -> np.ndarray:  # type: ignore[no-untyped-def]

@@ -1,4 +1,4 @@
-"""Frames that do not say when presses were in contact."""
+"""Check that the frames of a dataset say when its presses were in contact."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from skincal.diagnosis.dataset_session import press_rows
 
 
 def check_phases(dataset: Dataset, fewest: int) -> None:
-    """Refuses frames of which too few are said to be in contact, or have a place, where the table has the presses.
+    """Refuse frames that mark too few presses as contact, or locate too few, although the press table has enough.
 
     Args:
         dataset: the session.
-        fewest: how many presses are needed.
+        fewest: number of presses required.
 
     Raises:
-        WorkError: the table has as many, with a place and a force, and the frames have not.
+        WorkError: the table has ``fewest`` presses with a position and a force, and the frames have not.
     """
     table = dataset.presses
-    placed = int((np.isfinite(table.position_m).all(axis=1) & (table.force_n > 0)).sum())
-    if dataset.frames is None or placed < fewest:
+    located = int((np.isfinite(table.position_m).all(axis=1) & (table.force_n > 0)).sum())
+    if dataset.frames is None or located < fewest:
         return
     rows = press_rows(dataset)
     touched = len(np.unique(rows[rows >= 0]))

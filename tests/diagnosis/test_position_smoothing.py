@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skincal.diagnosis.steady import steady_places
+from skincal.diagnosis.position_smoothing import smooth_positions
 from skincal.effects.samples import HOLD, LOAD, UNLOAD
 
 FORCE = np.concatenate([np.linspace(0.2, 3.0, 20), np.full(30, 3.0), np.linspace(3.0, 0.2, 20)])
@@ -21,7 +21,7 @@ def pressed(slope_m_per_n: float, noise_m: float, seed: int = 0) -> tuple[np.nda
 
 def test_noise_goes_and_the_giving_way_stays():
     true, measured = pressed(1e-4, 1.5e-4)
-    found = steady_places(measured, FORCE, np.zeros(70, dtype=np.int64), PHASE)
+    found = smooth_positions(measured, FORCE, np.zeros(70, dtype=np.int64), PHASE)
     assert np.sqrt(((found - true) ** 2).mean()) < 0.25 * 1.5e-4
     assert np.ptp(found[:, 1]) > 2e-4
 
@@ -29,13 +29,13 @@ def test_noise_goes_and_the_giving_way_stays():
 def test_exact_places_stay_exact():
     true, _ = pressed(0.0, 0.0)
     row = np.repeat([0, 1], 35)
-    np.testing.assert_allclose(steady_places(true, FORCE, row, PHASE), true, atol=1e-12)
+    np.testing.assert_allclose(smooth_positions(true, FORCE, row, PHASE), true, atol=1e-12)
 
 
 def test_a_press_that_slides_is_left_as_it_was_measured():
     _, measured = pressed(0.0, 2e-5)
     measured[:, 1] += np.linspace(0.0, 2e-3, 70)
-    found = steady_places(measured, FORCE, np.zeros(70, dtype=np.int64), PHASE)
+    found = smooth_positions(measured, FORCE, np.zeros(70, dtype=np.int64), PHASE)
     np.testing.assert_array_equal(found, measured)
 
 
@@ -45,7 +45,7 @@ def test_rest_short_presses_and_unknown_places_are_left():
     row[:4] = 0
     row[10:40] = 1
     measured[12] = np.nan
-    found = steady_places(measured, FORCE, row, PHASE)
+    found = smooth_positions(measured, FORCE, row, PHASE)
     np.testing.assert_array_equal(found[:10], measured[:10])
     np.testing.assert_array_equal(found[40:], measured[40:])
     assert np.isnan(found[12]).all()
@@ -57,7 +57,7 @@ def test_presses_do_not_mix():
     both = np.empty((140, 3))
     both[::2], both[1::2] = first, second
     row = np.tile([0, 1], 70)
-    found = steady_places(both, np.repeat(FORCE, 2), row, np.repeat(PHASE, 2))
+    found = smooth_positions(both, np.repeat(FORCE, 2), row, np.repeat(PHASE, 2))
     np.testing.assert_allclose(
         found[1::2].mean(axis=0) - found[::2].mean(axis=0), second.mean(0) - first.mean(0)
     )
@@ -66,7 +66,7 @@ def test_presses_do_not_mix():
 def test_unloading_has_its_own_path_where_places_show_it():
     true, measured = pressed(0.0, 1e-4)
     back = np.where(PHASE == UNLOAD, 3.0 - FORCE, 0.0)[:, None] * np.array([0.0, 1.5e-4, 0.0])
-    found = steady_places(measured + back, FORCE, np.zeros(70, dtype=np.int64), PHASE)
+    found = smooth_positions(measured + back, FORCE, np.zeros(70, dtype=np.int64), PHASE)
     unloading = PHASE == UNLOAD
     assert np.abs(found - true - back)[unloading, 1].max() < 1.2e-4
     assert found[-1, 1] - found[0, 1] > 0.7 * back.max()
@@ -80,7 +80,7 @@ def test_a_bend_that_noise_makes_is_no_path():
     for seed in range(100):
         measured = pressed(0.0, 1e-4, seed)[1]
         line = columns @ np.linalg.lstsq(columns, measured, rcond=None)[0]
-        bent += not np.allclose(steady_places(measured, FORCE, row, PHASE), line, atol=1e-12)
+        bent += not np.allclose(smooth_positions(measured, FORCE, row, PHASE), line, atol=1e-12)
     assert bent <= 2
 
 
@@ -95,5 +95,5 @@ def test_noise_along_a_surface_bends_no_path_either(axes: int):
         measured = pressed(0.0, 0.0)[0]
         measured[:, :axes] += noise
         line = columns @ np.linalg.lstsq(columns, measured, rcond=None)[0]
-        bent += not np.allclose(steady_places(measured, FORCE, row, PHASE), line, atol=1e-12)
+        bent += not np.allclose(smooth_positions(measured, FORCE, row, PHASE), line, atol=1e-12)
     assert bent <= 3
