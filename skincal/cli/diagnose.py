@@ -85,7 +85,9 @@ def diagnose(
             moving(lambda: f"{rounds.saved} rounds of presses are saved in {rounds.folder}; {AGAIN}."),
             mapper(workers) as spread,
         ):
-            settled = diagnose_adaptively(data, cal, rounds.press, seed, lambda _: None, sessions, say, mapper=spread)
+            settled = diagnose_adaptively(
+                data, cal, rounds.press, seed, lambda _: None, sessions, say, mapper=spread
+            )
         say(settled.reason)
         data = settled.dataset
     with stage_shown() as show_stage:

@@ -141,7 +141,9 @@ def test_rounds_end_with_the_budget_and_are_one_session(tmp_path: Path, monkeypa
     assert told["verdict"] == "effects" and len(told["effects"][0]["consistent_with"]) > 1
     assert told["collected"]["presses"] == 12 and told["collected"]["rounds"] == 3
     assert not told["collected"]["settled"]
-    assert "round 1: 4 presses, to distinguish" in printed.err and "round 3: with 12 more presses" in printed.err
+    assert (
+        "round 1: 4 presses, to distinguish" in printed.err and "round 3: with 12 more presses" in printed.err
+    )
     session = read_dataset(new / SESSION)
     assert len(session.presses) == 28
     assert read_calibration(new).provenance.dataset_sha256 == session.sha256
