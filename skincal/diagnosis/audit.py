@@ -13,9 +13,8 @@ from skincal.calibration import Calibration, check_same_sensor, sensor_differenc
 from skincal.collect import Mount, Plan
 from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
-from skincal.diagnosis.dataset_session import gap_session
+from skincal.diagnosis.dataset_session import check_phases, gap_session
 from skincal.diagnosis.observed import NoiseFloor, build_forward, observe
-from skincal.diagnosis.phase_check import check_phases
 from skincal.diagnosis.planned_session import plan_session
 from skincal.diagnosis.reasons import EffectAudit, explain_invisibility, summarize_presses
 from skincal.effects import COVARIATES, EFFECTS

@@ -10,14 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.calibration import MARGIN_M
-from skincal.covariates import TIMES
 from skincal.dataset import HOLD, IDLE, Dataset
+from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform_pressure import at_centre
 from skincal.diagnosis.position_smoothing import smooth_positions
 from skincal.effects import Samples, hold_session, hold_times
 from skincal.inference.session import Binning, GapSession, binned, of_holds
 from skincal.model import Contacts
-from skincal.prediction.session_samples import covariates, frame_column, last_press, pose_names, sites
+from skincal.prediction.session_samples import (
+    covariates,
+    frame_column,
+    last_press,
+    pose_names,
+    press_order,
+    press_times,
+    sites,
+)
 from skincal.prediction.touches import frame_normals
 
 Floats = NDArray[np.float64]
@@ -48,6 +56,7 @@ def press_rows(dataset: Dataset) -> Ints:
 
 
 def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
+    """Return the session of a dataset with frames."""
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None
     row = press_rows(dataset)
@@ -91,12 +100,12 @@ def _is_pressed_at_rest(dataset: Dataset) -> NDArray[np.bool_]:
 
 
 def _of_presses(dataset: Dataset) -> GapSession:
+    """Return the session of a dataset without frames: a standard press for each hold mean."""
     presses = dataset.presses
-    times = [presses.column(name) for name in TIMES]
-    clock = all(t is not None and bool(np.isfinite(t).all()) for t in times)
-    order = np.argsort(times[0], kind="stable") if clock and times[0] is not None else np.arange(len(presses))
+    times, clock = press_times(dataset)
+    order = press_order(dataset)
     use = order[np.isfinite(presses.position_m[order]).all(axis=1) & (presses.force_n[order] > 0)]
-    played_times = hold_times(len(use), *(None if t is None or not clock else t[use] for t in times))
+    played_times = hold_times(len(use), *((t[use] for t in times) if clock else ()))
     indenters, kinds = dataset.indenters()
 
     def column(name: str) -> NDArray[Any] | None:
@@ -150,3 +159,35 @@ def hold_groups(dataset: Dataset) -> Ints:
     frames = dataset.frames
     assert frames is not None
     return np.where(frames.phase == HOLD, press_rows(dataset), -1)
+
+
+def check_phases(dataset: Dataset, fewest: int) -> None:
+    """Refuse frames that mark too few presses as contact, or locate too few, although the press table has enough.
+
+    Args:
+        dataset: the session.
+        fewest: number of presses required.
+
+    Raises:
+        WorkError: the table has ``fewest`` presses with a position and a force, and the frames have not.
+    """
+    table = dataset.presses
+    located = int((np.isfinite(table.position_m).all(axis=1) & (table.force_n > 0)).sum())
+    if dataset.frames is None or located < fewest:
+        return
+    rows = press_rows(dataset)
+    touched = len(np.unique(rows[rows >= 0]))
+    wanted = "a press" if fewest == 1 else f"{fewest} presses"
+    what = "columns x_m, y_m, z_m and force_n: expected a place and a force in"
+    if touched < fewest:
+        what = "columns press and phase: expected"
+    else:
+        known = np.isfinite(dataset.frames.position_m).all(axis=1) & np.isfinite(dataset.frames.force_n)
+        touched = len(np.unique(rows[known & (rows >= 0)]))
+        if touched >= fewest:
+            return
+    raise refusal(
+        dataset,
+        f"frames, {what} load, hold and unload frames of {wanted} at least; "
+        f"got such frames of {touched} of {len(table)}. Correct them, or leave the frames out",
+    )

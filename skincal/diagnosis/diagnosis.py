@@ -124,5 +124,5 @@ class Diagnosis(Shown):
 
     @property
     def only_positions(self) -> bool:
-        """Whether all named effects act on contact positions alone, so that images show no gap."""
+        """True if all named effects act on contact positions alone, so that images show no gap."""
         return bool(self.effects) and all(effect.by_places for effect in self.effects)

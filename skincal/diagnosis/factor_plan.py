@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from skincal.collect import Plan, PlannedPress
-from skincal.collect.protocols import named_by_order, spread_sites
+from skincal.collect.protocols import spread_sites
 from skincal.diagnosis.rig import Rig
 
 Factor = Literal["force", "pace", "time", "touches", "places", "poses", "indenters"]
@@ -78,13 +78,7 @@ def plan_factors(factors: Sequence[Factor], rig: Rig, rng: np.random.Generator) 
     presses = [p for part in parts for p in part if p is not None]
     # Grouped by indenter and pose, so that the indenter is changed once and the pose rarely.
     order = sorted(presses, key=lambda p: (p.indenter_radius_m or 0.0, rig.poses.index(p.pose)))
-    anchor = replace(usual, kind="anchor")
-    first = [p for p in order if p.indenter_radius_m is None]
-    named = named_by_order([anchor, *first, anchor, *order[len(first) :]])
-    last = len(first) + 1
-    return rig.plan(
-        "next-presses", [replace(p, kind="anchor") if i in (0, last) else p for i, p in enumerate(named)]
-    )
+    return rig.plan_session(order)
 
 
 def _vary(

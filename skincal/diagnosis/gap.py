@@ -65,12 +65,12 @@ class Gap:
 
     @property
     def is_refuted(self) -> bool:
-        """Whether the error is significantly larger with the effects, or the gap has more than doubled."""
+        """True if the error is significantly larger with the effects, or the gap has more than doubled."""
         return self.added[0] > 0 or self.closed < _REFUTED
 
     @property
     def is_unexplained(self) -> bool:
-        """Whether significantly more of the gap remains than may remain, so that the effects do not explain it.
+        """True if significantly more of the gap remains than may remain, so that the effects do not explain it.
 
         This compares chi-squares, not fractions of the gap: of a very small gap, any fraction may seem to remain. The
         image error of the model is part of the noise here, because it remains whatever is named.

@@ -9,7 +9,6 @@ import numpy as np
 
 from skincal.calibrate.data_findings import has_joints
 from skincal.collect import Plan
-from skincal.collect.protocols import named_by_order
 from skincal.dataset import Dataset
 from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.diagnosis.audit import AuditReport
@@ -85,7 +84,8 @@ def next_presses(
         f"{np.sqrt(own[picked].sum()):.1f} standard deviations apart"
         for (a, _, b, _), own in zip(rivals, distances, strict=True)
     ]
-    return (*lines, *words), select_presses(candidates, picked.tolist(), rig)
+    chosen = [candidates.presses[k] for k in np.sort(picked)]
+    return (*lines, *words), rig.plan_session(chosen)
 
 
 def squared_distances(
@@ -112,18 +112,6 @@ def squared_distances(
         if 0 <= press < len(distances):
             distances[press] = float(blocks.h[k, 0, 0])
     return distances
-
-
-def select_presses(candidates: Plan, picked: Sequence[int], rig: Rig) -> Plan:
-    """Return the picked candidates in their order, with an anchor before them and after those of the first indenter."""
-    anchor = replace(rig.usual, kind="anchor")
-    chosen = [p for i, p in enumerate(candidates.presses) if i in set(picked)]
-    first = [p for p in chosen if p.indenter_radius_m is None]
-    named = named_by_order([anchor, *first, anchor, *(p for p in chosen if p.indenter_radius_m is not None)])
-    ends = (0, len(first) + 1)
-    return rig.plan(
-        "next-presses", [replace(p, kind="anchor") if i in ends else p for i, p in enumerate(named)]
-    )
 
 
 def _second_cap_m(dataset: Dataset) -> float:

@@ -12,8 +12,7 @@ from skincal.calibration.skin import effects_of
 from skincal.dataset import IDLE, Dataset, idle_means
 from skincal.dataset.refusal import refusal
 from skincal.dataset.uniform_pressure import levels_by_lines, uniform_pressure
-from skincal.diagnosis.dataset_session import gap_session, hold_groups, pose_names, press_rows
-from skincal.diagnosis.phase_check import check_phases
+from skincal.diagnosis.dataset_session import check_phases, gap_session, hold_groups, pose_names, press_rows
 from skincal.diagnosis.taxel_faults import TaxelFault, remove_faults
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError, Problem

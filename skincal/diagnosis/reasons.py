@@ -51,7 +51,7 @@ class EffectAudit:
 
     @property
     def visible(self) -> bool:
-        """Whether a typical case (strength 1) is visible."""
+        """True if a typical case (strength 1) is visible."""
         return self.smallest_strength <= 1.0
 
 

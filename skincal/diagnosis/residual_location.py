@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.inference.session import GapSession
-from skincal.model import TaxelLayout
 from skincal.model.arrays import BoolArray, FloatArray
 
 PHASES = {LOAD: "loading", HOLD: "the hold", UNLOAD: "unloading", IDLE: "rest"}
@@ -98,7 +98,7 @@ def _parts(session: GapSession) -> list[tuple[str, str, BoolArray]]:
     return parts
 
 
-def describe_residual(residual: FloatArray, session: GapSession, layout: TaxelLayout) -> str:
+def describe_residual(residual: FloatArray, session: GapSession, taxel_names: Sequence[str]) -> str:
     """Return a sentence that says in which parts of the session, and on which taxels, a residual (N, J) lies."""
     excess = np.where(np.isfinite(residual), residual**2 - 1, 0.0)
     total = float(excess.sum())
@@ -110,7 +110,7 @@ def describe_residual(residual: FloatArray, session: GapSession, layout: TaxelLa
     few = int(np.searchsorted(np.cumsum(by_taxel) / total, 0.8)) + 1
     if few <= max(2, len(by_taxel) // 6):
         worst = np.argsort(-excess.sum(axis=0))[:few]
-        taxels = "mainly on " + ", ".join("taxel_{}_{}".format(*divmod(int(j), layout.cols)) for j in worst)
+        taxels = "mainly on " + ", ".join(taxel_names[j] for j in worst.tolist())
     else:
         taxels = "on all taxels"
     if not clear:

@@ -7,20 +7,20 @@ Slower loading, longer holds and smaller forces are always possible.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.collect import FullProtocol, Mount, Plan, PlannedPress, read_plan
 from skincal.collect.collection import PLAN
-from skincal.covariates import TIMES
+from skincal.collect.protocols import named_by_order
 from skincal.dataset import Dataset
 from skincal.dataset.placement import patch_coordinates
-from skincal.diagnosis.dataset_session import pose_names
 from skincal.errors import InputError
 from skincal.model import TaxelLayout
 from skincal.model.arrays import as_floats
+from skincal.prediction.session_samples import pose_names, press_times
 
 Floats = NDArray[np.float64]
 
@@ -82,11 +82,19 @@ class Rig:
             *_pace(dataset),
         )
 
-    def plan(self, name: str, presses: Sequence[PlannedPress]) -> Plan:
-        """Return a plan of presses, with the joint angles of their poses if all of them are known."""
-        angles = {p.pose: self.angles_rad[p.pose] for p in presses if p.pose in self.angles_rad}
-        known = all(p.pose in angles for p in presses)
-        return Plan(name, tuple(presses), angles if known else {})
+    def plan_session(self, presses: Sequence[PlannedPress]) -> Plan:
+        """Return a session: an anchor, presses with the first indenter, an anchor, and presses with further indenters.
+
+        The plan has the joint angles of the poses if all of them are known.
+        """
+        anchor = replace(self.usual, kind="anchor")
+        first = [p for p in presses if p.indenter_radius_m is None]
+        further = [p for p in presses if p.indenter_radius_m is not None]
+        named = named_by_order([anchor, *first, anchor, *further])
+        for k in (0, len(first) + 1):
+            named[k] = replace(named[k], kind="anchor")
+        angles = {p.pose: self.angles_rad[p.pose] for p in named if p.pose in self.angles_rad}
+        return Plan("next-presses", tuple(named), angles if all(p.pose in angles for p in named) else {})
 
     def on_surface(self, presses: Sequence[PlannedPress]) -> list[PlannedPress]:
         """Return the presses whose sites lie on the surface, which may end within the pressed area."""
@@ -105,12 +113,8 @@ class Rig:
 
 def _times(dataset: Dataset) -> Floats | None:
     """Return start, hold, release and end (P, 4) [s] of the presses; None if they were not recorded."""
-    columns = [dataset.presses.column(name) for name in TIMES]
-    recorded = [c for c in columns if c is not None]
-    if len(recorded) < len(TIMES):
-        return None
-    times = np.stack(recorded, axis=1)
-    return times if np.isfinite(times).all() else None
+    columns, known = press_times(dataset)
+    return as_floats(np.stack(columns, axis=1)) if known else None
 
 
 def _pace(dataset: Dataset) -> tuple[tuple[float, float], float, float]:

@@ -15,7 +15,6 @@ from skincal.diagnosis.taxel_faults import TaxelFault
 from skincal.effects import EFFECTS
 from skincal.inference.fit import Fitted
 from skincal.inference.start import out_of_proportion, raw_residual, wild_presses
-from skincal.model import TaxelLayout
 from skincal.model.arrays import IntArray
 
 FEWEST = 4
@@ -37,11 +36,6 @@ _OTHER_SESSION = {
 _LISTED = 6
 """Largest number of presses or taxels that a finding lists."""
 _LOOK = "Look at its frames; press there again."
-
-
-def taxel_name(layout: TaxelLayout, taxel: int) -> str:
-    """Return ``taxel_R_C`` of a flat index."""
-    return "taxel_{}_{}".format(*divmod(int(taxel), layout.cols))
 
 
 def collect_findings(
@@ -129,9 +123,9 @@ def far_readings(observed: Observed, fit: Fitted) -> Iterator[Finding]:
     np.maximum.at(largest, press[is_pressed], residual[is_pressed])
     rows = np.setdiff1d(out_of_proportion(largest.max(axis=1)), wild_presses(observed.fitter, fit.state))
     if len(rows):
-        layout, numbers = observed.dataset.layout(), observed.dataset.presses.press
+        taxels, numbers = observed.dataset.meta.sensor.taxel_columns(), observed.dataset.presses.press
         names = "; ".join(
-            f"press {numbers[p]}: {taxel_name(layout, int(own.argmax()))} is {own.max():.0f} standard deviations "
+            f"press {numbers[p]}: {taxels[own.argmax()]} is {own.max():.0f} standard deviations "
             "of the noise off"
             for p, own in zip(rows, largest[rows], strict=True)
         )
@@ -155,14 +149,14 @@ def _force_outliers(observed: Observed, fit: Fitted) -> Iterator[Finding]:
 
 def _bad_taxels(observed: Observed, effects: Sequence[NamedEffect]) -> Iterator[Finding]:
     """Yield the taxels that were never read, are noisy, or do not respond."""
-    layout = observed.dataset.layout()
+    taxels = observed.dataset.meta.sensor.taxel_columns()
     if observed.never.any():
-        names = ", ".join(taxel_name(layout, int(t)) for t in np.flatnonzero(observed.never))
+        names = ", ".join(taxels[t] for t in np.flatnonzero(observed.never))
         yield Finding("never_read", "warning", f"{names}: never read (NaN throughout); left out", "")
     noise = observed.fitter.forward.noise
     noisy = np.flatnonzero(noise.sigma > _NOISY * noise.frame)
     if len(noisy):
-        names = ", ".join(f"{taxel_name(layout, int(t))} ({noise.sigma[t]:.1f})" for t in noisy[:_LISTED])
+        names = ", ".join(f"{taxels[t]} ({noise.sigma[t]:.1f})" for t in noisy[:_LISTED])
         text = (
             f"{names}: the noise of a frame is that many counts, against {noise.frame:.1f} for other taxels; these "
             "taxels have less weight"
@@ -175,7 +169,7 @@ def _bad_taxels(observed: Observed, effects: Sequence[NamedEffect]) -> Iterator[
             if p.role == "strength" and p.name in effect.parameters:
                 dead = np.flatnonzero(np.asarray(effect.parameters[p.name]) < 0.5 * p.neutral)
                 if len(dead):
-                    names = ", ".join(taxel_name(layout, int(t)) for t in dead)
+                    names = ", ".join(taxels[t] for t in dead)
                     text, advice = (
                         f"{names}: does not respond",
                         "Check the wiring; ignore it where it is used.",
@@ -185,12 +179,15 @@ def _bad_taxels(observed: Observed, effects: Sequence[NamedEffect]) -> Iterator[
 
 def _temporary_faults(observed: Observed) -> Iterator[Finding]:
     """Yield the taxels that step or are stuck, one finding for all that do so at the same time."""
-    layout, groups = observed.dataset.layout(), dict[tuple[bool, float, int, float, str], list[TaxelFault]]()
+    taxels, groups = (
+        observed.dataset.meta.sensor.taxel_columns(),
+        dict[tuple[bool, float, int, float, str], list[TaxelFault]](),
+    )
     for fault in observed.faults:
         level = f"{fault.counts:.0f}" if fault.stuck else ""
         groups.setdefault((fault.stuck, fault.begin_s, fault.press, fault.end_s, level), []).append(fault)
     for (stuck, begin, press, end, level), own in groups.items():
-        names = ", ".join(taxel_name(layout, fault.taxel) for fault in own)
+        names = ", ".join(taxels[fault.taxel] for fault in own)
         at = f"{begin:.1f} s" if np.isfinite(begin) else f"press {observed.dataset.presses.press[press]}"
         last = [p for p in own[0].blocks.tolist() if p >= 0][-1]
         until = f"{end:.1f} s" if np.isfinite(end) else f"press {observed.dataset.presses.press[last]}"
@@ -263,6 +260,3 @@ def _other_parameters(observed: Observed, calibration: Calibration, fit: Fitted)
         )
         advice = "Fit this session (skincal fit) and diagnose it with that calibration."
         yield Finding("other_numbers", "warning", text, advice)
-
-
-__all__ = ["collect_findings", "taxel_name"]

@@ -151,7 +151,7 @@ def diagnose(
         verdict=verdict,
         effects=effects,
         unexplained=unexplained,
-        where=describe_residual(residual, observed.session, dataset.layout()),
+        where=describe_residual(residual, observed.session, dataset.meta.sensor.taxel_columns()),
         gap=gap,
         floor=observed.floor,
         audit=audit,
@@ -212,7 +212,8 @@ def _describe_effects(
     found: Found, observed: Observed, last: Fitted, covariance: FloatArray
 ) -> tuple[NamedEffect, ...]:
     """Return the named effects; parameters and intervals are those of the last fit, to all presses."""
-    fitter, state, layout = observed.fitter, found.fitted.state, observed.dataset.layout()
+    fitter, state = observed.fitter, found.fitted.state
+    taxel_names = observed.dataset.meta.sensor.taxel_columns()
     base_residual = _residual(fitter, found.base.state)
     before, after = _excess(base_residual), _excess(_residual(fitter, state))
     effects: list[NamedEffect] = []
@@ -231,7 +232,7 @@ def _describe_effects(
                 named.gain,
                 dict(last.state.effects[named.name]),
                 effect_intervals(last, named.name, covariance),
-                describe_residual(residual, observed.session, layout),
+                describe_residual(residual, observed.session, taxel_names),
                 float(np.clip(share, 0.0, 1.0)),
                 EFFECTS[named.name].in_places,
             )

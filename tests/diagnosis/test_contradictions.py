@@ -25,7 +25,7 @@ def test_misfit_of_the_fit_gives_unknown() -> None:
     )
 
 
-def test_effect_that_leaves_most_of_the_gap_is_taken_back() -> None:
+def test_effect_is_withdrawn_if_most_of_the_gap_remains() -> None:
     plain = found("hysteresis")
     assert not plain.gap.is_unexplained
     data = plain.observed.dataset
