@@ -110,7 +110,7 @@ def describe_residual(residual: FloatArray, session: GapSession, taxel_names: Se
     few = int(np.searchsorted(np.cumsum(by_taxel) / total, 0.8)) + 1
     if few <= max(2, len(by_taxel) // 6):
         worst = np.argsort(-excess.sum(axis=0))[:few]
-        taxels = "mainly on " + ", ".join(taxel_names[j] for j in worst.tolist())
+        taxels = "mainly on " + ", ".join(taxel_names[int(j)] for j in worst)
     else:
         taxels = "on all taxels"
     if not clear:
