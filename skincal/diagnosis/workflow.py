@@ -93,19 +93,18 @@ def diagnose(
     )
     report_stage("missing effects")
 
-    def search(session: Observed, base: Fitted, names: tuple[str, ...], rng: np.random.Generator) -> Found:
-        covariates = session.covariates
+    def search(session: Observed, base: Fitted, rng: np.random.Generator) -> Found:
+        # Images that are read wrongly say nothing about the skin, so no effect is searched for in them.
+        names, covariates = () if is_wrong else session.names, session.covariates
         return Search(session.fitter, base, names, covariates, rng, report_stage, null_sessions, mapper).run()
 
-    # Images that are read wrongly say nothing about the skin, so no effect is searched for in them.
-    found = search(observed, base, () if is_wrong else observed.names, rng_search)
+    found = search(observed, base, rng_search)
     if not is_wrong and (found.open or found.doubtful):
         # Relative to the best model: relative to the base model, an effect can look like a step of single taxels.
         faults = find_faults(observed.session, observed.fitter, found.fitted.state)
         if faults:
             repaired = observed.without(faults)
-            base = base_fit(repaired.fitter, mapper, known=True)
-            second = search(repaired, base, repaired.names, rng_second)
+            second = search(repaired, base_fit(repaired.fitter, mapper, known=True), rng_second)
             # Keep the removal only if it reduces the remaining excess.
             if second.excess.max() < found.excess.max():
                 observed, found = repaired, second
@@ -114,14 +113,10 @@ def diagnose(
     verdict, taken_back = _judge(found, gap, is_wrong=is_wrong)
     unexplained = (found.open or is_wrong) and verdict != "none"
     report_stage("calibration")
-    has_law = False
-    foundation = None if verdict == "unknown" else beaten_foundation(observed.fitter, found.fitted, rng_law)
-    if foundation is not None:
-        # The test presses must confirm the contact law.
-        law_gap = measure_gap(observed, foundation.state, found.fitted.state, rng_gap)
-        has_law = law_gap.after < law_gap.before
-        if has_law and verdict != "effects" and calibration.contact_law is None:
-            gap = law_gap
+    law_gap = None if verdict == "unknown" else _confirm_contact_law(observed, found, rng_law, rng_gap)
+    has_law = law_gap is not None
+    if law_gap is not None and verdict == "none" and calibration.contact_law is None:
+        gap = law_gap
     if verdict == "none" and not has_law and _has_misfit(calibration, dataset):
         verdict, unexplained = "unknown", True
     final, effects = calibration, ()
@@ -180,6 +175,20 @@ def _judge(found: Found, gap: Gap, *, is_wrong: bool) -> tuple[Verdict, tuple[st
     if is_wrong or (found.open and not found.named):
         return "unknown", ()
     return "effects" if found.named else "none", ()
+
+
+def _confirm_contact_law(
+    observed: Observed, found: Found, rng_folds: np.random.Generator, rng_gap: np.random.Generator
+) -> Gap | None:
+    """Return the gap before and after the fitted contact law; None if the presses show no law.
+
+    Held-out presses must prefer the law to the elastic foundation, and the error on the test presses must fall.
+    """
+    foundation = beaten_foundation(observed.fitter, found.fitted, rng_folds)
+    if foundation is None:
+        return None
+    gap = measure_gap(observed, foundation.state, found.fitted.state, rng_gap)
+    return gap if gap.after < gap.before else None
 
 
 def _has_misfit(calibration: Calibration, dataset: Dataset) -> bool:
