@@ -40,9 +40,9 @@ class Gap:
         floor: root mean square of the noise alone [counts].
         closed: (before² - after²) / (before² - floor²); NaN if there is no gap.
         interval: 95 % interval of ``closed``.
-        added: 95 % interval of after² - before² [counts²].
-        kept: 95 % interval of the excess chi-square after, minus the part of the excess before that may remain, with
-            the nuisance parameters of each press integrated out. Positive if too little of the gap is closed.
+        increase: 95 % interval of after² - before² [counts²].
+        unexplained: 95 % interval of the excess chi-square after, minus the part of the excess before that may remain,
+            with the nuisance parameters of each press integrated out. Positive if too little of the gap is closed.
         presses: rows of the test presses used.
         frames: number of frames, or of hold means.
         slack_before_m: root mean square move of the contact positions with the base model [m].
@@ -55,8 +55,8 @@ class Gap:
     floor: float
     closed: float
     interval: tuple[float, float]
-    added: tuple[float, float]
-    kept: tuple[float, float]
+    increase: tuple[float, float]
+    unexplained: tuple[float, float]
     presses: IntArray
     frames: int
     slack_before_m: float
@@ -66,7 +66,7 @@ class Gap:
     @property
     def is_refuted(self) -> bool:
         """True if the error is significantly larger with the effects, or the gap has more than doubled."""
-        return self.added[0] > 0 or self.closed < _REFUTED
+        return self.increase[0] > 0 or self.closed < _REFUTED
 
     @property
     def is_unexplained(self) -> bool:
@@ -75,7 +75,7 @@ class Gap:
         This compares chi-squares, not fractions of the gap: of a very small gap, any fraction may seem to remain. The
         image error of the model is part of the noise here, because it remains whatever is named.
         """
-        return self.kept[0] > 0
+        return self.unexplained[0] > 0
 
 
 def place_presses(fitter: Fitter, state: State, rows: IntArray, others: Sequence[State] = ()) -> State:
@@ -104,7 +104,7 @@ def measure_gap(observed: Observed, before: State, after: State, rng: np.random.
         after: fit with the named effects; ``before`` itself if there are none.
         rng: resamples whole presses for the intervals.
     """
-    rows = np.flatnonzero(observed.held)
+    rows = np.flatnonzero(observed.is_test)
     fitter, forward = observed.fitter_of_all(), frame_forward(observed)
     first = place_presses(fitter, before, rows)
     if after is before:
@@ -124,12 +124,13 @@ def measure_gap(observed: Observed, before: State, after: State, rng: np.random.
     errors[:, 2] *= scale
     f *= scale
     drawn = errors[rng.integers(0, len(errors), (_RESAMPLES, len(errors)))].sum(axis=1)
-    added = (drawn[:, 1] - drawn[:, 0]) / drawn[:, 3]
-    kept = _excess_chi2(fitter, second, rows) - (1 - C.closes) * _excess_chi2(fitter, first, rows)
-    kept = kept[rng.integers(0, len(kept), (_RESAMPLES, len(kept)))].sum(axis=1)
+    increase = (drawn[:, 1] - drawn[:, 0]) / drawn[:, 3]
+    unexplained = _excess_chi2(fitter, second, rows) - (1 - C.closes) * _excess_chi2(fitter, first, rows)
+    rows_drawn = rng.integers(0, len(unexplained), (_RESAMPLES, len(unexplained)))
+    unexplained = unexplained[rows_drawn].sum(axis=1)
     return Gap(
         float(np.sqrt(b / n)), float(np.sqrt(a / n)), float(np.sqrt(f / n)), *_closed_fraction(b, a, f, drawn),
-        _interval95(added), _interval95(kept), rows, int(n // forward.layout.taxels),
+        _interval95(increase), _interval95(unexplained), rows, int(n // forward.layout.taxels),
         _rms_move_m(first.move[rows]), _rms_move_m(second.move[rows]), errors,
     )  # fmt: skip
 
@@ -140,8 +141,8 @@ def _press_errors(
     """Return (P, 4) sums of squared errors before and after and of the noise variance, and their number, by press."""
     session = forward.session
     assert session.counts is not None
-    is_test = (session.press >= 0) & observed.held[np.maximum(session.press, 0)]
-    counts = np.where(is_test[:, None], session.counts, np.nan)
+    of_test = (session.press >= 0) & observed.is_test[np.maximum(session.press, 0)]
+    counts = np.where(of_test[:, None], session.counts, np.nan)
     (base, _), (named, noise) = (_squared_errors(forward, s, counts) for s in (before, after))
     errors = np.zeros((len(rows), 4))
     for k, p in enumerate(rows.tolist()):
@@ -167,11 +168,13 @@ def _closed_fraction(b: float, a: float, f: float, drawn: FloatArray) -> tuple[f
 
 
 def _interval95(values: FloatArray) -> tuple[float, float]:
+    """Return the 2.5 % and 97.5 % quantiles."""
     low, high = np.quantile(values, [0.025, 0.975])
     return float(low), float(high)
 
 
 def _rms_move_m(move: FloatArray) -> float:
+    """Return the root mean square move of the contact positions [m]."""
     return float(np.sqrt((move[:, :2] ** 2).sum(axis=1).mean())) if len(move) else 0.0
 
 

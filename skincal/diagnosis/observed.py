@@ -75,22 +75,22 @@ class Observed:
         dataset: the dataset.
         session: samples and observations.
         fitter: fitter of the session without the test presses.
-        held: (P,) whether a press is a test press.
+        is_test: (P,) whether a press is a test press.
         floor: noise floor.
         covariates: covariates that were recorded.
         poses: names of the hand poses, by their numbers.
-        never: (J,) whether a taxel was never read.
+        is_never_read: (J,) whether a taxel was never read.
         faults: temporary faults of taxels that were removed.
     """
 
     dataset: Dataset
     session: GapSession
     fitter: Fitter
-    held: BoolArray
+    is_test: BoolArray
     floor: NoiseFloor
     covariates: frozenset[str]
     poses: tuple[str, ...]
-    never: BoolArray
+    is_never_read: BoolArray
     faults: tuple[TaxelFault, ...] = ()
 
     @property
@@ -207,15 +207,15 @@ def observe(
     before = build_prior(dataset, start, rest_sigma, session, uniform=uniform)
     counts = session.counts
     assert counts is not None
-    held = np.zeros(session.presses, dtype=np.bool_)
+    is_test = np.zeros(session.presses, dtype=np.bool_)
     if keep:
-        held[rng.choice(pressed, max(3, len(pressed) // 6), replace=False)] = True
-    is_test = (session.press >= 0) & held[np.maximum(session.press, 0)]
+        is_test[rng.choice(pressed, max(3, len(pressed) // 6), replace=False)] = True
+    of_test = (session.press >= 0) & is_test[np.maximum(session.press, 0)]
     return Observed(
         dataset,
         session,
-        Fitter(forward, np.where(is_test[:, None], np.nan, counts), before),
-        held,
+        Fitter(forward, np.where(of_test[:, None], np.nan, counts), before),
+        is_test,
         floor,
         frozenset(c for c in COVARIATES if session.samples.has(c)),
         pose_names(dataset),

@@ -64,6 +64,7 @@ def _smooth_press(position_m: FloatArray, force_n: FloatArray, is_unloading: Boo
 
 
 def _project(columns: FloatArray, position_m: FloatArray) -> FloatArray:
+    """Return the least-squares fit of positions by columns."""
     return columns @ np.linalg.lstsq(columns, position_m, rcond=None)[0]
 
 

@@ -167,6 +167,7 @@ def _target_positions(dataset: Dataset) -> Floats:
 
 
 def _speeds(dataset: Dataset) -> tuple[float, float]:
+    """Return a slow and a fast loading speed [m/s]."""
     speed = dataset.presses.column("speed_m_per_s")
     known = np.zeros(0) if speed is None else speed[np.isfinite(speed) & (speed > 0)]
     slow, fast = FullProtocol().speeds_m_per_s
@@ -177,6 +178,7 @@ def _speeds(dataset: Dataset) -> tuple[float, float]:
 
 
 def _holds(dataset: Dataset) -> tuple[float, float]:
+    """Return a short and a long hold [s]."""
     times = _times(dataset)
     short, long = FullProtocol().holds_s
     if times is not None:

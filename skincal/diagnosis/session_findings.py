@@ -73,6 +73,7 @@ def collect_findings(
 
 
 def _noise_findings(floor: NoiseFloor, observed: Observed) -> Iterator[Finding]:
+    """Yield how the noise was estimated, and whether it grows with the signal."""
     if not observed.session.has_frames:
         text = (
             f"no frames: the noise of a hold mean is estimated from unpressed taxels, "
@@ -94,6 +95,7 @@ def _noise_findings(floor: NoiseFloor, observed: Observed) -> Iterator[Finding]:
 
 
 def _outlier_presses(observed: Observed, base: Fitted, fit: Fitted) -> Iterator[Finding]:
+    """Yield the presses whose images are outliers: left out, or kept."""
     outliers = wild_presses(observed.fitter, fit.state)
     first = wild_presses(observed.fitter, base.state)
     kept = first[~np.isin(first, outliers)]
@@ -134,9 +136,10 @@ def far_readings(observed: Observed, fit: Fitted) -> Iterator[Finding]:
 
 
 def _force_outliers(observed: Observed, fit: Fitted) -> Iterator[Finding]:
+    """Yield the presses whose fitted force is far from the measured one."""
     log_ratio = fit.state.move[:, 2]
     scale = max(1.4826 * float(np.median(np.abs(log_ratio))), _LEAST_FORCE_SCALE)
-    rows = np.flatnonzero((np.abs(log_ratio) > _FORCE_SIGMAS * scale) & ~observed.held)
+    rows = np.flatnonzero((np.abs(log_ratio) > _FORCE_SIGMAS * scale) & ~observed.is_test)
     if len(rows):
         words = ", ".join(
             f"{observed.dataset.presses.press[p]} ({100 * np.expm1(log_ratio[p]):+.0f} %)"
@@ -150,8 +153,8 @@ def _force_outliers(observed: Observed, fit: Fitted) -> Iterator[Finding]:
 def _bad_taxels(observed: Observed, effects: Sequence[NamedEffect]) -> Iterator[Finding]:
     """Yield the taxels that were never read, are noisy, or do not respond."""
     taxels = observed.dataset.meta.sensor.taxel_columns()
-    if observed.never.any():
-        names = ", ".join(taxels[t] for t in np.flatnonzero(observed.never))
+    if observed.is_never_read.any():
+        names = ", ".join(taxels[t] for t in np.flatnonzero(observed.is_never_read))
         yield Finding("never_read", "warning", f"{names}: never read (NaN throughout); left out", "")
     noise = observed.fitter.forward.noise
     noisy = np.flatnonzero(noise.sigma > _NOISY * noise.frame)
@@ -203,6 +206,7 @@ def _temporary_faults(observed: Observed) -> Iterator[Finding]:
 
 
 def _clock_offsets(effects: Sequence[NamedEffect], observed: Observed) -> Iterator[Finding]:
+    """Yield the delays that may be an offset between the clocks of force and taxels."""
     clock = observed.dataset.meta.clock
     sigma = None if clock is None else clock.sigma_s
     for effect in effects:
@@ -233,6 +237,7 @@ def _few_test_presses(gap: Gap) -> Iterator[Finding]:
 
 
 def _contact_law(final: Calibration) -> Iterator[Finding]:
+    """Yield the fitted contact law."""
     if final.contact_law is not None:
         law = final.contact_law.law
         text = (

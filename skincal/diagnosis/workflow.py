@@ -210,7 +210,7 @@ def _excess(residual: FloatArray) -> float:
 def _fit_all_presses(observed: Observed, found: Found) -> tuple[Fitted, FloatArray, IntArray]:
     """Fit base model and effects to all presses, outliers left out; return fit, covariance and rows of the outliers."""
     fitter, state = observed.fitter_of_all(), found.fitted.state
-    state = place_presses(fitter, state, np.flatnonzero(observed.held))
+    state = place_presses(fitter, state, np.flatnonzero(observed.is_test))
     outliers = wild_presses(fitter, state)
     fitter = with_image_error(without_presses(fitter, outliers), state)
     fit = fitter.solve(state, found.fitted.free, steps=C.joint_steps)

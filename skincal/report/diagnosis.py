@@ -41,7 +41,8 @@ def write_diagnosis_report(
     (folder / SUMMARY).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if not pages:
         return
-    unit, held, session = dataset.meta.sensor.unit, diagnosis.observed.held, diagnosis.observed.session
+    unit, observed = dataset.meta.sensor.unit, diagnosis.observed
+    session = observed.session
     write_page(
         "diagnosis.html",
         folder,
@@ -57,7 +58,7 @@ def write_diagnosis_report(
         effects=_effects(diagnosis),
         plan=PLAN_FILE if diagnosis.next_plan is not None else "",
         presses=len(np.unique(session.press[session.press >= 0])),
-        held=int(held.sum()),
+        held=int(observed.is_test.sum()),
         laws=list(dict.fromkeys(diagnosis.found.null.laws)),
         figures=[picture(draw(diagnosis, dataset), stem, folder, unit) for stem, draw in FIGURES.items()],
         last=picture(audit_figure(diagnosis.audit), "audit", folder),

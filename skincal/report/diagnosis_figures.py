@@ -57,7 +57,7 @@ def curves_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     score = np.nan_to_num(session.counts - fits[0]) ** 2
     if diagnosis.effects:
         score = score - np.nan_to_num(session.counts - fits[1]) ** 2
-    presses = [p for p in np.unique(session.press[session.press >= 0]).tolist() if not observed.held[p]]
+    presses = [p for p in np.unique(session.press[session.press >= 0]).tolist() if not observed.is_test[p]]
     chosen = sorted(presses, key=lambda p: -float(score[session.press == p].sum()))[:_SHOWN]
     observations = np.flatnonzero(session.observation >= 0)
     time = np.zeros(len(session))

@@ -33,7 +33,7 @@ def test_outlier_at_one_taxel_is_reported():
     frames = replace(data.frames, force_n=of_frames)
     data = replace(data, presses=replace(data.presses, force_n=force), frames=frames)
     # A lit taxel far from the contact, which no other contact position would explain.
-    lit_taxels = np.where(observed(data).held, 0, (data.presses.counts > 45.0).sum(axis=1))
+    lit_taxels = np.where(observed(data).is_test, 0, (data.presses.counts > 45.0).sum(axis=1))
     row = int(lit_taxels.argmax())
     own = data.presses.counts[row].reshape(4, 4)
     number, lit = data.presses.press[row], 15 - int(own.argmax())

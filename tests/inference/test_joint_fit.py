@@ -195,7 +195,7 @@ def test_a_press_is_found_by_the_chain_as_it_is(kind: str):
 
 def test_a_press_no_model_can_follow_has_no_part_in_the_gap():
     observed = seen("hysteresis")
-    row = int(np.flatnonzero(observed.held)[0])
+    row = int(np.flatnonzero(observed.is_test)[0])
     counts = observed.session.counts
     assert counts is not None
     image = counts[observed.session.press == row]
@@ -205,12 +205,12 @@ def test_a_press_no_model_can_follow_has_no_part_in_the_gap():
     )
     counts[observed.session.press == row] = image
     assert row not in gap.presses
-    assert len(gap.presses) == observed.held.sum() - 1
+    assert len(gap.presses) == observed.is_test.sum() - 1
 
 
 def test_presses_kept_for_the_end_are_placed_where_they_fit():
     observed = seen("hysteresis")
-    whole, rows = observed.fitter_of_all(), np.flatnonzero(observed.held)
+    whole, rows = observed.fitter_of_all(), np.flatnonzero(observed.is_test)
     state = observed.fitter.before.start
     own = place_presses(whole, state, rows)
     left = misfit(whole, own)[rows]
