@@ -14,7 +14,7 @@ from skincal.collect import Mount, Plan
 from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
 from skincal.diagnosis.dataset_session import check_phases, gap_session
-from skincal.diagnosis.observed import NoiseFloor, build_forward, observe
+from skincal.diagnosis.observed import GUESSED_PA_PER_M, NoiseFloor, build_forward, observe
 from skincal.diagnosis.planned_session import plan_session
 from skincal.diagnosis.reasons import EffectAudit, explain_invisibility, summarize_presses
 from skincal.effects import COVARIATES, EFFECTS
@@ -31,8 +31,8 @@ from skincal.robot import HandDescription
 
 FORCE_QUANTILE, FORCE_RATIO, FEWEST_FORCES = 0.9, 10.0, 5
 """A force is an outlier above this multiple of this quantile of all forces, if there are so many. Set by eye."""
-GUESSED_PA_PER_M, GUESSED_PER_N = 4.5e8, 70.0
-"""E and S that are assumed for a plan without a calibration."""
+GUESSED_PER_N = 70.0
+"""S that is assumed for a plan without a calibration."""
 
 
 @dataclass(frozen=True)

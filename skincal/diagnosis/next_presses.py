@@ -14,7 +14,7 @@ from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.diagnosis.audit import AuditReport
 from skincal.diagnosis.candidate_presses import plan_candidates, simulate_session
 from skincal.diagnosis.factor_plan import WORDS, choose_factors, plan_factors
-from skincal.diagnosis.observed import Observed, build_forward
+from skincal.diagnosis.observed import Observed
 from skincal.diagnosis.reasons import phrase_for_stage, recommend_recordings, summarize_presses
 from skincal.diagnosis.residual_location import ResidualShare
 from skincal.diagnosis.rig import Rig
@@ -96,8 +96,7 @@ def squared_distances(
     The nuisance parameters of each press are integrated out.
     """
     session = simulate_session(candidates, rig, observed.dataset, rng)
-    old = observed.fitter.forward
-    forward = build_forward(session, old.surface, old.layout, old.noise, clipped=old.rests_clipped)
+    forward = observed.forward_of(session)
     unmoved = np.zeros((session.presses, 3))
     seen, other = (forward.see(replace(f.state, move=unmoved)) for f in (first, second))
     counts = np.zeros((len(session), seen.values.shape[1]))

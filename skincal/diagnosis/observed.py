@@ -36,7 +36,7 @@ _MARGIN_M = 6e-3
 """Width of the modelled skin around the taxels [m]."""
 _FIXED_M = 1e-9
 """Standard deviation and slack of positions that are held fixed [m]."""
-_GUESSED_PA_PER_M, _GUESSED_PER_N = 4.5e8, 60.0
+GUESSED_PA_PER_M, _GUESSED_PER_N = 4.5e8, 60.0
 """Initial guesses of E and S without a calibration."""
 
 
@@ -98,6 +98,14 @@ class Observed:
         """Effects whose covariates were recorded."""
         return tuple(e.name for e in EFFECTS.values() if set(e.covariates) <= self.covariates)
 
+    def forward_of(self, session: GapSession) -> Forward:
+        """Return the forward model of another session of the same skin, with the same noise."""
+        f = self.fitter.forward
+        margin_m = skin_margin_m(self.dataset)
+        return build_forward(
+            session, f.surface, f.layout, f.noise, clipped=f.rests_clipped, margin_m=margin_m
+        )
+
     def fitter_of_all(self) -> Fitter:
         """Return the fitter of all presses, test presses included."""
         assert self.session.counts is not None
@@ -106,16 +114,7 @@ class Observed:
     def without(self, faults: tuple[TaxelFault, ...]) -> Observed:
         """Return the session with further faults removed and robust weights reset to 1."""
         session, old = remove_faults(self.session, faults), self.fitter
-        f = old.forward
         assert session.counts is not None
-        forward = build_forward(
-            session,
-            f.surface,
-            f.layout,
-            f.noise,
-            clipped=f.rests_clipped,
-            margin_m=skin_margin_m(self.dataset),
-        )
         counts = np.where(np.isfinite(old.counts), session.counts, np.nan)
         start, stuck = old.before.start, [fault.taxel for fault in faults if fault.stuck]
         if start.log_s.ndim:
@@ -126,7 +125,10 @@ class Observed:
         before = build_prior(self.dataset, start, 1.0, session, uniform=uniform_pressure(self.dataset))
         before = replace(before, base=old.before.base)
         return replace(
-            self, session=session, fitter=Fitter(forward, counts, before), faults=(*self.faults, *faults)
+            self,
+            session=session,
+            fitter=Fitter(self.forward_of(session), counts, before),
+            faults=(*self.faults, *faults),
         )
 
 
@@ -235,7 +237,7 @@ def initial_state(
     if calibration is None:
         return State(
             dataset.nominal_pose(),
-            float(np.log(_GUESSED_PA_PER_M)),
+            float(np.log(GUESSED_PA_PER_M)),
             np.asarray(np.log(_guess_scale_per_n(session, rest))),
             rest,
             np.zeros(len(LAW)),
@@ -425,15 +427,8 @@ def _readout(low: float, high: float, integer: bool) -> Readout:
 
 def frame_forward(observed: Observed) -> Forward:
     """Return the forward model of every single frame, or of the hold means if there are no frames."""
-    dataset, forward = observed.dataset, observed.fitter.forward
+    dataset = observed.dataset
     if dataset.frames is None:
-        return forward
-    session = remove_faults(gap_session(dataset, Binning(*[len(dataset.frames)] * 4)), observed.faults)
-    return build_forward(
-        session,
-        forward.surface,
-        forward.layout,
-        forward.noise,
-        clipped=forward.rests_clipped,
-        margin_m=skin_margin_m(dataset),
-    )
+        return observed.fitter.forward
+    session = gap_session(dataset, Binning(*[len(dataset.frames)] * 4))
+    return observed.forward_of(remove_faults(session, observed.faults))
