@@ -70,7 +70,7 @@ def session(effect: str, seed: int, folder: Path) -> Dataset:
 def timed(data: Dataset, calibration: Calibration, seed: int) -> Record:
     """One diagnosis."""
     stages, wall = Stages(), time.perf_counter()
-    found = diagnose(data, calibration, seed=seed, heard=stages)
+    found = diagnose(data, calibration, seed=seed, report_stage=stages)
     by_stage = stages.seconds()
     return {
         "verdict": found.verdict,

@@ -61,7 +61,7 @@ def diagnose(
     from skincal.collect.rounds import Rounds
     from skincal.dataset import read_dataset
     from skincal.diagnosis.next_presses import PLAN_FILE
-    from skincal.diagnosis.summary import collected, summary
+    from skincal.diagnosis.summary import collection_summary, summary
     from skincal.diagnosis.workflow import diagnose as find_missing
     from skincal.files import refuse_existing
     from skincal.inference.constants import CONSTANTS
@@ -78,14 +78,16 @@ def diagnose(
     warn(warnings)
     sessions = CONSTANTS.null_sessions * (5 if thorough else 1)
     if rounds is not None:
-        from skincal.diagnosis.settle import settle
+        from skincal.diagnosis.adaptive_collection import diagnose_adaptively
 
         # No bar for the stages: the hand's own is shown while it presses.
         with (
             moving(lambda: f"{rounds.saved} rounds of presses are saved in {rounds.folder}; {AGAIN}."),
             mapper(workers) as spread,
         ):
-            settled = settle(data, cal, rounds.press, seed, lambda _: None, sessions, say, mapper=spread)
+            settled = diagnose_adaptively(
+                data, cal, rounds.press, seed, lambda _: None, sessions, say, mapper=spread
+            )
         say(settled.reason)
         data = settled.dataset
     with stage_shown() as show_stage:
@@ -101,7 +103,7 @@ def diagnose(
         found = replace(found, calibration=replace(found.calibration, provenance=provenance))
         content = plain({
             **summary(found),
-            **({} if settled is None else {"collected": collected(settled)}),
+            **({} if settled is None else {"collected": collection_summary(settled)}),
             "next_presses_plan": None if found.next_plan is None else str(out / PLAN_FILE),
             "calibration": str(out),
             "warnings": [str(problem) for problem in warnings],

@@ -1,4 +1,4 @@
-"""From datasets, calibrations and plans to what the data can tell of a gap between simulation and measurement."""
+"""Audit and diagnosis of datasets: what the data show about the gap between simulation and measurement."""
 
 from skincal.diagnosis.audit import AuditReport, audit_dataset, audit_plan
 from skincal.diagnosis.dataset_session import gap_session, repeats

@@ -1,8 +1,8 @@
-"""The audit of a dataset or of a plan: what its presses can show, what not, and why."""
+"""Audit a dataset or a plan: which effects its presses can show, which not, and why."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,39 +13,39 @@ from skincal.calibration import Calibration, check_same_sensor, sensor_differenc
 from skincal.collect import Mount, Plan
 from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
-from skincal.diagnosis.dataset_session import gap_session
-from skincal.diagnosis.observed import NoiseFloor, forward_of, observe
-from skincal.diagnosis.phases import check_phases
+from skincal.diagnosis.dataset_session import check_phases, gap_session
+from skincal.diagnosis.observed import GUESSED_PA_PER_M, NoiseFloor, build_forward, observe
 from skincal.diagnosis.planned_session import plan_session
-from skincal.diagnosis.reasons import EffectAudit, facts_of, why_not
+from skincal.diagnosis.reasons import EffectAudit, explain_invisibility, summarize_presses
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError
 from skincal.inference.candidate_scores import top_counts
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitter, Priors
-from skincal.inference.forward import LAW, State
+from skincal.inference.forward import LAW, Forward, Prediction, State
 from skincal.inference.noise import Noise
 from skincal.inference.session import GapSession
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription
 
-STRONG, OUT_OF_PROPORTION, FEWEST = 0.9, 10.0, 5
-"""A force is no measurement if it is so many times the one that so large a share of so many presses stays below."""
-GUESSED_PA_PER_M, GUESSED_PER_N = 4.5e8, 70.0
+FORCE_QUANTILE, FORCE_RATIO, FEWEST_FORCES = 0.9, 10.0, 5
+"""A force is an outlier above this multiple of this quantile of all forces, if there are so many. Set by eye."""
+GUESSED_PER_N = 70.0
+"""S that is assumed for a plan without a calibration."""
 
 
 @dataclass(frozen=True)
 class AuditOptions:
-    """What the audit counts with.
+    """Assumptions of the audit.
 
     Attributes:
-        false_alarm: of the whole list of effects.
-        power: at the smallest strength.
-        alike: cosine above which two effects look the same.
-        position_sigma_m: of the measured place of a press, along each direction [m].
-        force_sigma: of the measured force of a press, relative.
-        shape_sigma: doubt of each taxel's value in a press, relative and shared by its frames.
+        false_alarm: false alarm rate over all effects.
+        power: probability of detection at the smallest strength.
+        alike: cosine above which two effects cannot be distinguished.
+        position_sigma_m: standard deviation of a measured contact position along each direction [m].
+        force_sigma: relative standard deviation of a measured force.
+        shape_sigma: relative image error of each taxel in a press, shared by the frames of the press.
     """
 
     false_alarm: float = 0.05
@@ -58,20 +58,20 @@ class AuditOptions:
 
 @dataclass(frozen=True, eq=False)
 class AuditReport:
-    """What a session can show.
+    """The effects that a session can show.
 
     Attributes:
-        effects: what was found of each effect, in the order of the chain.
+        effects: audit of each effect, in the order of the chain.
         reasons: why an effect is not visible, by name.
-        floor: the noise.
+        floor: noise floor.
         presses: number of presses.
-        observations: number of images that were looked at, means over a few frames each.
-        taxels: number of taxels that were looked at, evenly spread over those that presses reach.
-        has_frames: whether they are of frames; else hold means.
-        calibrated: whether pose, E and S are a calibration's; else they are guessed.
+        observations: number of images used, each the mean of a few frames.
+        taxels: number of taxels.
+        has_frames: whether the images are of frames, not of hold means.
+        calibrated: whether pose, E and S are those of a calibration, not guessed.
         planned: whether there are no data yet, and the noise is assumed.
-        options: false alarm, power, and what positions and forces are worth.
-        left_out: numbers of presses whose force is out of all proportion.
+        options: false alarm rate, power, and uncertainty of positions and forces.
+        left_out: numbers of presses left out because their force is an outlier.
     """
 
     effects: Mapping[str, EffectAudit]
@@ -88,46 +88,48 @@ class AuditReport:
 
     @property
     def visible(self) -> tuple[str, ...]:
-        """Effects whose typical case is found."""
-        return tuple(name for name, found in self.effects.items() if found.visible)
+        """Effects of which a typical case is visible."""
+        return tuple(name for name, effect in self.effects.items() if effect.visible)
 
     @property
     def cannot_see(self) -> tuple[str, ...]:
-        """The other effects."""
-        return tuple(name for name, found in self.effects.items() if not found.visible)
+        """Effects of which a typical case is not visible."""
+        return tuple(name for name, effect in self.effects.items() if not effect.visible)
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """What is said of each effect, as plain values; an infinite strength is None."""
+        """The audit of each effect as plain values; an infinite strength is None."""
         return [
             {
                 "name": name,
-                "visible": one.visible,
-                "distance": one.distance,
-                "smallest_strength": one.smallest_strength if np.isfinite(one.smallest_strength) else None,
-                "consistent_with": list(one.consistent_with),
-                "lacking": list(one.lacking),
+                "visible": effect.visible,
+                "distance": effect.distance,
+                "smallest_strength": effect.smallest_strength
+                if np.isfinite(effect.smallest_strength)
+                else None,
+                "consistent_with": list(effect.consistent_with),
+                "lacking": list(effect.lacking),
                 "reason": self.reasons.get(name),
             }
-            for name, one in self.effects.items()
+            for name, effect in self.effects.items()
         ]
 
 
 def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.random.Generator) -> AuditReport:
-    """Audits a dataset.
+    """Audit a dataset.
 
     Args:
-        dataset: the session.
-        calibration: gives pose, E and S, and what positions and forces are worth; None: they are guessed.
-        rng: for intervals, and for cases that vary from taxel to taxel.
+        dataset: the dataset.
+        calibration: gives pose, E and S; None: they are guessed.
+        rng: draws the typical cases that vary from taxel to taxel.
 
     Raises:
         InputError: the calibration is of another sensor.
-        WorkError: no press has a place and a force, or no frame is said to be in contact.
+        WorkError: no press has a position and a force, or no frame is in contact.
     """
     if calibration is not None:
         check_same_sensor(calibration, dataset)
-    dataset, left_out = _in_proportion(dataset)
+    dataset, left_out = _drop_force_outliers(dataset)
     session = gap_session(dataset)
     if not (session.press >= 0).any():
         check_phases(dataset, 1)
@@ -135,46 +137,47 @@ def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.ran
             dataset,
             "no press has a known place and a force: there is nothing to audit. Give x_m, y_m, z_m and force_n",
         )
-    seen = observe(dataset, calibration, rng, keep=False)
-    found = report_of(
-        seen.fitter,
-        seen.fitter.priors.start,
-        seen.floor,
+    observed = observe(dataset, calibration, rng, keep=False)
+    report = audit_session(
+        observed.fitter,
+        observed.fitter.priors.start,
+        observed.floor,
         rng,
         calibrated=calibration is not None,
         planned=False,
     )
-    return replace(found, left_out=left_out)
+    return replace(report, left_out=left_out)
 
 
-def _in_proportion(dataset: Dataset) -> tuple[Dataset, tuple[int, ...]]:
-    """The dataset without forces that are far above those of all others, and the numbers of presses that are such.
+def _drop_force_outliers(dataset: Dataset) -> tuple[Dataset, tuple[int, ...]]:
+    """Return the dataset with outliers of the force set to NaN, and the numbers of these presses.
 
-    One press of a ton would show any effect of the force, and would be all that the guessed scale is made of.
+    A single press with a hundred times the force of the others would make every effect of the force seem visible, and
+    would determine the guessed scale alone.
     """
     presses, frames = dataset.presses, dataset.frames
     known = presses.force_n[np.isfinite(presses.force_n) & (presses.force_n > 0)]
-    if len(known) < FEWEST:
+    if len(known) < FEWEST_FORCES:
         return dataset, ()
-    most_n = OUT_OF_PROPORTION * np.quantile(known, STRONG, method="lower")
-    far = presses.force_n > most_n
-    rest = replace(presses, force_n=np.where(far, np.nan, presses.force_n))
+    most_n = FORCE_RATIO * np.quantile(known, FORCE_QUANTILE, method="lower")
+    is_outlier = presses.force_n > most_n
+    kept = replace(presses, force_n=np.where(is_outlier, np.nan, presses.force_n))
     if frames is not None:
-        of_far = np.isin(frames.press, presses.press[far]) | (frames.force_n > most_n)
-        frames = replace(frames, force_n=np.where(of_far, np.nan, frames.force_n))
-    return replace(dataset, presses=rest, frames=frames), tuple(presses.press[far].tolist())
+        dropped = np.isin(frames.press, presses.press[is_outlier]) | (frames.force_n > most_n)
+        frames = replace(frames, force_n=np.where(dropped, np.nan, frames.force_n))
+    return replace(dataset, presses=kept, frames=frames), tuple(presses.press[is_outlier].tolist())
 
 
 def audit_plan(
     plan: Plan, description: HandDescription, calibration: Calibration | None, rng: np.random.Generator
 ) -> AuditReport:
-    """Audits a plan, with the noise of one count a frame that the simulated hand has.
+    """Audit a plan, with the noise of the simulated hand: one count in each frame.
 
     Args:
         plan: the presses.
         description: the hand that would press.
         calibration: gives pose, E and S; None: they are guessed.
-        rng: for cases that vary from taxel to taxel.
+        rng: draws the typical cases that vary from taxel to taxel.
 
     Raises:
         InputError: the plan's poses do not suit the hand, or the calibration is of another sensor.
@@ -194,22 +197,21 @@ def audit_planned(
     calibration: Calibration | None,
     rng: np.random.Generator,
 ) -> AuditReport:
-    """Audits a session that has not been recorded; arguments as of :func:`audit_plan`."""
+    """Audit a session that has not been recorded; arguments as of :func:`audit_plan`."""
     meta, mount = description.meta, Mount.of(description.meta)
     step = 1.0 if meta.sensor.integer else 0.0
     low = -np.inf if meta.sensor.value_min is None else meta.sensor.value_min
     high = np.inf if meta.sensor.value_max is None else meta.sensor.value_max
-    taxels = mount.layout.taxels
-    noise = Noise(np.ones(taxels), 0.0, step, low, high, 0.01, low if np.isfinite(low) else 0.0)
-    forward = forward_of(session, mount.surface, mount.layout, noise, clipped=bool(np.isfinite(low)))
+    is_clipped, taxels = bool(np.isfinite(low)), mount.layout.taxels
+    rest = low if is_clipped else 0.0
+    noise = Noise(np.ones(taxels), 0.0, step, low, high, 0.01, rest)
+    forward = build_forward(session, mount.surface, mount.layout, noise, clipped=is_clipped)
     own = None if calibration is None else calibration.parameters()
     e, scale = (
         (GUESSED_PA_PER_M, GUESSED_PER_N) if own is None else (own.elasticity_pa_per_m, own.scale_per_n)
     )
-    pose = mount.pose if calibration is None else calibration.pose()
-    rest = low if np.isfinite(low) else 0.0
     start = State(
-        pose,
+        mount.pose if calibration is None else calibration.pose(),
         float(np.log(e)),
         np.log(np.asarray(scale, dtype=np.float64)),
         rest,
@@ -224,12 +226,12 @@ def audit_planned(
     floor = NoiseFloor(
         1.0, (0.5, 2.0), "assumed", mean, (mean / 2, 2 * mean), "assumed", 0.0, step, measured=False
     )
-    return report_of(
+    return audit_session(
         Fitter(forward, counts, before), start, floor, rng, calibrated=calibration is not None, planned=True
     )
 
 
-def report_of(
+def audit_session(
     fitter: Fitter,
     state: State,
     floor: NoiseFloor,
@@ -238,86 +240,95 @@ def report_of(
     calibrated: bool,
     planned: bool,
 ) -> AuditReport:
-    """What presses can show of typical cases of every effect, by the information that the engine would have.
+    """Audit a session by the Fisher information of a typical case of each effect, nuisance parameters eliminated.
 
     Args:
-        fitter: of the session.
-        state: the sensor.
-        floor: the noise in plain numbers.
-        rng: for cases that vary from taxel to taxel.
-        calibrated: whether the sensor is a calibration's.
+        fitter: fitter of the session.
+        state: state of the sensor.
+        floor: noise floor.
+        rng: draws the typical cases that vary from taxel to taxel.
+        calibrated: whether the state is that of a calibration.
         planned: whether there are no data yet.
     """
-    f, session = fitter.forward, fitter.forward.session
+    forward, session = fitter.forward, fitter.forward.session
     options = AuditOptions(position_sigma_m=float(1 / np.sqrt(fitter.priors.move[0])))
-    seen = f.predict(state)
-    samples = session.samples
-    have = {c for c in COVARIATES if samples.has(c)}
-    poses = 1 if samples.pose is None else int(samples.pose.max(initial=0)) + 1
-    lacking = {n: tuple(c for c in e.covariates if c not in have) for n, e in EFFECTS.items()}
+    recorded = {c for c in COVARIATES if session.samples.has(c)}
+    lacking = {n: tuple(c for c in e.covariates if c not in recorded) for n, e in EFFECTS.items()}
     names = [n for n in EFFECTS if not lacking[n]]
-    top = top_counts(seen, samples)
-    cases: list[FloatArray] = []
-    for name in names:
-        case = EFFECTS[name].at_strength(1.0, rng, f.layout, max(poses, 2), top_counts=top)
-        if name in state.effects:
-            cases.append(np.zeros_like(seen.values))
-            continue
-        cases.append(np.nan_to_num(f.with_effects(seen, {**state.effects, name: case}) - seen.values))
-    w = fitter.whitened(
-        seen,
-        Slopes.joined([fitter.columns(seen, ()), Slopes.of(np.stack(cases, axis=-1))]),
-        fitter.equation_errors(seen)[0],
+    seen = forward.predict(state)
+    changes = _typical_changes(names, forward, seen, state, rng)
+    whitened = fitter.whitened(
+        seen, Slopes.joined([fitter.columns(seen, ()), Slopes.of(changes)]), fitter.equation_errors(seen)[0]
     )
-    h = fitter.linearised(seen, (), w, 0).blocks.h.sum(axis=0)
+    # Information matrix of base parameters and effects, the numbers of each press eliminated ...
+    h = fitter.linearised(seen, (), whitened, 0).blocks.h.sum(axis=0)
     n = h.shape[0] - len(names)
-    raw = (w.columns.dense[..., n:] ** 2).sum(axis=(0, 1))
+    raw = (whitened.columns.dense[..., n:] ** 2).sum(axis=(0, 1))
+    # ... and its Schur complement, the base parameters eliminated as well.
     base = h[:n, :n] + np.diag(fitter.prior(state, ())[0])
-    left = h[n:, n:] - h[n:, :n] @ np.linalg.solve(base, h[:n, n:])
-    square = np.maximum(np.diag(left), 0.0)
-    needed = float(ndtri(options.power) - ndtri(options.false_alarm / (2 * len(EFFECTS))))
-    cosine = np.abs(left) / np.sqrt(np.maximum(np.outer(square, square), 1e-12))
+    schur = h[n:, n:] - h[n:, :n] @ np.linalg.solve(base, h[:n, n:])
+    square = np.maximum(np.diag(schur), 0.0)
+    threshold = float(ndtri(options.power) - ndtri(options.false_alarm / (2 * len(EFFECTS))))
+    cosine = np.abs(schur) / np.sqrt(np.maximum(np.outer(square, square), 1e-12))
     effects: dict[str, EffectAudit] = {}
     for name in EFFECTS:
         if name not in names:
             effects[name] = EffectAudit(
-                name, 0.0, 0.0, needed, float("inf"), 0.0, 0.0, lacking[name], {}, (name,)
+                name, 0.0, 0.0, threshold, float("inf"), 0.0, 0.0, lacking[name], {}, (name,)
             )
             continue
         k = names.index(name)
-        d, whole = float(np.sqrt(square[k])), float(max(raw[k], 1e-12))
-        overlaps = {other: float(min(cosine[k, j], 1.0)) for j, other in enumerate(names)} if d > 0 else {}
+        distance, total = float(np.sqrt(square[k])), float(max(raw[k], 1e-12))
+        overlaps = (
+            {other: float(min(cosine[k, j], 1.0)) for j, other in enumerate(names)} if distance > 0 else {}
+        )
         alike = tuple(o for o, c in overlaps.items() if o != name and c > options.alike)
-        smallest = needed / d if d > 1e-6 else float("inf")
-        middle = float(h[n + k, n + k])
+        without_presses = float(h[n + k, n + k])
         effects[name] = EffectAudit(
             name,
-            d,
-            float(np.sqrt(whole)),
-            needed,
-            smallest,
-            1 - middle / whole,
-            (middle - square[k]) / whole,
+            distance,
+            float(np.sqrt(total)),
+            threshold,
+            threshold / distance if distance > 1e-6 else float("inf"),
+            1 - without_presses / total,
+            (without_presses - square[k]) / total,
             (),
             overlaps,
             (name, *alike),
         )
-    facts = facts_of(session)
-    reasons = {name: why_not(one, facts) for name, one in effects.items() if not one.visible}
+    variety = summarize_presses(session)
+    reasons = {name: explain_invisibility(e, variety) for name, e in effects.items() if not e.visible}
     for name in reasons if planned else ():
         if effects[name].lacking == ("shear",):
             reasons[name] = "a plan does not say which tangential forces there will be"
-    presses = len(np.unique(session.press[session.press >= 0]))
-    taxels = seen.values.shape[1]
     return AuditReport(
         effects,
         reasons,
         floor,
-        presses,
+        len(np.unique(session.press[session.press >= 0])),
         len(session),
-        taxels,
+        seen.values.shape[1],
         session.has_frames,
         calibrated,
         planned,
         options,
     )
+
+
+def _typical_changes(
+    names: Sequence[str], forward: Forward, seen: Prediction, state: State, rng: np.random.Generator
+) -> FloatArray:
+    """Return the changes (K, J, E) of values [counts] by a typical case of each effect; 0 for those in the state."""
+    samples = forward.session.samples
+    poses = 1 if samples.pose is None else int(samples.pose.max(initial=0)) + 1
+    top = top_counts(seen, samples)
+    changes: list[FloatArray] = []
+    for name in names:
+        case = EFFECTS[name].at_strength(1.0, rng, forward.layout, max(poses, 2), top_counts=top)
+        if name in state.effects:
+            changes.append(np.zeros_like(seen.values))
+        else:
+            changes.append(
+                np.nan_to_num(forward.with_effects(seen, {**state.effects, name: case}) - seen.values)
+            )
+    return np.stack(changes, axis=-1)

@@ -1,4 +1,4 @@
-"""What a diagnosis found."""
+"""The result of a diagnosis."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from skincal.collect import Plan
 from skincal.diagnosis.audit import AuditReport
 from skincal.diagnosis.gap import Gap
 from skincal.diagnosis.observed import NoiseFloor, Observed
-from skincal.diagnosis.where import Share
+from skincal.diagnosis.residual_location import ResidualShare
 from skincal.effects import EFFECTS, EffectParameter
 from skincal.inference.search_result import SearchResult
 from skincal.model.arrays import FloatArray
 from skincal.shown import Shown
 
 Verdict = Literal["none", "effects", "unknown"]
-_MEETS = 1e-6
-"""A fit ends at a bound if it is as near to it, relative."""
+_BOUND_RTOL = 1e-6
+"""Relative tolerance within which a fitted value counts as at a bound."""
 
 
 @dataclass(frozen=True, eq=False)
 class NamedEffect:
-    """An effect that was named.
+    """An effect that the diagnosis has named.
 
     Attributes:
-        name: of the effect.
-        consistent_with: names that these data cannot tell apart from it, itself first.
-        p_value: of a null session gaining as much.
-        gain: that the effect adds on presses not fitted [nats].
-        parameters: a number, or one a taxel or pose.
-        intervals: low and high of each, 95 %.
-        where: in a sentence, where the residual lies that is left without it.
-        share: part of the excess of the base model that it explains.
-        by_places: whether it lives in the places of presses, so that images hardly show it.
+        name: name of the effect.
+        consistent_with: names that these data cannot distinguish from it, itself first.
+        p_value: share of null sessions that gain as much.
+        gain: gain in log-likelihood on held-out presses [nats].
+        parameters: fitted values: one number, or one for each taxel or pose.
+        intervals: ends of the 95 % interval of each parameter.
+        where: sentence that says where the residual of the model without the effect lies.
+        share: share of the excess of the base model that it explains.
+        by_places: whether it acts on contact positions alone, so that images hardly show it.
     """
 
     name: str
@@ -52,43 +52,43 @@ class NamedEffect:
 
     @property
     def at_bound(self) -> tuple[str, ...]:
-        """Parameters that ended at a bound of what is allowed, where the best value may lie beyond."""
+        """Parameters that ended at a bound of their range; the best value may lie beyond."""
         return tuple(
             p.name
             for p in EFFECTS[self.name].parameters
             if p.name in self.parameters
             and (p.role == "strength" or p.scale == "log")
-            and _met(np.atleast_1d(self.parameters[p.name]), p)
+            and _is_at_bound(np.atleast_1d(self.parameters[p.name]), p)
         )
 
 
-def _met(values: FloatArray, p: EffectParameter) -> bool:
+def _is_at_bound(values: FloatArray, p: EffectParameter) -> bool:
     bounds = [end for end in (p.low, p.high) if end not in (p.neutral, 0.0)]
-    return any(bool(np.isclose(values, end, rtol=_MEETS, atol=0.0).any()) for end in bounds)
+    return any(bool(np.isclose(values, end, rtol=_BOUND_RTOL, atol=0.0).any()) for end in bounds)
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Shown):
-    """A verdict and everything it rests on.
+    """A verdict with its evidence.
 
     Attributes:
-        verdict: ``none`` (nothing missing can be shown), ``effects`` (named), ``unknown`` (something is missing that
-            none of the known effects explains).
-        effects: that were named, in the order in which they were found.
-        unexplained: whether something significant is left beside them.
-        where: in a sentence, where the residual lies that the base model leaves.
-        gap: on presses that nobody has fitted.
-        floor: the noise.
-        audit: what these presses can show at all.
-        found: what the search ended with.
-        observed: what was looked at.
-        depends: on what the residual depends, strongest first.
-        findings: glitches, dead taxels, what the data lack.
-        calibration: with effects and contact law added; the given one where there are none.
-        seed: of the randomness.
-        next_presses: in words, the presses that would tell what is still open.
-        next_plan: these presses, where there are such.
-        taken_back: what was found, and is not named because of presses that nobody has fitted, or of what is left.
+        verdict: ``none`` (the presses show no missing effect), ``effects`` (effects are named) or ``unknown``
+            (something is missing that no known effect explains).
+        effects: the named effects, in the order in which they were found.
+        unexplained: whether a significant residual remains.
+        where: sentence that says where the residual of the base model lies.
+        gap: error on the test presses before and after.
+        floor: noise floor.
+        audit: what these presses can show.
+        found: result of the search.
+        observed: the session as the inference uses it.
+        depends: parts of the session with more of the residual than their size suggests, strongest first.
+        findings: notes and warnings, such as outliers, dead taxels or missing data.
+        calibration: the given calibration with effects and contact law added; unchanged if there are none.
+        seed: seed of the randomness.
+        next_presses: sentences that say which presses would answer the open questions.
+        next_plan: plan of these presses, if there is one.
+        taken_back: effects that the search found, but the test presses or the remaining residual contradict.
     """
 
     verdict: Verdict
@@ -100,7 +100,7 @@ class Diagnosis(Shown):
     audit: AuditReport
     found: SearchResult
     observed: Observed
-    depends: tuple[Share, ...]
+    depends: tuple[ResidualShare, ...]
     findings: tuple[Finding, ...]
     calibration: Calibration
     seed: int
@@ -119,10 +119,10 @@ class Diagnosis(Shown):
 
     @property
     def contact_law(self) -> FittedLaw | None:
-        """How the contact differs from the elastic foundation, where the new calibration has it."""
+        """Contact law of the new calibration, if it differs from the elastic foundation."""
         return None if self.verdict == "unknown" else self.calibration.contact_law
 
     @property
-    def only_places(self) -> bool:
-        """Whether all that is named lives in the places: presses that may move take it up, and images show no gap."""
-        return bool(self.effects) and all(one.by_places for one in self.effects)
+    def only_positions(self) -> bool:
+        """True if all named effects act on contact positions alone, so that images show no gap."""
+        return bool(self.effects) and all(effect.by_places for effect in self.effects)

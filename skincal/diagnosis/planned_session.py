@@ -1,4 +1,4 @@
-"""A plan as a session that has not been recorded: its places, forces and timing, with frames as collect takes them."""
+"""Convert a plan to the session that it would record: positions, forces, timing and number of frames."""
 
 from __future__ import annotations
 
@@ -22,12 +22,17 @@ from skincal.robot import HandDescription, Kinematics
 Floats = NDArray[np.float64]
 
 STEPS = Steps(8, 6, 8)
-"""Observations of each phase of a planned press."""
+"""Number of observations in each phase of a planned press."""
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """Start, hold, release and end (P, 4) [s] of all presses, and the idle time observed after each (P,) [s]."""
+class Schedule:
+    """Times of the presses of a plan.
+
+    Attributes:
+        times_s: (P, 4) start, hold, release and end of each press [s].
+        idle_s: (P,) observed part of the rest after each press [s].
+    """
 
     times_s: Floats
     idle_s: Floats
@@ -36,48 +41,48 @@ class Course:
 def plan_session(
     plan: Plan, description: HandDescription, options: CollectOptions | None = None
 ) -> GapSession:
-    """The observations that a plan would bring.
+    """Return the observations that a plan would bring on a hand.
 
-    Tangential forces and temperatures are not planned, so effects that need them abstain.
+    Tangential forces and temperatures are not planned, so effects that need them lack a covariate.
 
     Args:
-        plan: the presses, in their order.
-        description: the hand; its stiffness says how fast forces rise.
-        options: how presses are made.
+        plan: presses in their order.
+        description: the hand; its stiffness determines how fast forces rise.
+        options: options of the collection.
     """
     options = options or CollectOptions()
     fingers = Fingers(Kinematics(description), Mount.of(description.meta))
-    course = _course(with_poses(plan, fingers, options), fingers, options)
+    schedule = _schedule(with_poses(plan, fingers, options), fingers, options)
     indenter = description.meta.indenter
     radii = np.array([p.indenter_radius_m or indenter.radius_m or 0.0 for p in plan.presses])
     different, kinds = np.unique(radii, return_inverse=True)
     indenters = tuple(indenter_of(indenter, {}, float(r)) for r in different)
     names = np.array([p.pose for p in plan.presses])
     poses = pose_numbers(names, sorted(set(names.tolist())))
-    return played_plan(plan, fingers.mount, (indenters, kinds), poses, course, options.frame_rate_hz)
+    return schedule_plan(plan, fingers.mount, (indenters, kinds), poses, schedule, options.frame_rate_hz)
 
 
-def played_plan(
+def schedule_plan(
     plan: Plan,
     mount: Mount,
     indenters: tuple[tuple[Indenter, ...], NDArray[np.integer]],
     poses: NDArray[np.int64],
-    course: Course,
+    schedule: Schedule,
     frame_rate_hz: float,
 ) -> GapSession:
-    """The observations that a plan would bring, once it is known when each press would be.
+    """Return the observations that a plan would bring at the times of a schedule.
 
     Args:
-        plan: the presses, in their order.
-        mount: where their sites lie.
-        indenters: the things that press, and (P,) which of them it is.
+        plan: presses in their order.
+        mount: maps sites to points on the surface.
+        indenters: the indenters, and (P,) index of the one of each press.
         poses: (P,) number of the hand pose.
-        course: when.
-        frame_rate_hz: frames in a second [Hz].
+        schedule: times of the presses.
+        frame_rate_hz: frame rate [Hz].
     """
     points, normals = mount.place(plan.sites_m())
     force, cycle = np.array([p.force_n for p in plan.presses]), np.array(plan.cycles(), dtype=np.float64)
-    number = {place: k for k, place in enumerate(dict.fromkeys(p.site for p in plan.presses))}
+    number = {point: k for k, point in enumerate(dict.fromkeys(p.site for p in plan.presses))}
     site = np.array([number[p.site] for p in plan.presses], dtype=np.int64)
     holds = Samples.of(
         Contacts(points, normals, force),
@@ -88,30 +93,30 @@ def played_plan(
         met_n=met_before(site, cycle, force),
         pose=poses,
     )
-    played = hold_session(holds, course.times_s, STEPS)
+    played = hold_session(holds, schedule.times_s, STEPS)
     phase = played.samples.phase
     assert phase is not None
     row = np.where(phase == IDLE, -1, played.row)
-    frames = frame_rate_hz * _seconds(course)[played.row, phase]
+    frames = frame_rate_hz * _observation_seconds(schedule)[played.row, phase]
     return GapSession(played.samples, row, np.arange(len(row)), row, phase, frames)
 
 
-def _seconds(course: Course) -> Floats:
-    """Time (P, 4) [s] that each observation of a phase stands for."""
-    lasts = np.diff(course.times_s, axis=1)
-    seconds = np.empty((len(lasts), 4))
-    for phase, length, count in ((LOAD, 0, STEPS.load), (HOLD, 1, STEPS.hold), (UNLOAD, 2, STEPS.unload)):
-        seconds[:, phase] = lasts[:, length] / count
-    seconds[:, IDLE] = course.idle_s
+def _observation_seconds(schedule: Schedule) -> Floats:
+    """Return the time (P, 4) [s] that one observation of each phase represents."""
+    lengths = np.diff(schedule.times_s, axis=1)
+    seconds = np.empty((len(lengths), 4))
+    for phase, column, count in ((LOAD, 0, STEPS.load), (HOLD, 1, STEPS.hold), (UNLOAD, 2, STEPS.unload)):
+        seconds[:, phase] = lengths[:, column] / count
+    seconds[:, IDLE] = schedule.idle_s
     return seconds
 
 
-def _course(plan: Plan, fingers: Fingers, options: CollectOptions) -> Course:
-    """When each press would be, much as the estimate of the session's length has it."""
+def _schedule(plan: Plan, fingers: Fingers, options: CollectOptions) -> Schedule:
+    """Return the times of the presses, by the same paces as the estimate of the session's length."""
     times, idle, now_s = np.zeros((len(plan), 4)), np.zeros(len(plan)), options.rest_s
     for k, (idle_s, ramp_s) in enumerate(paces_s(plan, fingers, options)):
         ramp_s += options.ease_s
         idle[k], times[k] = idle_s, now_s + idle_s + np.cumsum([0.0, ramp_s, plan.presses[k].hold_s, ramp_s])
         now_s = times[k, 3]
-    # What is observed of the rest is a short while after a press only.
-    return Course(times, np.minimum(idle, options.idle_s + options.still_s))
+    # Only a short part of the rest after a press is observed.
+    return Schedule(times, np.minimum(idle, options.idle_s + options.still_s))

@@ -1,4 +1,4 @@
-"""In words: why presses cannot show an effect, and what kind of press or covariate would."""
+"""Explain why presses cannot show an effect, and recommend presses or covariates that would."""
 
 from __future__ import annotations
 
@@ -14,26 +14,28 @@ from skincal.effects.samples import UNLOAD
 from skincal.inference.session import GapSession
 from skincal.model.arrays import FloatArray
 
-_SAME_SPEED = 1.2
-_SHEAR_N = 0.05
-_FORCE_RATIO = 2.0
+_SPEED_RATIO, _FORCE_RATIO, _SHEAR_N = 1.2, 2.0, 0.05
+"""Ratios of largest to smallest speed and force, and rms tangential force [N], below which they do not vary enough."""
+_OVERLOAD = 1.05
+"""Ratio of peak to hold force above which a hold was reached from above."""
 
 
 @dataclass(frozen=True)
 class EffectAudit:
-    """What presses tell of one effect.
+    """Audit of one effect.
 
     Attributes:
-        name: of the effect.
-        distance: standard deviations that a typical case lies off, all nuisances and the base model taken out.
-        raw_distance: the same before anything is taken out.
-        threshold: distance that is needed.
-        smallest_strength: at which it is found; infinite where no strength is.
-        lost_to_presses: part of the square that the presses' own numbers take up.
-        lost_to_base: the same of the base model.
+        name: name of the effect.
+        distance: detectability d' of a typical case: its distance from the base model in standard deviations, with the
+            nuisance parameters of the presses and the base parameters eliminated.
+        raw_distance: the same with nothing eliminated.
+        threshold: required distance.
+        smallest_strength: smallest visible strength; infinite if none is.
+        lost_to_presses: fraction of the squared raw distance that the nuisance parameters of the presses absorb.
+        lost_to_base: fraction that the base parameters absorb.
         lacking: covariates that were not recorded.
         overlaps: cosine with a typical case of each other effect.
-        consistent_with: names that these data cannot tell apart from this one, itself first.
+        consistent_with: names that these data cannot distinguish from this one, itself first.
     """
 
     name: str
@@ -49,22 +51,22 @@ class EffectAudit:
 
     @property
     def visible(self) -> bool:
-        """Whether a typical case is found."""
+        """True if a typical case (strength 1) is visible."""
         return self.smallest_strength <= 1.0
 
 
 @dataclass(frozen=True)
-class Facts:
-    """What kind of presses a session has.
+class PressVariety:
+    """Variety of the presses of a session.
 
     Attributes:
-        frames: loading and unloading were observed.
-        falling: some hold is reached from above, or unloading was observed.
-        clock: times were recorded.
-        speeds: the fastest loading over the slowest; 1 where not known.
+        frames: whether loading and unloading were observed.
+        falling: whether unloading was observed, or some hold was reached from above.
+        clock: whether times were recorded.
+        speeds: ratio of the fastest to the slowest loading; 1 if unknown.
         poses: number of hand poses.
-        again: a site is touched again.
-        forces: the largest hold force over the smallest.
+        again: whether a site is touched again.
+        forces: ratio of the largest to the smallest peak force.
         radii: number of different indenters.
         shear_n: root mean square tangential force [N].
     """
@@ -80,38 +82,38 @@ class Facts:
     shear_n: float
 
 
-def facts_of(session: GapSession) -> Facts:
-    """Looks at the presses of a session."""
+def summarize_presses(session: GapSession) -> PressVariety:
+    """Return the variety of the presses of a session."""
     samples = session.samples
-    touched = samples.touching
+    touching = samples.touching
     peaks = np.zeros(session.presses)
-    np.maximum.at(peaks, session.row[touched], samples.contacts.force_n[touched])
+    np.maximum.at(peaks, session.row[touching], samples.contacts.force_n[touching])
     peaks = peaks[peaks > 0]
     speed, pose, cycle = samples.speed_m_per_s, samples.pose, samples.cycle
-    seen = samples[session.observation >= 0]
-    return Facts(
+    observed = samples[session.observation >= 0]
+    return PressVariety(
         session.has_frames,
-        bool(np.isin(session.phase, [UNLOAD]).any()) or _from_above(session),
+        bool(np.isin(session.phase, [UNLOAD]).any()) or _is_reached_from_above(session),
         samples.time_s is not None,
-        1.0 if speed is None else _ratio(speed[touched]),
+        1.0 if speed is None else _ratio(speed[touching]),
         1 if pose is None else len(np.unique(pose[pose >= 0])),
-        cycle is not None and bool((cycle[touched] > 0).any()),
+        cycle is not None and bool((cycle[touching] > 0).any()),
         _ratio(peaks),
-        len(np.unique(seen.indenter[seen.touching])),
-        0.0 if samples.shear_n is None else float(np.sqrt(np.nanmean(samples.shear_n[touched] ** 2))),
+        len(np.unique(observed.indenter[observed.touching])),
+        0.0 if samples.shear_n is None else float(np.sqrt(np.nanmean(samples.shear_n[touching] ** 2))),
     )
 
 
-def _from_above(session: GapSession) -> bool:
-    """Whether a press without frames was loaded beyond its hold."""
+def _is_reached_from_above(session: GapSession) -> bool:
+    """Return whether a hold of a session without frames was reached from a larger force."""
     if session.has_frames:
         return False
     force, row = session.samples.contacts.force_n, session.row
-    most, held = np.zeros(session.presses), np.full(session.presses, np.inf)
-    np.maximum.at(most, row, force)
-    seen = session.observation >= 0
-    np.minimum.at(held, row[seen], force[seen])
-    return bool((most > 1.05 * held).any())
+    peak, hold = np.zeros(session.presses), np.full(session.presses, np.inf)
+    np.maximum.at(peak, row, force)
+    observed = session.observation >= 0
+    np.minimum.at(hold, row[observed], force[observed])
+    return bool((peak > _OVERLOAD * hold).any())
 
 
 def _ratio(values: FloatArray) -> float:
@@ -121,16 +123,16 @@ def _ratio(values: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class Rule:
-    """What a session lacks, in words.
+    """A kind of press that an effect needs, and the words for a session without it.
 
     Attributes:
-        missing: whether it does.
-        text: what to say.
-        cure: what to record instead.
-        of: covariate that the rule looks at; where it was not recorded at all, that is said instead.
+        missing: returns whether a session lacks such presses.
+        text: description of the lack.
+        cure: what to record.
+        of: covariate that the rule depends on; the rule does not apply if the covariate was not recorded at all.
     """
 
-    missing: Callable[[Facts], bool]
+    missing: Callable[[PressVariety], bool]
     text: str
     cure: str
     of: str = ""
@@ -142,7 +144,7 @@ _ON_A_STAGE: Final = {
     TWO_POSES: "press with the sensor turned on its stage, too, as another pose",
     _THE_POSE: "the sensor's turn on its stage",
 }
-"""Cures of a hand, and what they are on a rig without joints."""
+"""Recommendations for a hand, and the same for a rig without joints."""
 
 
 _NO_FRAMES = Rule(
@@ -153,20 +155,24 @@ _NO_CLOCK = Rule(
 )
 _ONE_POSE = Rule(lambda f: f.poses < 2, "the hand was in one pose only", TWO_POSES, "pose")
 _ONE_FORCE = Rule(
-    lambda f: f.forces < _FORCE_RATIO, "all presses are about equally hard", "press gently and hard"
+    lambda f: f.forces < _FORCE_RATIO,
+    "all presses have about the same force",
+    "press with small and large forces",
 )
 _NO_UNLOADING = Rule(
     lambda f: not f.falling,
-    "no frames, and no hold that is reached from above: unloading is not seen",
+    "no frames, and no hold that is reached from above: unloading was not observed",
     "record every frame",
 )
 _ONE_SPEED = Rule(
-    lambda f: f.speeds < _SAME_SPEED,
-    "all presses are equally fast, which only moves the scale",
+    lambda f: f.speeds < _SPEED_RATIO,
+    "all presses are equally fast, so that an effect of speed only changes the scale",
     "load slowly and fast",
     "speed",
 )
-_ONE_TOUCH = Rule(lambda f: not f.again, "no site is touched a second time", "come back to sites", "cycle")
+_ONE_TOUCH = Rule(
+    lambda f: not f.again, "no site is touched a second time", "touch some sites again", "cycle"
+)
 _NO_SHEAR = Rule(
     lambda f: f.shear_n < _SHEAR_N,
     "there is hardly any tangential force",
@@ -188,49 +194,49 @@ _RULES: Final[Mapping[str, Rule]] = MappingProxyType(
         "indenters": _ONE_INDENTER,
     }
 )
-"""Kinds of presses that effects ask for (:attr:`skincal.effects.Effect.asks`)."""
+"""Rule of each kind of press that an effect may need (:attr:`skincal.effects.Effect.asks`)."""
 
 
-def why_not(found: EffectAudit, facts: Facts) -> str:
-    """Why an effect cannot be seen: the covariates and kinds of press that are missing, else what hides it."""
-    rules, lacking = _missing(found, facts)
-    said = [rule.text for rule in rules]
+def explain_invisibility(audit: EffectAudit, variety: PressVariety) -> str:
+    """Return why an effect is invisible: the covariates and kinds of press that are missing, else what hides it."""
+    rules, lacking = _missing(audit, variety)
+    texts = [rule.text for rule in rules]
     columns = [str(COVARIATES[name]) for name in lacking]
     if columns:
-        said.insert(0, f"no {' and no '.join(columns)} recorded")
-    if said:
-        return "; ".join(said)
-    if found.raw_distance < found.threshold:
-        return "in these presses it does less than the noise"
-    if found.lost_to_base > found.lost_to_presses:
-        return "another pose, E and scale of the base model look the same"
-    return "places, forces and the doubt of each press's image take it up"
+        texts.insert(0, f"no {' and no '.join(columns)} recorded")
+    if texts:
+        return "; ".join(texts)
+    if audit.raw_distance < audit.threshold:
+        return "in these presses its change is smaller than the noise"
+    if audit.lost_to_base > audit.lost_to_presses:
+        return "a change of pose, E and scale of the base model looks the same"
+    return "the uncertainty of positions, forces and images of the presses hides it"
 
 
-def cures(found: EffectAudit, facts: Facts) -> tuple[str, ...]:
-    """What to record so that an effect can be seen, a few words each."""
-    rules, lacking = _missing(found, facts)
-    said = dict.fromkeys([*(rule.cure for rule in rules), *(COVARIATES[name].cure for name in lacking)])
-    if said:
-        return tuple(said)
-    if found.raw_distance < found.threshold:
+def recommend_recordings(audit: EffectAudit, variety: PressVariety) -> tuple[str, ...]:
+    """Return what to record so that an effect becomes visible, a few words each."""
+    rules, lacking = _missing(audit, variety)
+    cures = dict.fromkeys([*(rule.cure for rule in rules), *(COVARIATES[name].cure for name in lacking)])
+    if cures:
+        return tuple(cures)
+    if audit.raw_distance < audit.threshold:
         return ("press harder and on more taxels, and hold longer",)
-    if found.lost_to_base > found.lost_to_presses:
-        return (f"vary forces, sites and {_THE_POSE} more, each apart from the others",)
-    return ("measure places and forces better, or come back to the same sites",)
+    if audit.lost_to_base > audit.lost_to_presses:
+        return (f"vary forces, sites and {_THE_POSE} more, independently of each other",)
+    return ("measure positions and forces more accurately, or touch the same sites again",)
 
 
-def on_a_stage(cure: str) -> str:
-    """Return a cure for a rig without joints."""
+def phrase_for_stage(cure: str) -> str:
+    """Return a recommendation in the words for a rig without joints."""
     for hand, stage in _ON_A_STAGE.items():
         cure = cure.replace(hand, stage)
     return cure
 
 
-def _missing(found: EffectAudit, facts: Facts) -> tuple[list[Rule], list[str]]:
-    """The rules that a session breaks, and the covariates beside them that it lacks."""
-    asked = (_RULES[kind] for kind in effect(found.name).asks)
-    rules = [r for r in asked if r.missing(facts) and r.of not in found.lacking]
-    # Without a clock that is said already, and a temperature only adds to what a clock shows.
-    told = {"time", "phase", "temperature"} if rules else set[str]()
-    return rules, [name for name in found.lacking if name not in told]
+def _missing(audit: EffectAudit, variety: PressVariety) -> tuple[list[Rule], list[str]]:
+    """Return the rules that a session breaks, and the further covariates that it lacks."""
+    needed = (_RULES[kind] for kind in effect(audit.name).asks)
+    rules = [r for r in needed if r.missing(variety) and r.of not in audit.lacking]
+    # A rule about times covers these covariates; a temperature only adds to a clock.
+    covered = {"time", "phase", "temperature"} if rules else set[str]()
+    return rules, [name for name in audit.lacking if name not in covered]

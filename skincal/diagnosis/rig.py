@@ -1,55 +1,59 @@
-"""What the rig that a dataset comes from can do, read off the dataset.
+"""Infer the limits of the rig that a dataset comes from.
 
-Further presses keep to what it has shown: its sites, its greatest force, its fastest loading, its hand poses and its
-indenters. Slower loading, longer holds and smaller forces are always possible.
+Further presses stay within what the dataset shows: its sites, largest force, fastest loading, hand poses and indenters.
+Slower loading, longer holds and smaller forces are always possible.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.collect import FullProtocol, Mount, Plan, PlannedPress, read_plan
 from skincal.collect.collection import PLAN
-from skincal.covariates import TIMES
+from skincal.collect.protocols import named_by_order
 from skincal.dataset import Dataset
 from skincal.dataset.placement import patch_coordinates
-from skincal.diagnosis.dataset_session import pose_names
 from skincal.errors import InputError
 from skincal.model import TaxelLayout
 from skincal.model.arrays import as_floats
+from skincal.prediction.session_samples import pose_names, press_times
 
 Floats = NDArray[np.float64]
 
 SLOWEST_M_PER_S, LONG_HOLD_S = 5e-4, 4.0
+"""Least loading speed [m/s], and length of the long hold where the dataset has only shorter ones [s]."""
 _FRAMES_HZ, _IDLE_S, _RAMP_S = 25.0, 2.0, 0.3
-_LOW_N = 0.3
+"""Frame rate, time between presses and length of a loading where they were not recorded."""
+_LOW_N, _HIGH_QUANTILE = 0.3, 0.98
+"""Smallest hold force [N], and the quantile of the forces that is the largest one."""
 _STEP_M, _ROUNDING, _BEYOND_M, _LEAST_M = 5e-4, 1e-3, 2e-3, 2e-3
+"""Grid of the pressed area [m], its tolerance in grid steps, largest overhang over the taxels, and least side [m]."""
 
 
 @dataclass(frozen=True)
 class Rig:
-    """How a dataset was pressed.
+    """Limits and timing of a rig.
 
     Attributes:
         mount: surface, nominal pose and taxels.
-        field: the rectangle of the patch that was pressed, as one large taxel.
-        forces_n: least and greatest hold force to press with [N].
-        speeds_m_per_s: slow and fast loading [m/s].
+        pressed_area: rectangle of the patch that was pressed, as one large taxel.
+        forces_n: smallest and largest hold force [N].
+        speeds_m_per_s: slow and fast loading speed [m/s].
         holds_s: short and long hold [s].
         poses: names of the hand poses, by their numbers.
-        angles_rad: of the joints in each pose, where the dataset's own plan says them.
-        radii_m: radii of further indenters, beside the dataset's own [m].
-        ramp: length of a loading: seconds, and seconds for each N s/m of force over speed.
-        idle_s: from one press to the next [s].
-        frame_rate_hz: of frames [Hz].
+        angles_rad: joint angles of each pose [rad], if the plan of the dataset gives them.
+        radii_m: radii of further indenters than that of the dataset [m].
+        ramp: length of a loading as a line in force over speed: intercept [s] and slope [m/N].
+        idle_s: time from one press to the next [s].
+        frame_rate_hz: frame rate [Hz].
     """
 
     mount: Mount
-    field: TaxelLayout
+    pressed_area: TaxelLayout
     forces_n: tuple[float, float]
     speeds_m_per_s: tuple[float, float]
     holds_s: tuple[float, float]
@@ -62,14 +66,14 @@ class Rig:
 
     @classmethod
     def of(cls, dataset: Dataset) -> Rig:
-        """Reads off a dataset how it was pressed; what was not recorded is as ``skincal collect`` does it."""
+        """Infer the rig from a dataset; what was not recorded is as in ``skincal collect``."""
         mount = Mount(dataset.surface(), dataset.nominal_pose(), dataset.layout())
         force = dataset.presses.force_n[dataset.presses.force_n > 0]
-        greatest = float(np.quantile(force, 0.98))
+        largest = float(np.quantile(force, _HIGH_QUANTILE))
         return cls(
             mount,
-            _field(dataset, mount),
-            (min(_LOW_N, float(force.min())), greatest),
+            _pressed_area(dataset, mount),
+            (min(_LOW_N, float(force.min())), largest),
             _speeds(dataset),
             _holds(dataset),
             pose_names(dataset) or ("A",),
@@ -78,14 +82,22 @@ class Rig:
             *_pace(dataset),
         )
 
-    def plan(self, name: str, presses: Sequence[PlannedPress]) -> Plan:
-        """A plan of presses, with the angles of their poses where all of them are known."""
-        angles = {p.pose: self.angles_rad[p.pose] for p in presses if p.pose in self.angles_rad}
-        known = all(p.pose in angles for p in presses)
-        return Plan(name, tuple(presses), angles if known else {})
+    def plan_session(self, presses: Sequence[PlannedPress]) -> Plan:
+        """Return a session: an anchor, presses with the first indenter, an anchor, and presses with further indenters.
+
+        The plan has the joint angles of the poses if all of them are known.
+        """
+        anchor = replace(self.usual, kind="anchor")
+        first = [p for p in presses if p.indenter_radius_m is None]
+        further = [p for p in presses if p.indenter_radius_m is not None]
+        named = named_by_order([anchor, *first, anchor, *further])
+        for k in (0, len(first) + 1):
+            named[k] = replace(named[k], kind="anchor")
+        angles = {p.pose: self.angles_rad[p.pose] for p in named if p.pose in self.angles_rad}
+        return Plan("next-presses", tuple(named), angles if all(p.pose in angles for p in named) else {})
 
     def on_surface(self, presses: Sequence[PlannedPress]) -> list[PlannedPress]:
-        """The presses whose sites lie on the surface: it may end within the field."""
+        """Return the presses whose sites lie on the surface, which may end within the pressed area."""
         if not presses:
             return []
         points, _ = self.mount.place([p.site for p in presses])
@@ -93,24 +105,20 @@ class Rig:
 
     @property
     def usual(self) -> PlannedPress:
-        """A press of middle force, fast, with a short hold, in the middle of what was pressed."""
-        u, v = as_floats(self.field.centres_m[0]).tolist()
+        """A fast press of medium force and short hold, in the middle of the pressed area."""
+        u, v = as_floats(self.pressed_area.centres_m[0]).tolist()
         force = round((self.forces_n[0] ** 0.5 / 2 + self.forces_n[1] ** 0.5 / 2) ** 2, 3)
         return PlannedPress(u, v, force, self.speeds_m_per_s[-1], self.holds_s[0], self.poses[0])
 
 
 def _times(dataset: Dataset) -> Floats | None:
-    """Start, hold, release and end (P, 4) [s] of presses; None where they were not recorded."""
-    columns = [dataset.presses.column(name) for name in TIMES]
-    given = [c for c in columns if c is not None]
-    if len(given) < len(TIMES):
-        return None
-    times = np.stack(given, axis=1)
-    return times if np.isfinite(times).all() else None
+    """Return start, hold, release and end (P, 4) [s] of the presses; None if they were not recorded."""
+    columns, known = press_times(dataset)
+    return as_floats(np.stack(columns, axis=1)) if known else None
 
 
 def _pace(dataset: Dataset) -> tuple[tuple[float, float], float, float]:
-    """Length of a loading, time between presses [s] and frames in a second [Hz]."""
+    """Return the length of a loading (:attr:`Rig.ramp`), the time between presses [s] and the frame rate [Hz]."""
     times, speed = _times(dataset), dataset.presses.column("speed_m_per_s")
     ramp, idle, rate = (_RAMP_S, 0.0), _IDLE_S, _FRAMES_HZ
     if times is not None:
@@ -129,7 +137,7 @@ def _pace(dataset: Dataset) -> tuple[tuple[float, float], float, float]:
 
 
 def _angles(dataset: Dataset, mount: Mount) -> Mapping[str, tuple[float, ...]]:
-    """Angles of the hand poses [rad] from the plan that ``skincal collect`` leaves beside a dataset; else none."""
+    """Return the joint angles of the hand poses [rad] from the plan that ``skincal collect`` writes; {} without it."""
     path = None if dataset.folder is None else dataset.folder / PLAN
     if path is None or not path.is_file():
         return {}
@@ -139,9 +147,9 @@ def _angles(dataset: Dataset, mount: Mount) -> Mapping[str, tuple[float, ...]]:
         return {}
 
 
-def _field(dataset: Dataset, mount: Mount) -> TaxelLayout:
-    """The rectangle that presses were aimed at, in half millimetres, not far beyond the taxels."""
-    sites = patch_coordinates(mount.surface, mount.pose, _aims(dataset))
+def _pressed_area(dataset: Dataset, mount: Mount) -> TaxelLayout:
+    """Return the rectangle of the target positions on a grid of half a millimetre, at most 2 mm beyond the taxels."""
+    sites = patch_coordinates(mount.surface, mount.pose, _target_positions(dataset))
     sites = sites[np.isfinite(sites).all(axis=1)]
     bounds = mount.layout.bounds_m
     low = as_floats(np.ceil(sites.min(axis=0) / _STEP_M - _ROUNDING) * _STEP_M)
@@ -151,14 +159,15 @@ def _field(dataset: Dataset, mount: Mount) -> TaxelLayout:
     return TaxelLayout(1, 1, np.round(middle, 6)[None], np.round(side, 6))
 
 
-def _aims(dataset: Dataset) -> Floats:
-    """Where presses were aimed at (P, 3) [m], else where they were measured: there the rig can get to."""
+def _target_positions(dataset: Dataset) -> Floats:
+    """Return the target positions (P, 3) [m] of the presses, or the measured ones if there are no targets."""
     targets = [dataset.presses.column(f"target_{axis}_m") for axis in "xyz"]
-    given = [t for t in targets if t is not None and np.isfinite(t).any()]
-    return np.stack(given, axis=1) if len(given) == len(targets) else dataset.presses.position_m
+    recorded = [t for t in targets if t is not None and np.isfinite(t).any()]
+    return np.stack(recorded, axis=1) if len(recorded) == len(targets) else dataset.presses.position_m
 
 
 def _speeds(dataset: Dataset) -> tuple[float, float]:
+    """Return a slow and a fast loading speed [m/s]."""
     speed = dataset.presses.column("speed_m_per_s")
     known = np.zeros(0) if speed is None else speed[np.isfinite(speed) & (speed > 0)]
     slow, fast = FullProtocol().speeds_m_per_s
@@ -169,6 +178,7 @@ def _speeds(dataset: Dataset) -> tuple[float, float]:
 
 
 def _holds(dataset: Dataset) -> tuple[float, float]:
+    """Return a short and a long hold [s]."""
     times = _times(dataset)
     short, long = FullProtocol().holds_s
     if times is not None:
@@ -182,7 +192,7 @@ def _three_digits(value: float) -> float:
 
 
 def _further_radii(dataset: Dataset) -> tuple[float, ...]:
-    """Radii of spheres beside the dataset's own [m], the most used first."""
+    """Return the radii of the spheres other than the dataset's own [m], most frequent first."""
     radii = dataset.indenter_radii_m()
     own = dataset.meta.indenter.radius_m
     if own is None or np.isnan(radii).all():

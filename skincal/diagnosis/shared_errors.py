@@ -1,8 +1,8 @@
-"""How well base and effects are known, with the errors that presses share: of positions, gains and forces.
+"""Add errors that all presses share, of positions, gains, forces and equations, to the covariance of a joint fit.
 
-A fit integrates these out (:mod:`skincal.fitting.shared`). The search for effects leaves them to the numbers that each
-press has for itself, which is quick and does for names, but makes pose, E and S look better known than they are. So
-they are put in at the end, as columns beside those that were fitted.
+A fit integrates these errors out (:mod:`skincal.fitting.shared`). The search for effects has only the nuisance
+parameters of each press. That is fast and sufficient for naming, but makes pose, E and S look too certain. So the
+shared errors are added at the end, as further columns next to those of the fitted parameters.
 """
 
 from __future__ import annotations
@@ -23,74 +23,81 @@ from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray
 
 GAINS = "skin.scale_offset_per_n"
-"""What stands for gains of taxels in ranges; an effect that replaces it has them itself."""
-_TURN = 2
-"""The first two functions of a field are its gradient along either axis."""
+"""Range that covers the gains of taxels; an effect that replaces it fits the gains itself."""
+_GRADIENT = 2
+"""The first two basis functions of the position field are its gradient along either axis."""
+_PER_FORCE_ERROR = np.array([1.0, -1.0])
+"""Change of log E and log S that leaves all images unchanged when all forces are larger by a common factor."""
 
 
-def covariance(dataset: Dataset, fitter: Fitter, fit: Fitted) -> FloatArray:
-    """Mean squares (n, n) of base, law and effects about a fit, with errors that presses share.
+def posterior_covariance(dataset: Dataset, fitter: Fitter, fit: Fitted) -> FloatArray:
+    """Return the covariance (n, n) of base, contact law and effect parameters, shared errors included.
 
-    Errors of positions and gains have priors, and presses tell of them what they can. What the equation of an effect
-    errs by they do not: no list of shapes has the true one in it. So each shape counts with all that it would move.
+    Errors of positions and gains are nuisance parameters with priors, which the presses inform. The errors of an
+    effect's equation are not estimated, because no list of shapes contains the true one: each shape contributes the
+    full shift of the parameters that it would cause.
 
     Args:
         dataset: the session.
-        fitter: of it.
-        fit: of base and effects.
+        fitter: fitter of the session.
+        fit: fit of base model and effects.
     """
     seen, free, n = fit.prediction, fit.free, fit.numbers
-    field, told = _field(dataset, fitter, fit)
+    field, pose_sigma = _position_error_columns(dataset, fitter, fit)
     parts = [fitter.columns(seen, free), Slopes.of(field)]
     if not any(effect(f.effect).replaces_range == GAINS for f in free):
         taxels = seen.values.shape[1]
         parts += [Slopes.of_taxel(GAIN_SIGMA * seen.values[:, j], j, taxels) for j in range(taxels)]
-    done = {name: fitter.effect_values(seen, name) for name in seen.state.effects}
-    errors = [C.equation * d * x for d in done.values() for x in fitter.shared_error_modes(seen)]
-    known = sum(len(p) for p in parts)
-    columns = Slopes.joined([*parts, *(Slopes.of(e[..., None]) for e in errors)])
-    own, _ = fitter.equation_errors(seen, word=True)
-    wide = fitter.linearised(seen, free, fitter.whitened(seen, columns, own), len(columns) - n)
-    h = wide.blocks.h.sum(axis=0) + np.diag(wide.prior)
-    inverse = np.linalg.inv(h[:known, :known])[:n]
-    moved = inverse @ h[:known, known:]
-    out = inverse[:, :n] + moved @ moved.T
-    out[:2, :2] += np.diag(told**2)
-    force = dataset.meta.force.scale_sigma if dataset.meta.force is not None else 0.0
-    # Were all forces larger by a factor, the same images would come from that much more E, and less S.
-    ways = [
-        force * _OF_FORCE,
-        np.array([0.0, C.law_scale]),
-        *(_way(fitter, seen, name, d) for name, d in done.items()),
+    changes = {name: fitter.effect_values(seen, name) for name in seen.state.effects}
+    equation_errors = [
+        C.equation * d * shape for d in changes.values() for shape in fitter.shared_error_modes(seen)
     ]
-    return out + np.pad(sum(np.outer(w, w) for w in ways), ((3, n - 5), (3, n - 5)))
+    estimated = sum(len(p) for p in parts)
+    columns = Slopes.joined([*parts, *(Slopes.of(e[..., None]) for e in equation_errors)])
+    own, _ = fitter.equation_errors(seen, word=True)
+    system = fitter.linearised(seen, free, fitter.whitened(seen, columns, own), len(columns) - n)
+    h = system.blocks.h.sum(axis=0) + np.diag(system.prior)
+    inverse = np.linalg.inv(h[:estimated, :estimated])[:n]
+    shifts = inverse @ h[:estimated, estimated:]
+    covariance = inverse[:, :n] + shifts @ shifts.T
+    covariance[:2, :2] += np.diag(pose_sigma**2)
+    force_sigma = dataset.meta.force.scale_sigma if dataset.meta.force is not None else 0.0
+    # Shifts of log E and log S by one standard deviation of each remaining error.
+    scale_shifts = [
+        force_sigma * _PER_FORCE_ERROR,
+        np.array([0.0, C.law_scale]),
+        *(_zero_point_shift(fitter, seen, name, change) for name, change in changes.items()),
+    ]
+    return covariance + np.pad(sum(np.outer(x, x) for x in scale_shifts), ((3, n - 5), (3, n - 5)))
 
 
-_OF_FORCE = np.array([1.0, -1.0])
+def _zero_point_shift(fitter: Fitter, seen: Prediction, name: str, change: FloatArray) -> FloatArray:
+    """Return the shift (2,) of log E and log S by one standard deviation of the zero point of an effect.
 
-
-def _way(fitter: Fitter, seen: Prediction, name: str, done: FloatArray) -> FloatArray:
-    """(2,) how far logarithms of E and S may lie from where an effect does nothing, one standard deviation.
-
-    Where that is, its equation says, and another one of the same effect says it elsewhere: at rising force or in the
-    middle of a loop, at once or after a while, at rest or at the speed of presses.
+    The zero point is where the effect changes nothing: at rising force or in the middle of a loop, at once or after a
+    while, at rest or at the speed of the presses. Another equation of the same effect would put it elsewhere.
     """
     own, values = effect(name), seen.state.effects[name]
     if isinstance(own, LawEffect):
-        return own.zero_error * np.array([own.law(own.checked(values, done.shape[1])).exponent - 1, 0.0])
-    press = fitter.forward.row[on := fitter.forward.samples.touching & (fitter.forward.row >= 0)]
-    now, did = (np.bincount(press, x[on].sum(axis=1)) for x in (seen.values, done))
-    each = (np.abs(did) / np.maximum(now - did, 1e-9))[np.unique(press)]
-    size = own.zero_error * float(np.sqrt(np.mean(np.minimum(each, 1.0) ** 2)))
-    return size * (_OF_FORCE if isinstance(own, InputEffect) else np.array([0.0, 1.0]))
+        return own.zero_error * np.array([own.law(own.checked(values, change.shape[1])).exponent - 1, 0.0])
+    row = fitter.forward.row
+    touching = fitter.forward.samples.touching & (row >= 0)
+    press = row[touching]
+    total, changed = (np.bincount(press, x[touching].sum(axis=1)) for x in (seen.values, change))
+    relative = (np.abs(changed) / np.maximum(total - changed, 1e-9))[np.unique(press)]
+    size = own.zero_error * float(np.sqrt(np.mean(np.minimum(relative, 1.0) ** 2)))
+    return size * (_PER_FORCE_ERROR if isinstance(own, InputEffect) else np.array([0.0, 1.0]))
 
 
-def _field(dataset: Dataset, fitter: Fitter, fit: Fitted) -> tuple[FloatArray, FloatArray]:
-    """Columns (K, J, m) of a smooth error of positions, at one standard deviation, and what a pose is worth (2,) [m].
+def _position_error_columns(dataset: Dataset, fitter: Fitter, fit: Fitted) -> tuple[FloatArray, FloatArray]:
+    """Return the columns of a smooth field of position errors, and the standard deviation of the pose by it.
 
-    A pose is that of the mean error, which is another for contacts of other forces, or of another sample. The size is
-    that of the smooth part of how far presses have moved. What of that is a turn of the patch is the angle's; the other
-    parts say how large it may be.
+    The amplitude of the field is that of the smooth part of the fitted moves, without their rotation, which belongs to
+    the angle of the pose. The mean of the field differs for contacts of other forces or of another sample; this makes
+    the pose uncertain.
+
+    Returns:
+        Columns (K, J, m) [counts] at one standard deviation of each basis function; standard deviations (2,) [m].
     """
     presses, moves = dataset.presses, fit.state.move[:, :2]
     pose, surface = replace(fit.state.pose, alpha_rad=0.0), fitter.forward.surface
@@ -101,20 +108,19 @@ def _field(dataset: Dataset, fitter: Fitter, fit: Fitted) -> tuple[FloatArray, F
     posture = np.zeros((len(places), 0)) if joints is None else joints
     rows = np.unique(fitter.press[fitter.press >= 0])
     rows = rows[np.isfinite(places[rows]).all(axis=1) & (rows < len(moves))]
-    shape = fit.prediction.values.shape
     if len(rows) == 0:
-        return np.zeros((*shape, 0)), np.zeros(2)
+        return np.zeros((*fit.prediction.values.shape, 0)), np.zeros(2)
     basis, fading = smooth_field(places, presses.force_n, posture, rows)
-    found = np.linalg.lstsq(basis, moves[rows] - moves[rows].mean(axis=0), rcond=None)[0]  # (M, 2)
-    if len(found) >= _TURN:
-        turn = 0.5 * (found[0, 1] - found[1, 0])
-        found[0, 1], found[1, 0] = found[0, 1] - turn, found[1, 0] + turn
-    sigma = float(np.sqrt((found**2).sum() / max(found.size - 1, 1)))
-    at = np.zeros((len(moves), basis.shape[1]))
-    at[rows] = sigma * basis
+    smooth = np.linalg.lstsq(basis, moves[rows] - moves[rows].mean(axis=0), rcond=None)[0]  # (M, 2)
+    if len(smooth) >= _GRADIENT:
+        turn = 0.5 * (smooth[0, 1] - smooth[1, 0])
+        smooth[0, 1], smooth[1, 0] = smooth[0, 1] - turn, smooth[1, 0] + turn
+    sigma = float(np.sqrt((smooth**2).sum() / max(smooth.size - 1, 1)))
+    field = np.zeros((len(moves), basis.shape[1]))
+    field[rows] = sigma * basis
     row = fitter.forward.row
     by_move = fitter.forward.press_columns(fit.prediction)[..., :2]
-    each = np.where((row >= 0)[:, None], at[np.maximum(row, 0)], 0.0)
-    columns = np.concatenate([by_move[..., k, None] * each[:, None] for k in range(2)], axis=2)
-    other = sigma**2 * (basis.shape[1] * 2 / len(rows) + (fading**2).sum() / 3)
-    return columns, np.full(2, np.sqrt(other))
+    of_samples = np.where((row >= 0)[:, None], field[np.maximum(row, 0)], 0.0)
+    columns = np.concatenate([by_move[..., k, None] * of_samples[:, None] for k in range(2)], axis=2)
+    pose_variance = sigma**2 * (basis.shape[1] * 2 / len(rows) + (fading**2).sum() / 3)
+    return columns, np.full(2, np.sqrt(pose_variance))

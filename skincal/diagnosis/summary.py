@@ -1,4 +1,4 @@
-"""A diagnosis as other programs read it (contract, ``skincal diagnose --json``)."""
+"""Summarize a diagnosis as plain values for other programs, as ``skincal diagnose --json`` prints it."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from typing import Any
 
 import numpy as np
 
+from skincal.diagnosis.adaptive_collection import CollectionResult
 from skincal.diagnosis.diagnosis import Diagnosis, NamedEffect
-from skincal.diagnosis.settle import Settled
 
 
 def summary(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Verdict, effects, what cannot be seen, the gap, and what it rests on, as plain values."""
+    """Return verdict, effects, audit, gap, candidates and findings as plain values."""
     d, gap = diagnosis, diagnosis.gap
-    named, law = d.verdict == "effects", d.contact_law
-    told = named and np.isfinite(gap.closed)
+    is_named, law = d.verdict == "effects", d.contact_law
+    has_closed = is_named and np.isfinite(gap.closed)
     numbers: dict[str, Any] = {
         "heldout_rmse_before": gap.before,
-        "heldout_rmse_after": gap.after if named or law else gap.before,
+        "heldout_rmse_after": gap.after if is_named or law else gap.before,
         "heldout_rmse_with_taken_back": gap.after if d.taken_back else None,
         "noise_floor_rmse": gap.floor,
-        "closed": gap.closed if told else None,
-        "closed_interval": list(gap.interval) if told else None,
+        "closed": gap.closed if has_closed else None,
+        "closed_interval": list(gap.interval) if has_closed else None,
         "presses": len(gap.errors),
         "frames": gap.frames,
     }
@@ -31,10 +31,10 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
         numbers["slack_rms_after_m"] = gap.slack_after_m
     return {
         "verdict": d.verdict,
-        "effects": [_effect(e) | {"calibrated": _calibrated(d, e)} for e in d.effects],
+        "effects": [_effect(e) | {"calibrated": _refitted_parameters(d, e)} for e in d.effects],
         "contact_law": None if law is None else asdict(law.law) | {"intervals": dict(law.intervals)},
         "unexplained": d.unexplained,
-        "refuted": bool(d.taken_back) and gap.refutes,
+        "refuted": bool(d.taken_back) and gap.is_refuted,
         "taken_back": list(d.taken_back),
         "where": d.where,
         "cannot_see": list(d.audit.cannot_see),
@@ -53,18 +53,18 @@ def summary(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def collected(settled: Settled) -> dict[str, Any]:
-    """What a diagnosis with further presses came to, as plain values."""
+def collection_summary(result: CollectionResult) -> dict[str, Any]:
+    """Return the outcome of a diagnosis with further presses as plain values."""
     return {
-        "presses": settled.made,
-        "rounds": settled.rounds,
-        "settled": not settled.open and settled.diagnosis.verdict != "unknown",
-        "reason": settled.reason,
+        "presses": result.made,
+        "rounds": result.rounds,
+        "settled": not result.open and result.diagnosis.verdict != "unknown",
+        "reason": result.reason,
     }
 
 
-def _calibrated(diagnosis: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
-    """The parameters in the new calibration, which were fitted once more, to the presses of the end as well."""
+def _refitted_parameters(diagnosis: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
+    """Return the parameters of an effect in the new calibration, which is fitted to the test presses as well."""
     own = [e.parameters for e in diagnosis.calibration.effects if e.name == effect.name]
     return {name: np.asarray(value).tolist() for given in own for name, value in given.items()}
 
@@ -85,18 +85,18 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
 
 
 def _candidates(diagnosis: Diagnosis) -> list[list[dict[str, Any]]]:
-    """What was tried in each round: gain on presses not fitted, its standard error, and the null's limit."""
+    """Return held-out gain, its standard error, required gain and p-value of every candidate, round by round."""
     return [
         [
             {
-                "name": t.name,
-                "score": t.gain,
-                "error": t.error,
-                "sure": t.significance,
-                "limit": t.limit,
-                "p_value": t.p_value,
+                "name": c.name,
+                "score": c.gain,
+                "error": c.error,
+                "sure": c.significance,
+                "limit": c.limit,
+                "p_value": c.p_value,
             }
-            for t in one
+            for c in candidates
         ]
-        for one in diagnosis.found.rounds
+        for candidates in diagnosis.found.rounds
     ]

@@ -97,7 +97,7 @@ def evaluate_slab(problem: FitProblem, grid: MacroGrid, turn: int, settings: Mic
     results = np.zeros((3, *grid.shape[1:]))
     for e, log_elasticity in enumerate(grid.log_elasticity):
         level = table.level(0, log_force - log_elasticity, problem.indenter)
-        slack, shares = relocate_presses(problem, grid, turn, settings, table.size_of, level)
+        slack, shares = place_presses(problem, grid, turn, settings, table.size_of, level)
         forces = shares * problem.force_n[:, None, None, None]
         scale, squares = least_squares_scale(forces, np.broadcast_to(observed, forces.shape))
         mse = squares / max(1.0, float((weight > 0).sum()))
@@ -117,7 +117,7 @@ def _axis(centres: Floats, slack: float) -> tuple[Floats, Floats, int]:
     return offsets, window, stride
 
 
-def relocate_presses(
+def place_presses(
     problem: FitProblem,
     grid: MacroGrid,
     turn: int,

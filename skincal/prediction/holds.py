@@ -178,12 +178,12 @@ def best_slack(
             again = HoldModel.of(on, dataset, free, slack)
             slack[free] = _found(again.values, on, dataset, seen, free, found).slack_m
     else:
-        slack[free] = relocate_presses(on, dataset, seen, free).slack_m
+        slack[free] = place_presses(on, dataset, seen, free).slack_m
     progress(1, 1)
     return slack
 
 
-def relocate_presses(on: CalibratedSkin, dataset: Dataset, seen: Observed, rows: Ints) -> Places:
+def place_presses(on: CalibratedSkin, dataset: Dataset, seen: Observed, rows: Ints) -> Places:
     """Return the best positions of presses ``rows`` (n,) of known position, on a skin without effects."""
     measured = Touches.of_presses(on, dataset).taken(rows)
 

@@ -35,65 +35,66 @@ FIGURES: Mapping[str, Callable[[Diagnosis, Dataset], Figure]] = {
 
 
 def write_diagnosis_report(
-    found: Diagnosis, dataset: Dataset, folder: Path, content: Mapping[str, Any], *, pages: bool = True
+    diagnosis: Diagnosis, dataset: Dataset, folder: Path, content: Mapping[str, Any], *, pages: bool = True
 ) -> None:
     """Write ``diagnosis.json``, and ``report.html`` with its figures, next to a calibration."""
     (folder / SUMMARY).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if not pages:
         return
-    unit, held, session = dataset.meta.sensor.unit, found.observed.held, found.observed.session
+    unit, observed = dataset.meta.sensor.unit, diagnosis.observed
+    session = observed.session
     write_page(
         "diagnosis.html",
         folder,
         dataset,
-        found.calibration,
-        # A calibration that is written unchanged still has the name of the dataset that it was fitted to.
+        diagnosis.calibration,
+        # An unchanged calibration still has the name of the dataset that it was fitted to.
         name=escape(real(dataset.folder).name if dataset.folder else "dataset"),
-        found=found,
+        diagnosis=diagnosis,
         known=EFFECTS,
-        tone=tone(found),
-        findings=sorted(found.findings, key=lambda finding: finding.severity != "warning"),
-        parameters=_parameters(found),
-        effects=_effects(found),
-        plan=PLAN_FILE if found.next_plan is not None else "",
+        tone=tone(diagnosis),
+        findings=sorted(diagnosis.findings, key=lambda finding: finding.severity != "warning"),
+        parameters=_parameters(diagnosis),
+        effects=_effects(diagnosis),
+        plan=PLAN_FILE if diagnosis.next_plan is not None else "",
         presses=len(np.unique(session.press[session.press >= 0])),
-        held=int(held.sum()),
-        laws=list(dict.fromkeys(found.found.null.laws)),
-        figures=[picture(draw(found, dataset), stem, folder, unit) for stem, draw in FIGURES.items()],
-        last=picture(audit_figure(found.audit), "audit", folder),
+        held=int(observed.is_test.sum()),
+        laws=list(dict.fromkeys(diagnosis.found.null.laws)),
+        figures=[picture(draw(diagnosis, dataset), stem, folder, unit) for stem, draw in FIGURES.items()],
+        last=picture(audit_figure(diagnosis.audit), "audit", folder),
     )
 
 
-def _parameters(found: Diagnosis) -> list[tuple[object, ...]]:
+def _parameters(diagnosis: Diagnosis) -> list[tuple[object, ...]]:
     """Return effect, name, description, value, interval and refitted value of each parameter that was fitted."""
     rows: list[tuple[object, ...]] = []
-    for effect in found.effects:
-        final = next((c.parameters for c in found.calibration.effects if c.name == effect.name), {})
+    for effect in diagnosis.effects:
+        final = next((c.parameters for c in diagnosis.calibration.effects if c.name == effect.name), {})
         for name, (low, high) in effect.intervals.items():
             value = effect.parameters[name]
-            several = np.ndim(value) > 0
-            interval = "one per value" if several else f"{span(low)} to {span(high)}"
-            last = "" if several or name not in final else span(final[name])
+            is_array = np.ndim(value) > 0
+            interval = "one per value" if is_array else f"{span(low)} to {span(high)}"
+            last = "" if is_array or name not in final else span(final[name])
             parameter = EFFECTS[effect.name].parameter(name)
             rows.append((effect.name, name, parameter, span(value), interval, last))
     return rows
 
 
-def _effects(found: Diagnosis) -> list[tuple[str, ...]]:
+def _effects(diagnosis: Diagnosis) -> list[tuple[str, ...]]:
     """Return name, visible strength, gain, kind and outcome of all known effects."""
-    first = {t.name: t for t in found.found.rounds[0]} if found.found.rounds else {}
-    named = {e.name for e in found.effects}
+    candidates = {c.name: c for c in diagnosis.found.rounds[0]} if diagnosis.found.rounds else {}
+    named = {e.name for e in diagnosis.effects}
     rows: list[tuple[str, ...]] = []
     for name in EFFECTS:
-        smallest, candidate = found.audit.effects[name].smallest_strength, first.get(name)
-        rival = next((e.name for e in found.effects if name in e.consistent_with[1:]), "")
+        smallest, candidate = diagnosis.audit.effects[name].smallest_strength, candidates.get(name)
+        rival = next((e.name for e in diagnosis.effects if name in e.consistent_with[1:]), "")
         kind, outcome = "no", "no evidence"
         if name in named:
             kind, outcome = "named", "named and added"
         elif rival:
             kind, outcome = "rival", f"cannot be distinguished from {rival}"
-        elif name in found.audit.cannot_see:
-            kind, outcome = "blind", f"not visible: {found.audit.reasons.get(name, '')}"
+        elif name in diagnosis.audit.cannot_see:
+            kind, outcome = "blind", f"not visible: {diagnosis.audit.reasons.get(name, '')}"
         elif candidate is not None and candidate.passes_null:
             outcome = "improves the fit, but others explain more"
         visible = f"{smallest:.2g}" if np.isfinite(smallest) else "never"

@@ -18,24 +18,24 @@ if TYPE_CHECKING:
     from skincal.diagnosis.diagnosis import Diagnosis
 
 _SHOWN, _LATER = 4, 8
-"""Presses whose counts are drawn over time, and candidates of each round after the first."""
+"""Number of presses whose counts are drawn over time, and of candidates of each round after the first."""
 
 
 @styled
-def gap_figure(found: Diagnosis, dataset: Dataset) -> Figure:
+def gap_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     """Draw the error before and after, and the noise, of every test press."""
-    sums = found.gap.errors
+    sums = diagnosis.gap.errors
     rms = np.sqrt(sums[:, :3] / np.maximum(sums[:, 3:], 1.0)) if len(sums) else np.zeros((0, 3))
     figure = new_figure(11, 3.6, f"Error on {len(sums)} test presses, used by neither fit nor selection")
     axes = figure.subplots()
     order = np.argsort(-rms[:, 0]) if len(rms) else np.zeros(0, dtype=int)
-    place = np.arange(len(rms))
-    axes.plot(place, rms[order, 0], "o", color=ORANGE, label="base model")
-    if found.effects:
-        axes.plot(place, rms[order, 1], "o", color=BLUE, label="with the named effects")
-    axes.plot(place, rms[order, 2], "_", color=BLACK, markersize=12, label="noise")
-    names = [str(dataset.presses.press[p]) for p in found.gap.presses[: len(rms)]]
-    axes.set_xticks(place, [names[k] for k in order] if len(names) == len(rms) else [])
+    x = np.arange(len(rms))
+    axes.plot(x, rms[order, 0], "o", color=ORANGE, label="base model")
+    if diagnosis.effects:
+        axes.plot(x, rms[order, 1], "o", color=BLUE, label="with the named effects")
+    axes.plot(x, rms[order, 2], "_", color=BLACK, markersize=12, label="noise")
+    names = [str(dataset.presses.press[p]) for p in diagnosis.gap.presses[: len(rms)]]
+    axes.set_xticks(x, [names[k] for k in order] if len(names) == len(rms) else [])
     axes.set_xlabel("press")
     axes.set_ylabel("rms per taxel [counts]")
     axes.set_ylim(0, 1.08 * axes.get_ylim()[1])
@@ -44,35 +44,35 @@ def gap_figure(found: Diagnosis, dataset: Dataset) -> Figure:
 
 
 @styled
-def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
+def curves_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     """Draw counts over time, measured and simulated, of the most informative presses and taxels.
 
-    These are the presses that gain most by what was named; where nothing was, those whose base model errs most.
+    These are the presses that the named effects improve most; without named effects, those with the largest error.
     """
-    observed = found.observed
+    observed = diagnosis.observed
     session, forward = observed.session, observed.fitter.forward
-    base, last = found.found.base, found.found.final
+    base, last = diagnosis.found.base, diagnosis.found.final
     assert session.counts is not None
-    shown = [
-        forward.mean @ forward.noise.written(x.prediction.values + x.state.rest)[0] for x in (base, last)
-    ]
-    off = np.nan_to_num(session.counts - shown[0]) ** 2
-    if found.effects:
-        off = off - np.nan_to_num(session.counts - shown[1]) ** 2
-    presses = [p for p in np.unique(session.press[session.press >= 0]).tolist() if not observed.held[p]]
-    worst = sorted(presses, key=lambda p: -float(off[session.press == p].sum()))[:_SHOWN]
-    own = np.flatnonzero(session.observation >= 0)
+    fits = [forward.mean @ forward.noise.written(x.prediction.values + x.state.rest)[0] for x in (base, last)]
+    score = np.nan_to_num(session.counts - fits[0]) ** 2
+    if diagnosis.effects:
+        score = score - np.nan_to_num(session.counts - fits[1]) ** 2
+    presses = [p for p in np.unique(session.press[session.press >= 0]).tolist() if not observed.is_test[p]]
+    chosen = sorted(presses, key=lambda p: -float(score[session.press == p].sum()))[:_SHOWN]
+    observations = np.flatnonzero(session.observation >= 0)
     time = np.zeros(len(session))
-    time[session.observation[own]] = session.samples.elapsed_s[own]
+    time[session.observation[observations]] = session.samples.elapsed_s[observations]
     figure = new_figure(13, 3.2, "Counts over time, measured and simulated, of the most informative presses")
-    for axes, p in zip(np.ravel(figure.subplots(1, max(len(worst), 1), squeeze=False)), worst, strict=False):
+    for axes, p in zip(
+        np.ravel(figure.subplots(1, max(len(chosen), 1), squeeze=False)), chosen, strict=False
+    ):
         rows = np.flatnonzero(session.press == p)
-        j = int(np.argmax(off[rows].sum(axis=0)))
+        j = int(np.argmax(score[rows].sum(axis=0)))
         x = time[rows] - time[rows[0]] if session.has_frames else np.arange(len(rows))
         axes.plot(x, session.counts[rows, j], ".", color=BLACK, markersize=4, label="measured")
-        axes.plot(x, shown[0][rows, j], color=ORANGE, label="base model")
-        if found.effects:
-            axes.plot(x, shown[1][rows, j], color=BLUE, label="with the named effects")
+        axes.plot(x, fits[0][rows, j], color=ORANGE, label="base model")
+        if diagnosis.effects:
+            axes.plot(x, fits[1][rows, j], color=BLUE, label="with the named effects")
         row, col = divmod(j, dataset.layout().cols)
         axes.set_title(f"press {dataset.presses.press[p]}, taxel_{row}_{col}")
         axes.set_xlabel("time [s]")
@@ -82,13 +82,13 @@ def curves_figure(found: Diagnosis, dataset: Dataset) -> Figure:
 
 
 @styled
-def where_figure(found: Diagnosis, dataset: Dataset) -> Figure:
+def where_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     """Draw each taxel's residual over the noise (rms), and parts of the session with more than their share."""
-    fitter = found.observed.fitter
+    fitter = diagnosis.observed.fitter
     from skincal.inference.start import raw_residual
 
-    models = [("base model", found.found.base)] + (
-        [("with the named effects", found.found.final)] if found.effects else []
+    models = [("base model", diagnosis.found.base)] + (
+        [("with the named effects", diagnosis.found.final)] if diagnosis.effects else []
     )
     figure = new_figure(12, 3.8)
     panels = np.ravel(figure.subplots(1, 3, width_ratios=(1, 1, 1.6)))
@@ -104,41 +104,41 @@ def where_figure(found: Diagnosis, dataset: Dataset) -> Figure:
         axes.set_title(f"{title}: residual over noise")
     if len(models) < 2:
         panels[1].set_axis_off()
-    parts = found.depends[::-1]
+    parts = diagnosis.depends[::-1]
     panels[2].barh([s.meaning for s in parts], [s.times for s in parts], color=BLUE)
     panels[2].axvline(1.0, color=BLACK, linewidth=1)
-    panels[2].set_xlabel("part of the excess over part of the values")
+    panels[2].set_xlabel("share of the excess over share of the values")
     return figure
 
 
 @styled
-def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
+def candidates_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     """Draw the gain of every candidate with its standard error, the null's quantile, and the required gain."""
     del dataset
-    rounds = [r if number == 0 else r[:_LATER] for number, r in enumerate(found.found.rounds) if r]
-    null, names = found.found.null, {n for e in found.effects for n in e.consistent_with}
-    below = f"{100 * null.level:g} % of sessions with nothing hidden"
-    firsts = {e.name for e in found.effects}
+    rounds = [r if number == 0 else r[:_LATER] for number, r in enumerate(diagnosis.found.rounds) if r]
+    null, names = diagnosis.found.null, {n for e in diagnosis.effects for n in e.consistent_with}
+    below = f"{100 * null.level:g} % of sessions without effects"
+    firsts = {e.name for e in diagnosis.effects}
     figure = new_figure(10, 1.2 + sum(0.22 * len(r) + 0.5 for r in rounds), "Gain on held-out presses")
     heights = [len(r) for r in rounds] or [1]
     panels = np.ravel(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights))
-    for number, (axes, tried) in enumerate(zip(panels, rounds, strict=False)):
-        rows = np.arange(len(tried))
-        quantiles = [max(null.quantile(t.name), 0.0) for t in tried]
+    for number, (axes, candidates) in enumerate(zip(panels, rounds, strict=False)):
+        rows = np.arange(len(candidates))
+        quantiles = [max(null.quantile(c.name), 0.0) for c in candidates]
         axes.barh(rows, quantiles, color=LIGHT, height=0.8, label=below)
-        axes.plot([t.limit for t in tried], rows, "|", color=BLACK, markersize=9, label="required")
-        for colour, what, own in (
-            (BLUE, "named", [t.name in firsts for t in tried]),
-            (GREEN, "not distinguishable from it", [t.name in names - firsts for t in tried]),
-            (GREY, "others", [t.name not in names for t in tried]),
+        axes.plot([c.limit for c in candidates], rows, "|", color=BLACK, markersize=9, label="required")
+        for colour, label, chosen in (
+            (BLUE, "named", [c.name in firsts for c in candidates]),
+            (GREEN, "not distinguishable from it", [c.name in names - firsts for c in candidates]),
+            (GREY, "others", [c.name not in names for c in candidates]),
         ):
-            k = np.flatnonzero(own)
+            k = np.flatnonzero(chosen)
             if not len(k):
                 continue
-            gain, error = (np.array([getattr(tried[i], a) for i in k]) for a in ("gain", "error"))
-            axes.errorbar(gain, k, xerr=error, fmt="o", color=colour, markersize=4, label=what)
-        axes.set_yticks(rows, [t.name for t in tried])
-        axes.set_ylim(len(tried) - 0.4, -0.6)
+            gain, error = (np.array([getattr(candidates[i], a) for i in k]) for a in ("gain", "error"))
+            axes.errorbar(gain, k, xerr=error, fmt="o", color=colour, markersize=4, label=label)
+        axes.set_yticks(rows, [c.name for c in candidates])
+        axes.set_ylim(len(candidates) - 0.4, -0.6)
         model = "the base model" if number == 0 else f"the model of round {number}"
         axes.set_title(f"round {number + 1}: added to {model}")
     panels[0].set_xscale("symlog", linthresh=1.0)
@@ -148,9 +148,9 @@ def candidates_figure(found: Diagnosis, dataset: Dataset) -> Figure:
 
 
 def _legend(panels: Iterable[Axes]) -> tuple[list[Any], list[str]]:
-    """Each label of some axes once, with what it stands for."""
-    found: dict[str, Any] = {}
+    """Return the handles and labels of the legends of some axes, each label once."""
+    handles: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    return list(found.values()), list(found)
+            handles.setdefault(label, handle)
+    return list(handles.values()), list(handles)

@@ -1,4 +1,4 @@
-"""The text of a diagnosis, for the terminal, a notebook and the page."""
+"""The text of a diagnosis, for the terminal, a notebook and the report."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ if TYPE_CHECKING:
 Tone = Literal["good", "found", "attention"]
 
 
-def tone(found: Diagnosis) -> Tone:
-    """Return the tone that sets the colour of the verdict: nothing to do, something found, or something open."""
-    if found.verdict == "none":
+def tone(diagnosis: Diagnosis) -> Tone:
+    """Return the tone, which sets the colour of the verdict: nothing to do, effects found, or something unexplained."""
+    if diagnosis.verdict == "none":
         return "good"
-    return "found" if found.verdict == "effects" and not found.unexplained else "attention"
+    return "found" if diagnosis.verdict == "effects" and not diagnosis.unexplained else "attention"
 
 
-def headline(found: Diagnosis) -> str:
+def headline(diagnosis: Diagnosis) -> str:
     """Return the verdict in one sentence."""
-    return _words("headline", found)
+    return _words("headline", diagnosis)
 
 
-def gap_sentence(found: Diagnosis) -> str:
+def gap_sentence(diagnosis: Diagnosis) -> str:
     """Return the sentence about the gap on the test presses, without capital and full stop."""
-    return _words("gap", found)
+    return _words("gap", diagnosis)
 
 
-def verdict_lines(found: Diagnosis) -> list[str]:
+def verdict_lines(diagnosis: Diagnosis) -> list[str]:
     """Return the verdict and its evidence, line by line."""
-    return _words("lines", found, _parameters).splitlines()
+    return _words("lines", diagnosis, _parameters).splitlines()
 
 
 def _words(name: str, *values: object) -> str:

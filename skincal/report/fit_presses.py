@@ -16,7 +16,7 @@ from skincal.fitting.result import FitResult
 from skincal.fitting.types import Floats
 from skincal.model import SensorPose
 from skincal.model.arrays import IntArray
-from skincal.prediction.holds import relocate_presses
+from skincal.prediction.holds import place_presses
 from skincal.prediction.touches import CalibratedSkin, Touches
 
 MOST = 8
@@ -98,7 +98,7 @@ def left_out(result: FitResult, dataset: Dataset) -> list[ShownPress]:
         return []
     on = CalibratedSkin.of(calibration_of(result, dataset, Provenance("")), dataset)
     values = np.where(result.dead_taxels, np.nan, problem.observed.values)
-    slack_m = relocate_presses(on, dataset, replace(problem.observed, values=values), rows).slack_m
+    slack_m = place_presses(on, dataset, replace(problem.observed, values=values), rows).slack_m
     simulated = Touches.of_presses(on, dataset).taken(rows).moved(slack_m).values()
     rmse = np.sqrt(np.nanmean((simulated - values[rows]) ** 2, axis=1))
     found = [

@@ -17,8 +17,8 @@ from skincal.collect.rig import Rig
 from skincal.collect.rounds import SESSION, Rounds
 from skincal.dataset import Dataset, read_dataset
 from skincal.dataset.joined import GAP_S
-from skincal.diagnosis.newcal import parameters_of
 from skincal.diagnosis.observed import observe
+from skincal.diagnosis.updated_calibration import updated_parameters
 from skincal.errors import InputError
 from skincal.hand.sim import SimDriver
 from skincal.inference.constants import CONSTANTS
@@ -124,7 +124,7 @@ def test_rounds_end_with_the_budget_and_are_one_session(tmp_path: Path, monkeypa
     blank = make_calibration(
         sensor=meta.sensor, surface=meta.surface, indenter=meta.indenter, mount=meta.mount
     )
-    model = parameters_of(blank, state)
+    model = updated_parameters(blank, state)
     known = {name: (value, value) for name, value in model.best().items()}
     cal = replace(blank, model=model, intervals=known, draws=None, grid=None, slack=None, findings=())
     write_calibration(cal, tmp_path / "cal")
@@ -141,7 +141,9 @@ def test_rounds_end_with_the_budget_and_are_one_session(tmp_path: Path, monkeypa
     assert told["verdict"] == "effects" and len(told["effects"][0]["consistent_with"]) > 1
     assert told["collected"]["presses"] == 12 and told["collected"]["rounds"] == 3
     assert not told["collected"]["settled"]
-    assert "round 1: 4 presses, to tell" in printed.err and "round 3: with 12 more presses" in printed.err
+    assert (
+        "round 1: 4 presses, to distinguish" in printed.err and "round 3: with 12 more presses" in printed.err
+    )
     session = read_dataset(new / SESSION)
     assert len(session.presses) == 28
     assert read_calibration(new).provenance.dataset_sha256 == session.sha256

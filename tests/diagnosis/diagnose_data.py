@@ -1,4 +1,4 @@
-"""Datasets for the tests of the diagnosis: simulated presses with frames and covariates, and static ones."""
+"""Datasets for the tests of the diagnosis: simulated presses with frames and covariates, and static presses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from skincal.model import Sphere
 
 @cache
 def moving(presses: int = 16, seed: int = 2) -> Dataset:
-    """Presses with frames and covariates; every fourth is an exact repeat of the first."""
+    """Return presses with frames and covariates; every fourth is an exact repeat of the first."""
     rng = np.random.default_rng(seed)
     across, along = rng.uniform(-5e-3, 5e-3, (2, presses))
     force, speed = rng.uniform(0.8, 4.0, presses), rng.choice([2.5e-4, 2e-3], presses)
@@ -55,7 +55,7 @@ def moving(presses: int = 16, seed: int = 2) -> Dataset:
 
 
 def still(*, clock: bool = False) -> Dataset:
-    """The same presses without frames and without covariates, with or without their times."""
+    """Return the same presses without frames and covariates, with or without times."""
     data = moving()
     names = ("t_start_s", "t_hold_s", "t_release_s", "t_end_s") if clock else ()
     table = replace(data.presses, columns={name: data.presses.columns[name] for name in names})

@@ -38,30 +38,30 @@ def static() -> AuditReport:
     return audit_dataset(still(), None, rng())
 
 
-def test_frames_show_what_changes_in_time(framed: AuditReport):
+def test_frames_show_dynamic_effects(framed: AuditReport):
     assert DYNAMIC - {"first_cycle", "gain_drift"} <= set(framed.visible)
     assert framed.presses == 16 and framed.has_frames and not framed.calibrated
     assert set(framed.visible) | set(framed.cannot_see) == set(EFFECTS)
 
 
-def test_static_presses_do_not(static: AuditReport):
+def test_static_presses_hide_dynamic_effects(static: AuditReport):
     assert set(static.cannot_see) >= DYNAMIC | {"shear"}
     assert set(static.reasons) == set(static.cannot_see)
     assert {"crosstalk", "ghosting", "taxel_offset"} <= set(static.visible)
 
 
-def test_times_alone_do_not_show_memory():
+def test_times_alone_hide_memory():
     clocked = audit_dataset(still(clock=True), None, rng())
     assert {"hysteresis", "rate", "latency"} <= set(clocked.cannot_see)
     assert "baseline_drift" in clocked.visible
 
 
-def test_same_seed_same_audit(static: AuditReport):
-    again = audit_dataset(still(), None, rng())
-    assert all(again.effects[n].distance == one.distance for n, one in static.effects.items())
+def test_same_seed_gives_same_audit(static: AuditReport):
+    repeated = audit_dataset(still(), None, rng())
+    assert all(repeated.effects[n].distance == one.distance for n, one in static.effects.items())
 
 
-def test_calibration_is_used_and_checked():
+def test_calibration_is_checked():
     calibration = make_calibration()
     report = audit_dataset(still(), calibration, rng())
     assert report.calibrated
@@ -70,7 +70,7 @@ def test_calibration_is_used_and_checked():
         audit_dataset(other, calibration, rng())
 
 
-def test_plan_and_calibration_are_of_the_same_hand():
+def test_plan_of_another_hand_is_refused():
     calibration = make_calibration()
     plan = paper_plan(rng(), MOUNT.layout)
     assert audit_plan(plan, HAND, calibration, rng()).calibrated
@@ -87,22 +87,22 @@ def test_nothing_to_audit():
 
 
 @pytest.mark.parametrize("data", [moving(), still()], ids=["frames", "holds"])
-def test_a_force_out_of_all_proportion_is_left_out(data: Dataset, framed: AuditReport, static: AuditReport):
+def test_force_outlier_is_left_out(data: Dataset, framed: AuditReport, static: AuditReport):
     presses, frames = data.presses, data.frames
     force = presses.force_n.copy()
     force[3] = 2500.0
     if frames is not None:
         frames = replace(frames, force_n=np.where(frames.press == presses.press[3], 2500.0, frames.force_n))
     report = audit_dataset(replace(data, presses=replace(presses, force_n=force), frames=frames), None, rng())
-    usual = static if frames is None else framed
-    assert report.left_out == (int(presses.press[3]),) and usual.left_out == ()
-    assert report.presses == usual.presses - 1
-    smallest = [[one.smallest_strength for one in r.effects.values()] for r in (report, usual)]
-    seen = np.isfinite(smallest).all(axis=0) & (np.array(smallest) < 1).all(axis=0)
-    np.testing.assert_allclose(*np.array(smallest)[:, seen], rtol=0.3)
+    expected = static if frames is None else framed
+    assert report.left_out == (int(presses.press[3]),) and expected.left_out == ()
+    assert report.presses == expected.presses - 1
+    smallest = [[one.smallest_strength for one in r.effects.values()] for r in (report, expected)]
+    visible = np.isfinite(smallest).all(axis=0) & (np.array(smallest) < 1).all(axis=0)
+    np.testing.assert_allclose(*np.array(smallest)[:, visible], rtol=0.3)
 
 
-def test_frames_that_are_all_at_rest_are_what_is_wrong():
+def test_frames_without_contact_are_refused():
     data = moving()
     assert data.frames is not None
     phase = np.full_like(data.frames.phase, IDLE)
@@ -112,7 +112,7 @@ def test_frames_that_are_all_at_rest_are_what_is_wrong():
         audit_dataset(replace(data, frames=frames), None, rng())
 
 
-def test_frames_without_places_are_what_is_wrong():
+def test_frames_without_positions_are_refused():
     data = moving()
     assert data.frames is not None
     frames = replace(data.frames, position_m=np.full_like(data.frames.position_m, np.nan))
@@ -120,7 +120,7 @@ def test_frames_without_places_are_what_is_wrong():
         audit_dataset(replace(data, frames=frames), None, rng())
 
 
-def test_forces_of_single_frames_are_left_out_too(framed: AuditReport):
+def test_force_outliers_of_single_frames_are_left_out(framed: AuditReport):
     data = moving()
     assert data.frames is not None
     force = data.frames.force_n.copy()
@@ -130,16 +130,16 @@ def test_forces_of_single_frames_are_left_out_too(framed: AuditReport):
     assert report.visible == framed.visible
 
 
-@pytest.mark.parametrize(("presses", "found"), [(4, False), (5, True), (10, True)])
-def test_of_a_few_presses_none_is_out_of_proportion(presses: int, found: bool):
+@pytest.mark.parametrize(("presses", "is_outlier"), [(4, False), (5, True), (10, True)])
+def test_few_presses_have_no_outlier(presses: int, is_outlier: bool):
     data = still()
     force = np.concatenate([[2500.0], np.full(len(data.presses) - 1, 2.0)])
     force[presses:] = np.nan
     report = audit_dataset(replace(data, presses=replace(data.presses, force_n=force)), None, rng())
-    assert report.left_out == ((int(data.presses.press[0]),) if found else ())
+    assert report.left_out == ((int(data.presses.press[0]),) if is_outlier else ())
 
 
-def test_plans_have_the_frames_that_collect_would_take():
+def test_plan_has_the_frames_of_collect():
     plan = paper_plan(rng(), MOUNT.layout)
     session = plan_session(plan, HAND)
     held = session.phase == HOLD
@@ -148,7 +148,7 @@ def test_plans_have_the_frames_that_collect_would_take():
     assert (np.diff(session.samples.time_s) >= 0).all()
 
 
-def test_full_plan_shows_all_but_what_is_not_planned():
+def test_full_plan_shows_all_but_shear():
     report = audit_plan(full_plan(rng(), MOUNT.layout), HAND, None, rng())
     assert report.cannot_see == ("shear",)
     assert "plan" in report.reasons["shear"] and report.planned

@@ -1,4 +1,4 @@
-"""What a diagnosis may not say beside the fit of the same data."""
+"""The verdict agrees with the fit of the same data and with the test presses."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from skincal.calibration import Finding
 from skincal.diagnosis import workflow
 
 
-def test_something_is_missing_where_the_fit_says_so() -> None:
+def test_misfit_of_the_fit_gives_unknown() -> None:
     misfit = Finding("misfit", "warning", "images differ by twenty times the noise", "")
     fitted = replace(calibration(), findings=(misfit,))
     fitted = replace(fitted, provenance=replace(fitted.provenance, dataset_sha256=""))
     diagnosis = workflow.diagnose(without_frames(session(presses=16)), fitted, seed=1, null_sessions=2)
     assert diagnosis.verdict == "unknown"
     assert diagnosis.unexplained
-    # Another session's misfit is not this one's.
-    assert not workflow._misfits(
+    # The misfit of another session does not count.
+    assert not workflow._has_misfit(
         replace(fitted, provenance=replace(fitted.provenance, dataset_sha256="a")), session()
     )
 
 
-def test_a_name_that_leaves_most_of_the_gap_is_taken_back() -> None:
+def test_effect_is_withdrawn_if_most_of_the_gap_remains() -> None:
     plain = found("hysteresis")
-    assert not plain.gap.stays
+    assert not plain.gap.is_unexplained
     data = plain.observed.dataset
     frames, rng = data.frames, np.random.default_rng(0)
     assert frames is not None
@@ -38,4 +38,4 @@ def test_a_name_that_leaves_most_of_the_gap_is_taken_back() -> None:
     other = replace(data, frames=replace(frames, counts=counts))
     diagnosis = workflow.diagnose(other, calibration(), seed=1)
     assert (diagnosis.verdict, diagnosis.taken_back) == ("unknown", ("hysteresis",))
-    assert diagnosis.gap.stays and not diagnosis.gap.refutes
+    assert diagnosis.gap.is_unexplained and not diagnosis.gap.is_refuted

@@ -1,4 +1,4 @@
-"""Measured data: what a person sees in them without skincal is what it says of them."""
+"""Diagnosis of measured data: the effects and faults that are visible by eye."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from skincal.diagnosis.workflow import diagnose
 
 
 @pytest.mark.slow
-def test_the_insole_has_levels_at_rest_a_memory_and_faults(shared: Path) -> None:
+def test_insole_effects_and_faults(shared: Path) -> None:
     """Falling pressure reads up to four counts higher than rising; a quarter of the taxels is noisy."""
     data = read_dataset(shared / "real" / "insole")
     found = summary(diagnose(data, calibrate_uniform(data).calibration))

@@ -1,4 +1,4 @@
-"""Advice on what to record fits the rig."""
+"""Recommendations fit the rig."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from typing import Any
 
 import pytest
 
-from skincal.diagnosis.reasons import Facts, cures, on_a_stage
+from skincal.diagnosis.reasons import PressVariety, phrase_for_stage, recommend_recordings
 from skincal.effects import EFFECTS
 
 
 @pytest.mark.parametrize("lacking", [(), ("pose", "time")])
 @pytest.mark.parametrize("lost_to_base", [0.0, 2.0])
-def test_a_stage_is_not_told_of_hands(lacking: tuple[str, ...], lost_to_base: float):
-    none = Facts(False, False, False, 1.0, 1, False, 1.0, 1, 0.0)
-    said: list[str] = []
+def test_recommendations_for_a_stage_do_not_mention_hands(lacking: tuple[str, ...], lost_to_base: float):
+    none = PressVariety(False, False, False, 1.0, 1, False, 1.0, 1, 0.0)
+    cures: list[str] = []
     for name in EFFECTS:
-        found: Any = SimpleNamespace(name=name, lacking=lacking, raw_distance=3.0, threshold=1.0,
+        audit: Any = SimpleNamespace(name=name, lacking=lacking, raw_distance=3.0, threshold=1.0,
                                      lost_to_base=lost_to_base, lost_to_presses=1.0)  # fmt: skip
-        said += cures(found, none)
-    assert any("hand" in cure for cure in said)
-    assert not any("hand" in on_a_stage(cure) for cure in said)
+        cures += recommend_recordings(audit, none)
+    assert any("hand" in cure for cure in cures)
+    assert not any("hand" in phrase_for_stage(cure) for cure in cures)

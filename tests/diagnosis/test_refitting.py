@@ -1,4 +1,4 @@
-"""A calibration's effects fitted again beside another calibration of the sensor."""
+"""Refitting the effects of one calibration together with the base model of another."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from skincal.diagnosis.workflow import refitted_effects
 from skincal.errors import InputError
 
 
-def test_effects_are_found_again_from_others():
+def test_refitted_effects_recover_the_truth():
     found = refitted_loop()
     (one,) = found.effects
     assert one.name == "hysteresis"
@@ -25,7 +25,7 @@ def test_effects_are_found_again_from_others():
         )
     assert found.model.elasticity_pa_per_m == pytest.approx(calibration().model.elasticity_pa_per_m, rel=0.1)
     assert found.provenance == calibration().provenance
-    # How well it fits is said of the fit with the effects.
+    # The loss is that of the fit with the effects.
     assert found.slack is not None and found.loss.presses_used == found.slack["used"].sum() > 0
     assert found.loss.mse_counts2 == pytest.approx(
         np.mean(found.slack["residual_rms_counts"][found.slack["used"]] ** 2), rel=1e-6
@@ -33,7 +33,7 @@ def test_effects_are_found_again_from_others():
     assert found.loss.mse_counts2 < 0.2
 
 
-def test_what_the_data_cannot_speak_of_stays_as_it_was():
+def test_effects_without_covariates_are_kept():
     data = without_frames(session(None))
     start = {"gain_drift": {"rate_per_s": -1e-3}, "crosstalk": {"leak": 0.02}}
     found = {e.name: e for e in refitted_effects(data, calibration(), calibration(start)).effects}
@@ -49,7 +49,7 @@ def test_effects_of_another_sensor_are_refused():
         refitted_effects(session(LOOP), calibration(), other)
 
 
-def test_a_press_that_shows_something_else_has_no_say():
+def test_outlier_press_is_left_out():
     data = session(LOOP)
     assert data.frames is not None
     frames = data.frames
@@ -57,10 +57,10 @@ def test_a_press_that_shows_something_else_has_no_say():
     counts[own] = np.clip(counts[own][:, ::-1] + 60.0, 0, 255)
     images = data.presses.counts.copy()
     images[data.presses.press == 105] = counts[own & (frames.phase == HOLD)].mean(axis=0)
-    spoilt = replace(
+    corrupted = replace(
         data, frames=replace(frames, counts=counts), presses=replace(data.presses, counts=images)
     )
-    clean, found = refitted_loop(), refitted(spoilt)
+    clean, found = refitted_loop(), refitted(corrupted)
     assert found.slack is not None
     assert found.slack["press"][~found.slack["used"]].tolist() == [105]
     for name, value in clean.effects[0].parameters.items():

@@ -1,4 +1,4 @@
-"""Findings of a diagnosis that stand beside its verdict."""
+"""Findings of a diagnosis."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ def observed(data: Dataset) -> Observed:
     return observe(data, replace(calibration(), sensor=data.meta.sensor), np.random.default_rng(0))
 
 
-def found(data: Dataset) -> list[Finding]:
+def findings_of(data: Dataset) -> list[Finding]:
     session = observed(data)
     return list(far_readings(session, fit_base(session.fitter, known=True)))
 
 
-def test_a_press_that_is_far_off_at_one_taxel():
-    """Most taxels are as they should be, so that over all of them it is like the others; of one no force is known."""
+def test_outlier_at_one_taxel_is_reported():
+    """The image as a whole is no outlier, since most taxels are right; one press has no force."""
     data = made(rest=40.0)
     assert data.frames is not None
     force, of_frames = data.presses.force_n.copy(), data.frames.force_n.copy()
     force[3], of_frames[data.frames.press == data.presses.press[3]] = np.nan, np.nan
     frames = replace(data.frames, force_n=of_frames)
     data = replace(data, presses=replace(data.presses, force_n=force), frames=frames)
-    # One that is lit far from the contact, beside others that are: no other place would explain it.
-    lit_taxels = np.where(observed(data).held, 0, (data.presses.counts > 45.0).sum(axis=1))
+    # A lit taxel far from the contact, which no other contact position would explain.
+    lit_taxels = np.where(observed(data).is_test, 0, (data.presses.counts > 45.0).sum(axis=1))
     row = int(lit_taxels.argmax())
     own = data.presses.counts[row].reshape(4, 4)
     number, lit = data.presses.press[row], 15 - int(own.argmax())
     counts = frames.counts.copy()
     counts[frames.press == number, lit] = own.max()
-    assert not found(data)
-    (one,) = found(replace(data, frames=replace(frames, counts=counts)))
+    assert not findings_of(data)
+    (one,) = findings_of(replace(data, frames=replace(frames, counts=counts)))
     assert one.code == "far_readings"
-    assert one.text.startswith(f"press {number}: taxel_{lit // 4}_{lit % 4} reads ")
+    assert one.text.startswith(f"press {number}: taxel_{lit // 4}_{lit % 4} is ")

@@ -1,4 +1,4 @@
-"""A dataset as the diagnosis sees it."""
+"""Conversion of datasets to sessions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from diagnosis.diagnose_data import moving, still
 
-from skincal.dataset import Dataset
 from skincal.diagnosis.dataset_session import gap_session, pose_names, repeats, sites
 from skincal.diagnosis.observed import observe
 from skincal.effects.samples import HOLD, IDLE
@@ -30,8 +29,8 @@ def test_frames_become_bins_with_their_covariates():
     assert (session.press[session.phase == IDLE] == -1).all()
 
 
-def test_a_frame_in_which_something_still_presses_is_no_rest():
-    """The last of an unloading, where a threshold has cut it off."""
+def test_rest_frame_with_force_is_left_out():
+    """The end of an unloading, which a threshold has labelled as rest."""
     data = moving()
     frames = data.frames
     assert frames is not None
@@ -43,7 +42,7 @@ def test_a_frame_in_which_something_still_presses_is_no_rest():
     assert session.frames.sum() == len(frames) - len(last)
 
 
-def test_presses_are_told_by_their_number_not_by_their_row():
+def test_presses_are_matched_by_number():
     data = moving()
     order = np.random.default_rng(0).permutation(len(data.presses))
     mixed = replace(data, presses=data.presses.select(order))
@@ -60,7 +59,7 @@ def test_presses_without_frames_are_hold_means():
     assert gap_session(still(clock=True)).samples.time_s is not None
 
 
-def test_presses_in_another_order_than_time_keep_their_rows():
+def test_presses_out_of_time_order_keep_their_rows():
     data = still(clock=True)
     order = np.random.default_rng(0).permutation(len(data.presses))
     session = gap_session(replace(data, presses=data.presses.select(order)))
@@ -68,7 +67,7 @@ def test_presses_in_another_order_than_time_keep_their_rows():
     assert (np.diff(session.remembered.time_s) >= 0).all()
 
 
-def test_a_press_without_place_is_left_out():
+def test_press_without_position_is_left_out():
     data = still()
     place = data.presses.position_m.copy()
     place[2] = np.nan
@@ -84,7 +83,7 @@ def test_sites_and_repeats():
     assert len(repeats(still())[0]) == 0
 
 
-def test_poses_of_unused_presses_are_numbered_too():
+def test_poses_of_unused_presses_are_numbered():
     data = still()
     poses = np.array(["A", "B", *["C"] * (len(data.presses) - 2)])
     force = data.presses.force_n.copy()
@@ -96,7 +95,7 @@ def test_poses_of_unused_presses_are_numbered_too():
     assert set(session.samples.pose[session.samples.touching].tolist()) == {1, 2}
 
 
-def test_rest_has_the_covariates_of_the_press_before():
+def test_rest_has_covariates_of_last_press():
     data = moving()
     warmer = 20.0 + np.arange(len(data.presses))
     presses = replace(data.presses, columns={**data.presses.columns, "temperature_c": warmer})
@@ -106,7 +105,7 @@ def test_rest_has_the_covariates_of_the_press_before():
     assert samples.temperature_c == pytest.approx(warmer[before])
 
 
-def test_where_rest_was_taken_off_nobody_knows_the_bounds():
+def test_subtracted_baseline_has_no_bounds():
     data = moving()
     sensor = replace(data.meta.sensor, baseline="subtracted")
     subtracted = replace(data, meta=replace(data.meta, sensor=sensor))
@@ -115,12 +114,3 @@ def test_where_rest_was_taken_off_nobody_knows_the_bounds():
         for one in (subtracted, data)
     ]
     assert [n.low for n in noises] == [-np.inf, 0.0] and noises[0].high == np.inf
-
-
-def raised(counts: float, least: int) -> Dataset:
-    """The dataset with another level at rest, of a converter that begins there."""
-    data = moving()
-    sensor = replace(data.meta.sensor, value_min=least, value_max=4095)
-    presses = replace(data.presses, counts=data.presses.counts + counts)
-    frames = replace(data.frames, counts=data.frames.counts + counts)
-    return replace(data, meta=replace(data.meta, sensor=sensor), presses=presses, frames=frames)

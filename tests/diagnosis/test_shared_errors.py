@@ -1,4 +1,4 @@
-"""Intervals after a diagnosis hold the errors that presses share."""
+"""Intervals after a diagnosis include the errors that presses share."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def width(found: Calibration, name: str) -> float:
 
 
 def off(data: Dataset, error_m: np.ndarray) -> Dataset:
-    """The session with positions of presses (P, 2) off by so much, across and along."""
+    """Return the session with position errors (P, 2) [m] across and along."""
     presses, frames = data.presses, data.frames
     assert frames is not None
     row = np.searchsorted(presses.press, np.maximum(frames.press, presses.press[0]))
@@ -33,31 +33,31 @@ def off(data: Dataset, error_m: np.ndarray) -> Dataset:
     )
 
 
-def test_smooth_errors_of_positions_widen_the_angle():
+def test_smooth_position_errors_widen_the_angle():
     wider = list[float]()
     for presses in (24, 36, 48):
         data = session(LOOP, presses)
         along = data.presses.position_m[:, 1] - data.presses.position_m[:, 1].mean()
         smooth = np.outer(along, [0.1, -0.06])
-        # The same errors by chance: widths of one order alone differ by as much as is looked for.
+        # Permuted errors for comparison: the widths of single permutations scatter as much as the expected difference.
         orders = [np.random.default_rng(k).permutation(smooth) for k in (1, 2, 3)]
-        found, *chance = (refitted(off(data, errors)) for errors in (smooth, *orders))
-        wider.append(width(found, ANGLE) / float(np.mean([width(one, ANGLE) for one in chance])))
+        found, *permuted = (refitted(off(data, errors)) for errors in (smooth, *orders))
+        wider.append(width(found, ANGLE) / float(np.mean([width(one, ANGLE) for one in permuted])))
         if presses == 24:
             low, high = found.intervals[ANGLE]
             assert low <= calibration().model.alpha_deg <= high
     assert np.mean(wider) > 1.1
 
 
-def test_unknown_force_scale_widens_the_stiffness():
+def test_force_scale_widens_the_stiffness():
     data = session(LOOP)
     found = refitted(replace(data, meta=replace(data.meta, force=ForceSpec(scale_sigma=0.1))))
     best = found.model.elasticity_pa_per_m
     assert width(found, STIFFNESS) > 0.4 * best > width(refitted_loop(), STIFFNESS)
 
 
-def test_the_scale_may_be_that_of_the_middle_of_a_loop():
-    # By our equation the lower curve is the base model's, by others the middle between it and the upper one.
+def test_scale_interval_contains_the_middle_of_a_loop():
+    # In our equation the lower curve is that of the base model; in others it is the middle of the loop.
     data, state = session(LOOP), calibration(LOOP)
     loaded = predicted(state, data, LOAD) / predicted(calibration(), data, LOAD)
     unloaded = predicted(state, data, UNLOAD) / predicted(calibration(), data, UNLOAD)
@@ -68,13 +68,13 @@ def test_the_scale_may_be_that_of_the_middle_of_a_loop():
 
 
 def predicted(state: Calibration, data: Dataset, phase: int) -> float:
-    """Sum of what is read in a phase."""
+    """Return the sum of the predicted counts in a phase."""
     frames = predict_dataset(state, data).dataset.frames
     assert frames is not None
     return float(np.nansum(frames.counts[frames.phase == phase]))
 
 
-def test_images_err_as_they_show():
+def test_image_error_is_estimated():
     data, state = session(LOOP), calibration(LOOP)
     found = []
     for size in (0.0, 0.2):
@@ -86,7 +86,7 @@ def test_images_err_as_they_show():
 
 
 def scattered(data: Dataset, size: float) -> Dataset:
-    """The session with the image of each press off by a part, taxel by taxel."""
+    """Return the session with a relative error of each taxel in each press."""
     frames = data.frames
     assert frames is not None
     rng = np.random.default_rng(3)

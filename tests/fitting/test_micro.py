@@ -12,7 +12,7 @@ import pytest
 from skincal.fitting import grid
 from skincal.fitting.general import Combination, evaluate_pose
 from skincal.fitting.general_skin import SkinShares
-from skincal.fitting.grid import MacroGrid, relocate_presses
+from skincal.fitting.grid import MacroGrid, place_presses
 from skincal.fitting.micro import MicroSettings, micro_objective, nlopt_micro, slack_lattice
 from skincal.fitting.problem import FitProblem, pose_problem
 from tests.fitting.conftest import Truth, make_session, rig
@@ -74,11 +74,11 @@ def _fast(problem: FitProblem, macro: np.ndarray) -> tuple[np.ndarray, float, fl
     found = []
 
     def watched(*arguments):
-        found.append(relocate_presses(*arguments))
+        found.append(place_presses(*arguments))
         return found[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(grid, "relocate_presses", watched)
+        patch.setattr(grid, "place_presses", watched)
         slab = grid.evaluate_slab(problem, MacroGrid(*(macro[i : i + 1] for i in range(4))), 0, SETTINGS)
     return found[0][0][:, 0, 0], float(slab.mse_counts2[0, 0, 0]), float(slab.scale_per_n[0, 0, 0])
 

@@ -12,7 +12,7 @@ import pytest
 from inference.made import KINDS, made
 from report.diagnosis_cases import calibration
 
-from skincal.diagnosis.gap import gap_of, placed_presses
+from skincal.diagnosis.gap import measure_gap, place_presses
 from skincal.diagnosis.observed import Observed, observe
 from skincal.effects import effect
 from skincal.inference.columns import free_parameters
@@ -195,24 +195,24 @@ def test_a_press_is_found_by_the_chain_as_it_is(kind: str):
 
 def test_a_press_no_model_can_follow_has_no_part_in_the_gap():
     observed = seen("hysteresis")
-    row = int(np.flatnonzero(observed.held)[0])
+    row = int(np.flatnonzero(observed.is_test)[0])
     counts = observed.session.counts
     assert counts is not None
     image = counts[observed.session.press == row]
     counts[observed.session.press == row] = image[:, ::-1]
-    gap = gap_of(
+    gap = measure_gap(
         observed, observed.fitter.priors.start, observed.fitter.priors.start, np.random.default_rng(0)
     )
     counts[observed.session.press == row] = image
     assert row not in gap.presses
-    assert len(gap.presses) == observed.held.sum() - 1
+    assert len(gap.presses) == observed.is_test.sum() - 1
 
 
 def test_presses_kept_for_the_end_are_placed_where_they_fit():
     observed = seen("hysteresis")
-    whole, rows = observed.whole(), np.flatnonzero(observed.held)
+    whole, rows = observed.fitter_of_all(), np.flatnonzero(observed.is_test)
     state = observed.fitter.priors.start
-    own = placed_presses(whole, state, rows)
+    own = place_presses(whole, state, rows)
     left = misfit(whole, own)[rows]
     for step in (2e-4, -2e-4):
         for axis in (0, 1):
@@ -221,7 +221,7 @@ def test_presses_kept_for_the_end_are_placed_where_they_fit():
             assert (left <= misfit(whole, replace(own, move=move))[rows] + 1.0).all()
     # From where another model has them they come to places that are no worse, but for tables made elsewhere.
     far = replace(state, move=np.full_like(state.move, 3e-4))
-    assert (misfit(whole, placed_presses(whole, state, rows, [far]))[rows] <= left + 5.0).all()
+    assert (misfit(whole, place_presses(whole, state, rows, [far]))[rows] <= left + 5.0).all()
 
 
 def misfit(fitter: Fitter, state) -> np.ndarray:  # type: ignore[no-untyped-def]

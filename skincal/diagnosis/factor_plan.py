@@ -1,7 +1,7 @@
-"""Presses that vary one thing at a time, where nothing known explains what is missing: they show its shape.
+"""Plan presses that vary one factor at a time, for a residual that no known effect explains.
 
-Which thing is told by the signatures that the residual goes along with. Everything else stays as in a usual press, each
-combination comes at several sites and at least twice, so that scatter and dependence can be told apart.
+The factors are those that the residual depends on. Everything else stays as in a usual press. Each combination is
+repeated at several sites, so that scatter and dependence can be separated.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from skincal.collect import Plan, PlannedPress
-from skincal.collect.protocols import named_by_order, spread_sites
+from skincal.collect.protocols import spread_sites
 from skincal.diagnosis.rig import Rig
 
 Factor = Literal["force", "pace", "time", "touches", "places", "poses", "indenters"]
@@ -35,53 +35,53 @@ FACTORS: Mapping[str, Factor] = {
     "pose": "poses",
     "indenter": "indenters",
 }
-"""What to vary for each part of a session (:mod:`skincal.diagnosis.where`)."""
+"""Factor to vary for each part of a session (:mod:`skincal.diagnosis.residual_location`)."""
 
 WORDS: Mapping[Factor, str] = {
     "force": "only the force differs",
     "pace": "only the speed of loading and the length of the hold differ",
-    "time": "the same few presses come back from beginning to end",
+    "time": "the same few presses are repeated throughout the session",
     "touches": "each site is touched several times in a row",
-    "places": "the same press goes all over the patch",
+    "places": "the same press is made all over the patch",
     "poses": "only the hand's pose differs",
     "indenters": "only the indenter differs",
 }
 
 PRESSES, _TOUCHES, _LEVELS = 30, 4, 5
-_EITHER: tuple[Factor, ...] = ("force", "pace")
+_DEFAULT: tuple[Factor, ...] = ("force", "pace")
 
 
-def factors_of(names: Sequence[str], rig: Rig, most: int = 2) -> list[Factor]:
-    """What to vary, by the parts in which the residual lies, clearest first; force and pace where none is."""
-    clear: list[Factor] = [FACTORS[name] for name in names if name in FACTORS]
-    able: list[Factor] = [
-        f for f in clear if (f != "poses" or len(rig.poses) > 1) and (f != "indenters" or rig.radii_m)
+def choose_factors(names: Sequence[str], rig: Rig, most: int = 2) -> list[Factor]:
+    """Return the factors to vary, most relevant first; force and pace if no part of the session stands out.
+
+    Args:
+        names: keys of the parts of the session with much of the residual, highest share first.
+        rig: limits the factors to those that it can vary.
+        most: largest number of factors.
+    """
+    related: list[Factor] = [FACTORS[name] for name in names if name in FACTORS]
+    possible: list[Factor] = [
+        f for f in related if (f != "poses" or len(rig.poses) > 1) and (f != "indenters" or rig.radii_m)
     ]
-    return sorted(set(able), key=able.index)[:most] or [*_EITHER]
+    return list(dict.fromkeys(possible))[:most] or [*_DEFAULT]
 
 
-def ladder_plan(factors: Sequence[Factor], rig: Rig, rng: np.random.Generator) -> Plan:
-    """A session of presses that vary these things, one after the other, between two anchors."""
+def plan_factors(factors: Sequence[Factor], rig: Rig, rng: np.random.Generator) -> Plan:
+    """Return a session of presses that vary these factors one after the other, between two anchors."""
     usual = rig.usual
-    sites = [replace(usual, u_m=u, v_m=v) for u, v in spread_sites(rng, rig.field, PRESSES)]
+    sites = [replace(usual, u_m=u, v_m=v) for u, v in spread_sites(rng, rig.pressed_area, PRESSES)]
     sites = rig.on_surface(sites) or [usual]
     share = PRESSES // len(factors)
-    parts = [_varied(factor, share, usual, sites, rig, rng) for factor in factors]
-    # What comes back all session long goes between the others.
+    parts = [_vary(factor, share, usual, sites, rig, rng) for factor in factors]
+    # Presses that are repeated throughout the session alternate with the others.
     parts = list(itertools.zip_longest(*parts)) if "time" in factors else parts
     presses = [p for part in parts for p in part if p is not None]
-    # One change of the cap and few of the pose: groups, in the order in which they first occur.
+    # Grouped by indenter and pose, so that the indenter is changed once and the pose rarely.
     order = sorted(presses, key=lambda p: (p.indenter_radius_m or 0.0, rig.poses.index(p.pose)))
-    anchor = replace(usual, kind="anchor")
-    first = [p for p in order if p.indenter_radius_m is None]
-    named = named_by_order([anchor, *first, anchor, *order[len(first) :]])
-    last = len(first) + 1
-    return rig.plan(
-        "next-presses", [replace(p, kind="anchor") if i in (0, last) else p for i, p in enumerate(named)]
-    )
+    return rig.plan_session(order)
 
 
-def _varied(
+def _vary(
     factor: Factor,
     count: int,
     usual: PlannedPress,
@@ -89,20 +89,21 @@ def _varied(
     rig: Rig,
     rng: np.random.Generator,
 ) -> list[PlannedPress]:
+    """Return ``count`` presses that vary one factor over some of the sites, in random order where that is possible."""
     if factor == "time":
         return list(itertools.islice(itertools.cycle(sites[:3]), count))
     if factor == "touches":
         return [p for p in sites[: max(1, count // _TOUCHES)] for _ in range(_TOUCHES)]
     levels = _levels(factor, usual, rig)
-    # A single level goes over more sites than come back.
+    # With one level only, more sites can be visited.
     places = sites[: max(1, 2 * count // 3 if len(levels) == 1 else count // (2 * len(levels)))]
-    made = [replace(p, u_m=at.u_m, v_m=at.v_m) for at in places for p in levels]
-    chosen = list(itertools.islice(itertools.cycle(made), count))
+    combinations = [replace(p, u_m=at.u_m, v_m=at.v_m) for at in places for p in levels]
+    chosen = list(itertools.islice(itertools.cycle(combinations), count))
     return [chosen[int(i)] for i in rng.permutation(count)]
 
 
 def _levels(factor: Factor, usual: PlannedPress, rig: Rig) -> list[PlannedPress]:
-    """The usual press with each value of what is varied."""
+    """Return the usual press with each level of a factor."""
     if factor == "force":
         low, high = (force**0.5 for force in rig.forces_n)
         roots = [low + (high - low) * i / (_LEVELS - 1) for i in range(_LEVELS)]

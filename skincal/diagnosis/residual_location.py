@@ -1,0 +1,119 @@
+"""Locate a residual: shares of its excess over the noise by phase, force, time, taxel and covariate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
+from skincal.inference.session import GapSession
+from skincal.model.arrays import BoolArray, FloatArray
+
+PHASES = {LOAD: "loading", HOLD: "the hold", UNLOAD: "unloading", IDLE: "rest"}
+_MIN_TIMES, _MIN_SHARE = 1.6, 0.25
+"""A part of the session is mentioned if it holds this multiple of its proportion, and this share, of the excess."""
+
+
+@dataclass(frozen=True)
+class ResidualShare:
+    """Share of the excess residual in one part of the session.
+
+    Attributes:
+        name: key of the part, such as ``force``.
+        meaning: description of the part.
+        share: share of the excess residual that lies in the part.
+        times: ``share`` over the part's share of the values.
+    """
+
+    name: str
+    meaning: str
+    share: float
+    times: float
+
+
+def residual_shares(residual: FloatArray, session: GapSession) -> tuple[ResidualShare, ...]:
+    """Return the share of the excess residual in each part of a session, highest ``times`` first.
+
+    Args:
+        residual: (N, J) residuals over the noise, NaN where nothing was read.
+        session: the session they belong to.
+    """
+    excess = residual**2 - 1
+    is_read = np.isfinite(excess)
+    total = float(np.where(is_read, excess, 0.0).sum())
+    if total <= 0:
+        return ()
+    found: list[ResidualShare] = []
+    for name, meaning, rows in _parts(session):
+        share = float(np.where(is_read & rows[:, None], excess, 0.0).sum()) / total
+        size = float((is_read & rows[:, None]).sum()) / max(float(is_read.sum()), 1.0)
+        if 0 < size < 1:
+            found.append(ResidualShare(name, meaning, share, share / size))
+    return tuple(sorted(found, key=lambda x: -x.times))
+
+
+def _parts(session: GapSession) -> list[tuple[str, str, BoolArray]]:
+    """Return key, description and observations (N,) of each part of a session."""
+    samples, observed = session.samples, np.flatnonzero(session.observation >= 0)
+    first = np.zeros(len(session), dtype=np.int64)  # first sample of each observation
+    first[session.observation[observed][::-1]] = observed[::-1]
+    force, is_pressed = session.mean_force(), session.press >= 0
+    parts: list[tuple[str, str, BoolArray]] = [
+        (word, word, session.phase == phase)
+        for phase, word in PHASES.items()
+        if (session.phase == phase).any()
+    ]
+    median_n = float(np.median(force[is_pressed])) if is_pressed.any() else 0.0
+    parts += [
+        ("force", f"presses above {median_n:.2g} N", is_pressed & (force > median_n)),
+        ("small force", f"presses below {median_n:.2g} N", is_pressed & (force <= median_n)),
+    ]
+    time = samples.elapsed_s[first]
+    if samples.time_s is not None and session.has_frames:
+        thirds = np.quantile(time, [1 / 3, 2 / 3])
+        parts += [
+            ("begin", "the first third of the session", time < thirds[0]),
+            ("end", "the last third of the session", time > thirds[1]),
+        ]
+    for name, column, high, low in (
+        ("speed", samples.speed_m_per_s, "fast presses", "slow presses"),
+        ("cycle", samples.cycle, "sites touched before", "first touches"),
+    ):
+        if column is not None:
+            values = column[first]
+            median = float(np.nanmedian(values[is_pressed])) if is_pressed.any() else 0.0
+            parts += [
+                (name, high, is_pressed & (values > median)),
+                (f"low {name}", low, is_pressed & (values <= median)),
+            ]
+    for name, column in (("pose", samples.pose), ("indenter", samples.indenter)):
+        kinds = [] if column is None else np.unique(column[first][is_pressed])
+        if column is not None and len(kinds) > 1:
+            parts += [
+                (name, f"{name} number {int(kind) + 1}", is_pressed & (column[first] == kind))
+                for kind in kinds
+            ]
+    return parts
+
+
+def describe_residual(residual: FloatArray, session: GapSession, taxel_names: Sequence[str]) -> str:
+    """Return a sentence that says in which parts of the session, and on which taxels, a residual (N, J) lies."""
+    excess = np.where(np.isfinite(residual), residual**2 - 1, 0.0)
+    total = float(excess.sum())
+    if total <= 0:
+        return "the residual is no larger than the noise"
+    shares = residual_shares(residual, session)
+    clear = [s for s in shares if s.times >= _MIN_TIMES and s.share > _MIN_SHARE][:2]
+    by_taxel = np.sort(excess.sum(axis=0))[::-1]
+    few = int(np.searchsorted(np.cumsum(by_taxel) / total, 0.8)) + 1
+    if few <= max(2, len(by_taxel) // 6):
+        worst = np.argsort(-excess.sum(axis=0))[:few]
+        taxels = "mainly on " + ", ".join(taxel_names[int(j)] for j in worst)
+    else:
+        taxels = "on all taxels"
+    if not clear:
+        return f"the excess residual is spread over the whole session, {taxels}"
+    shares_in_words = [f"{100 * min(s.share, 1.0):.0f} % in {s.meaning}" for s in clear]
+    return f"share of the excess residual: {' and '.join(shares_in_words)}, {taxels}"
