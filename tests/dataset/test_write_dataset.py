@@ -71,7 +71,7 @@ texts = st.lists(st.text(st.characters(exclude_categories=["Cs", "Cc"])), min_si
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(numbers=floats, words=texts, wholes=hnp.arrays(np.int64, 5))
 def test_columns_come_back_to_the_last_bit(
     tmp_path: Path, suffix: str, numbers: np.ndarray, words: list[str], wholes: np.ndarray

@@ -91,7 +91,7 @@ def test_equation_error_bars_only_what_is_like_it():
     assert owed([does], [cells], of_taxels, curvature) == 0
 
 
-def test_errors_of_an_equation_follow_by_one_factor_in_each_phase_of_a_press():
+def test_equation_error_has_one_factor_a_phase():
     rng, phases = np.random.default_rng(3), np.repeat(np.arange(3), 4)
     does = 100 * rng.standard_normal((12, 2))
     like = does * rng.standard_normal(3)[phases][:, None]
