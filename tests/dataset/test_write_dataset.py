@@ -40,9 +40,10 @@ def assert_same(one: Presses | Frames | None, other: Presses | Frames | None) ->
             np.testing.assert_array_equal(a, b)
 
 
-@pytest.mark.parametrize("presses_as", ["csv", "parquet"])
-@pytest.mark.parametrize("frames_as", ["csv", "parquet"])
-@pytest.mark.parametrize("frames_per_press", [0, 8])
+@pytest.mark.parametrize(
+    ("presses_as", "frames_as", "frames_per_press"),
+    [("csv", "csv", 8), ("csv", "parquet", 8), ("parquet", "csv", 0), ("parquet", "parquet", 8)],
+)
 def test_a_session_comes_back(
     session: Session, tmp_path: Path, presses_as: str, frames_as: str, frames_per_press: int
 ) -> None:
