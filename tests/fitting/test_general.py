@@ -236,7 +236,7 @@ class TestTable:
         cone = cone.subset(np.arange(len(cone)) < 4, "left out")
         assert len(cone) == 4
         away = np.array([0.0, 0.5e-3, 0.0, 0.0, 0.0])
-        tabled = _tabled(cone, _macro(truth), REACH)
+        tabled = _tabled(cone, _macro(truth), replace(REACH, levels=3))
         macro, press, nuisance = _pairs(cone, _macro(truth) + away)
         expected = _direct(cone, macro[0], press, nuisance)
         flat = replace(tabled, shares=tabled.shares * np.r_[np.ones(tabled.shares.shape[-1] - 2), 0.0, 0.0])
