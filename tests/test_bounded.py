@@ -84,7 +84,7 @@ COMPILED = [*APART, "dataset, Parquet", "dataset, mesh", "calibration", "policy"
 
 @pytest.mark.filterwarnings("ignore:Generating overly large repr")
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in COMPILED])
-@settings(max_examples=20, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**32))
 @example(seed=0)
 @example(seed=499174429)
@@ -95,7 +95,7 @@ def test_damaged_samples_end_in_an_error_that_is_meant(known, tmp_path, name, se
 @pytest.mark.parametrize("name", COMPILED)
 def test_damaged_samples_of_compiled_libraries(known, tmp_path, monkeypatch, name):
     assert known[name].apart == (name in APART)
-    monkeypatch.setattr(fuzz, "BATCH", 15)
+    monkeypatch.setattr(fuzz, "BATCH", 30)
     assert fuzz.run_batch(tmp_path, known[name], 3, 0) == 0
 
 
