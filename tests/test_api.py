@@ -14,7 +14,7 @@ from skincal.calibrate import Outcome
 from skincal.dataset import Dataset
 from skincal.errors import InputError
 from skincal.ranges import read_ranges
-from tests.fitting.conftest import FEW_DRAWS
+from tests.fitting.conftest import ROUGH
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def session() -> Dataset:
 
 @pytest.fixture(scope="module")
 def fitted(session: Dataset) -> Outcome:
-    fitted = api.fit(session, options=FEW_DRAWS, workers=1)
+    fitted = api.fit(session, options=ROUGH, workers=1)
     assert isinstance(fitted, Outcome)
     return fitted
 

@@ -15,7 +15,7 @@ import pytest
 NOTEBOOKS = Path(__file__).parent.parent / "notebooks"
 FIRST, SECOND, THIRD = "01_skin_model.ipynb", "02_fit_and_valley.ipynb", "03_collect.ipynb"
 FOURTH, FIFTH = "04_close_a_gap.ipynb", "05_train_and_evaluate.ipynb"
-LONG = [pytest.param(name, marks=pytest.mark.slow) for name in (SECOND, FOURTH, FIFTH)]
+LONG = [pytest.param(name, marks=pytest.mark.slow) for name in (SECOND, THIRD, FOURTH, FIFTH)]
 
 
 def cells(name: str) -> list[dict[str, Any]]:
@@ -35,7 +35,7 @@ def test_notebook_has_no_outputs_and_asserts_its_values(name: str):
     assert sum("assert" in "".join(cell["source"]) for cell in found) >= 5
 
 
-@pytest.mark.parametrize("name", [FIRST, THIRD, *LONG])
+@pytest.mark.parametrize("name", [FIRST, *LONG])
 def test_notebook_runs(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.chdir(NOTEBOOKS)
     mpl.use("agg")

@@ -323,7 +323,7 @@ def test_advice_fits_what_is_known_of_the_places(
     assert asked != ("Write the contact point in x_m, y_m, z_m" in str(caught.value))
 
 
-def test_linear_algebra_has_one_thread_however_many_the_caller_gives_it(session: Dataset) -> None:
+def test_linear_algebra_has_one_thread(session: Dataset) -> None:
     """As the command line's has: with more, a fit from Python gave other bytes, and took three times as long."""
 
     class SeenError(Exception):

@@ -93,10 +93,11 @@ def test_tilted_normals_go_the_general_way(cylinder: tuple[Dataset, Truth]) -> N
 def test_a_mesh_is_searched_by_its_radius_at_the_sensor(
     cylinder: tuple[Dataset, Truth], mesh: Dataset
 ) -> None:
-    problem = fit_problem(mesh, FitOptions())
+    few = mesh.presses.select(np.arange(8))
+    problem = fit_problem(replace(mesh, presses=few), FitOptions())
     assert problem.contacts is not None
     assert problem.rig.arc_radius_m == pytest.approx(RADIUS, rel=1e-3)
-    plain = fit_problem(cylinder[0], FitOptions())
+    plain = fit_problem(replace(cylinder[0], presses=few), FitOptions())
     assert plain.contacts is None
     assert problem.across_m == pytest.approx(plain.across_m, abs=1e-5)
     assert search_box(mesh).across_m == pytest.approx(search_box(cylinder[0]).across_m, rel=1e-3)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import shutil
+from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,25 +21,27 @@ from skincal.dataset import (
 )
 from skincal.dataset.plausibility import hold_means
 from skincal.errors import InputError
+from tests.conftest import make_session
 
 
-@pytest.fixture
-def both(session: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Dataset, Dataset]:
+@pytest.fixture(scope="module")
+def both(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Dataset, Dataset]]:
     """The same session, held in memory and not."""
-    made = session(8, frames_per_press=20)
+    made, folder = make_session(8, frames_per_press=20), tmp_path_factory.mktemp("large") / "s"
     frames = made.frames
     columns = {
         "q_0": np.arange(len(frames)) * 0.1,
         "pose": np.array(["A", "B"], dtype=object)[frames.press % 2],
     }
-    write_dataset(replace(made, frames=replace(frames, columns=columns)), tmp_path / "s")
-    held = read_dataset(tmp_path / "s")
-    monkeypatch.setattr(table_file, "MOST_CELLS_HELD", 0)
-    return held, read_dataset(tmp_path / "s")
+    write_dataset(replace(made, frames=replace(frames, columns=columns)), folder)
+    held = read_dataset(folder)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(table_file, "MOST_CELLS_HELD", 0)
+        yield held, read_dataset(folder)
 
 
 def test_counts_are_read_when_asked_for(both):
-    held, stored = both
+    held, stored = both[0], read_dataset(both[1].folder)
     assert "counts" not in vars(stored.frames)
     assert not [w for w in stored.warnings if w not in held.warnings]
     for own, other in zip(held.frames.taxel_columns(), stored.frames.taxel_columns(), strict=True):
@@ -74,7 +76,7 @@ def test_rows_are_selected(both):
 
 
 def test_moved_frames_stay_in_their_file(both):
-    frames = both[1].frames
+    frames = read_dataset(both[1].folder).frames
     moved = frames.moved(np.zeros_like(frames.position_m), frames.force_n * 2)
     assert "counts" not in vars(moved)
     np.testing.assert_array_equal(moved.force_n, 2 * frames.force_n)
@@ -82,18 +84,18 @@ def test_moved_frames_stay_in_their_file(both):
         frames.moved(frames.position_m, np.zeros(3))
 
 
-def test_a_file_that_changes_meanwhile(both):
-    frames = both[1].frames
-    path = both[1].folder / "frames.parquet"
+def test_a_file_that_changes_meanwhile(both, tmp_path):
+    frames = read_dataset(shutil.copytree(both[1].folder, tmp_path / "s")).frames
+    path = tmp_path / "s" / "frames.parquet"
     path.write_bytes(path.read_bytes())
     with pytest.raises(InputError, match="has been replaced"):
         frames.counts  # noqa: B018
 
 
 @pytest.mark.parametrize("limit", [0, 10**9])
-def test_what_is_wrong_is_said_alike(session, tmp_path, monkeypatch, limit):
+def test_what_is_wrong_is_said_alike(tmp_path, monkeypatch, limit):
     monkeypatch.setattr(table_file, "MOST_CELLS_HELD", limit)
-    made = session(8, frames_per_press=20)
+    made = make_session(8, frames_per_press=20)
     counts, force = made.frames.counts.copy(), made.frames.force_n.copy()
     counts[3, 2], counts[5, 7], counts[9, 7], counts[11, 4] = 0.5, 300.0, -1.0, np.nan
     force[4] = np.inf

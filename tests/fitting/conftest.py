@@ -75,6 +75,12 @@ def make_session(
     return table, where
 
 
+def some_presses(table: PressTable, rows: np.ndarray) -> PressTable:
+    """Rows of a table."""
+    names = ("press", "across_m", "along_m", "force_n", "counts", "indenter")
+    return PressTable(*(getattr(table, name)[rows] for name in names))
+
+
 BOX = SearchBox((-2.4e-3, 2.4e-3), (0.0205, 0.0265), (math.radians(-20), math.radians(20)))
 QUICK = FitOptions(
     steps=GridSteps(1.2e-3, 1.0e-3, math.radians(10), 8),
@@ -88,8 +94,8 @@ FEW_DRAWS = replace(QUICK, rounds=(3, 4), round_size=100, enough_draws=2)
 """For what needs no good interval: draws that are worth little do not start the ensemble of walkers."""
 
 ONE_LAW = replace(QUICK, law_spreads_m=(0.0,))
-ROUGH = replace(FEW_DRAWS, law_spreads_m=(0.0,))
-"""For what asks nothing of other contact laws either, each of which is another climb."""
+ROUGH = replace(FEW_DRAWS, steps=GridSteps(2.0e-3, 2.0e-3, math.radians(20), 5), law_spreads_m=(0.0,))
+"""For what asks nothing of other contact laws either, each of which is another climb, nor of a fine grid."""
 
 
 @pytest.fixture(scope="session")

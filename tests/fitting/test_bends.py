@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -34,30 +35,31 @@ def start_of(truth: Truth) -> np.ndarray:
     return np.array([truth.across_m, truth.y_m, truth.alpha_rad, *logs])
 
 
-def climbed(problem: FitProblem, truth: Truth) -> tuple[Peak, list[Peak]]:
-    """The peak of a straight response, and those of all."""
-    start = start_of(truth)
+CURVES: dict[str, tuple[Curve | None, int]] = {
+    "straight": (None, 0),
+    "saturates": (lambda x: x / (1 + (x / 60) ** 4) ** 0.25, 1),
+    "power 0.8": (lambda x: 60 * (x / 60) ** 0.8, 1),
+    "power 1.4": (lambda x: 60 * (x / 60) ** 1.4, -1),
+}
+"""Curves, and whether they bend down, up or not at all."""
+
+
+@cache
+def climbed(name: str) -> tuple[FitProblem, Peak, list[Peak]]:
+    """Presses that are read by a curve, the peak of a straight response, and those of all."""
+    problem, start = bent_problem(CURVES[name][0]), start_of(Truth())
     low = np.array([BOX.across_m[0], BOX.y_m[0], BOX.alpha_rad[0], *(start[3:] - 3)])
     high = np.array([BOX.across_m[1], BOX.y_m[1], BOX.alpha_rad[1], *(start[3:] + 3)])
     bounds, around = Bounds(low, high), Neighbourhood.around(start)
     peak = climb_near(problem, bounds, start, around)
     peak = climb_near(problem, bounds, peak.macro, around, peak.sigmas)
     tried = (with_response(problem, one) for one in responses(problem))
-    return peak, [climb_near(one, bounds, peak.macro, around, peak.sigmas) for one in tried]
+    return problem, peak, [climb_near(one, bounds, peak.macro, around, peak.sigmas) for one in tried]
 
 
-@pytest.mark.parametrize(
-    ("curve", "bends"),
-    [
-        (None, 0),
-        (lambda x: x / (1 + (x / 60) ** 4) ** 0.25, 1),
-        (lambda x: 60 * (x / 60) ** 0.8, 1),
-        (lambda x: 60 * (x / 60) ** 1.4, -1),
-    ],
-)
-def test_bends_show_in_hold_means(truth: Truth, curve: Curve | None, bends: int) -> None:
-    problem = bent_problem(curve)
-    peak, peaks = climbed(problem, truth)
+@pytest.mark.parametrize("name", CURVES)
+def test_bends_show_in_hold_means(name: str) -> None:
+    bends, (problem, peak, peaks) = CURVES[name][1], climbed(name)
     found = weigh_bends(problem, [peak], responses(problem), peaks)
     assert (found.rise > BENT_NATS) == (bends != 0)
     assert not bends or np.sign(found.grows - 1) == bends
@@ -65,7 +67,7 @@ def test_bends_show_in_hold_means(truth: Truth, curve: Curve | None, bends: int)
 
 def test_the_best_response_has_the_elasticity(truth: Truth) -> None:
     """E of a straight response is half of the truth where readings grow as the load to the power 0.8."""
-    peak, peaks = climbed(bent_problem(lambda x: 60 * (x / 60) ** 0.8), truth)
+    _, peak, peaks = climbed("power 0.8")
     best = max(peaks, key=lambda one: one.log_evidence)
     off = [np.log(truth.elasticity_pa_per_m) - one.macro[3] for one in (peak, best)]
     assert off[0] > 0.4 and abs(off[1]) < 0.3

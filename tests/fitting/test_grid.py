@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -145,6 +146,5 @@ def test_incomplete_presses_are_dropped_and_reported(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=30)
     force, across, counts = presses.force_n.copy(), presses.across_m.copy(), presses.counts.copy()
     force[0], force[1], across[2], counts[3] = -1.0, np.nan, np.nan, np.nan
-    spoilt = type(presses)(presses.press, across, presses.along_m, force, counts, presses.indenter)
-    status = pose_problem(rig(), spoilt).status
+    status = pose_problem(rig(), replace(presses, across_m=across, force_n=force, counts=counts)).status
     assert status[:4] == ("no positive force", "no positive force", "no position", "no taxel read")

@@ -170,12 +170,7 @@ def test_a_press_that_lies_is_called_a_glitch_and_no_other(truth: Truth) -> None
     honest = pose_problem(rig(), presses)
     row = int(honest.rows[3])
     counts[row] = counts[row][::-1] * 0.5 + 20.0
-    spoilt = pose_problem(
-        rig(),
-        type(presses)(
-            presses.press, presses.across_m, presses.along_m, presses.force_n, counts, presses.indenter
-        ),
-    )
+    spoilt = pose_problem(rig(), replace(presses, counts=counts))
     start = _macro(truth)
     peak = climb(Neighbourhood.around(start).model(spoilt), BOUNDS, start)
     assert list(spoilt.rows[glitches(spoilt, peak)]) == [row]
@@ -220,12 +215,7 @@ def test_a_taxel_that_stays_silent_is_found(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=60, seed=6)
     counts = presses.counts.copy()
     counts[:, 5] = 0.4
-    spoilt = pose_problem(
-        rig(),
-        type(presses)(
-            presses.press, presses.across_m, presses.along_m, presses.force_n, counts, presses.indenter
-        ),
-    )
+    spoilt = pose_problem(rig(), replace(presses, counts=counts))
     start = _macro(truth)
     weak = weak_taxels(spoilt)
     assert list(np.flatnonzero(weak)) == [5]

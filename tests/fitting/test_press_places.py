@@ -106,7 +106,7 @@ def test_a_place_counts_once() -> None:
     assert at_the_fold.tolist() == [[False, True, True, False]]
 
 
-def test_objective_is_the_sum_over_all_taxels_and_a_brief_search_finds_the_same() -> None:
+def test_brief_search_finds_the_whole_objective() -> None:
     """Taxels out of reach of a contact are looked at once, and count like the others."""
     truth = Truth()
     problem = pose_problem(rig(), make_session(truth, presses=12)[0])

@@ -13,7 +13,7 @@ from skincal.fitting.readings import Link
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.shared import smooth_field
 from skincal.fitting.solve import solve
-from tests.fitting.conftest import BOX, ONE_LAW, Truth, make_session, rig
+from tests.fitting.conftest import BOX, ONE_LAW, Truth, make_session, rig, some_presses
 
 FLOAT = Readout(None, None, False)
 SUBTRACTED = Readout(None, None, False, rest_subtracted=True)
@@ -75,12 +75,8 @@ def test_a_busy_taxel_rests_elsewhere_than_the_others() -> None:
     busy = int(np.argmax((table.counts > 5).sum(axis=0)))
     touched = table.counts[:, busy] > 5
     levels[busy] = 560.0
-    counts = (table.counts + levels + rng.standard_normal(table.counts.shape))[touched]
-    rows = {
-        name: getattr(table, name)[touched]
-        for name in ("press", "across_m", "along_m", "force_n", "indenter")
-    }
-    problem = pose_problem(rig(FLOAT), replace(table, counts=counts, **rows))
+    table = replace(table, counts=table.counts + levels + rng.standard_normal(table.counts.shape))
+    problem = pose_problem(rig(FLOAT), some_presses(table, touched))
     assert not problem.observed.level_known[busy]
     assert problem.observed.level_known.sum() >= 12
     # How far the levels lie apart is all that is known of it, and that reaches to where it is.

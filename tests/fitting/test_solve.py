@@ -11,12 +11,12 @@ import pytest
 from skincal.fitting.fit_findings import BENT_NATS, _rig, find
 from skincal.fitting.fit_options import GridSteps, SearchBox
 from skincal.fitting.law import LawSpread
-from skincal.fitting.problem import FitError, FitProblem, PressTable, pose_problem
+from skincal.fitting.problem import FitError, FitProblem, pose_problem
 from skincal.fitting.response import Bend
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.solve import plan_grid, solve
 from skincal.fitting.valley import OPEN, POSE, at_one_place
-from tests.fitting.conftest import BOX, LAYOUT, ONE_LAW, QUICK, ROUGH, Truth, make_session, rig
+from tests.fitting.conftest import BOX, LAYOUT, ONE_LAW, QUICK, ROUGH, Truth, make_session, rig, some_presses
 
 
 def _fit(
@@ -144,7 +144,7 @@ def test_too_few_presses_at_one_place_give_no_interval(truth: Truth) -> None:
     # Between two taxels, so that both answer.
     between = np.array([truth.across_m, truth.y_m + 2e-3])
     near = np.abs(where - between).max(axis=1) < 0.7e-3
-    problem = pose_problem(rig(), _some(presses, near))
+    problem = pose_problem(rig(), some_presses(presses, near))
     assert len(problem) >= 6
     problem = problem.subset(np.arange(len(problem)) < 6, "left out")
     assert problem.unknowns == 17 and problem.readings <= 17
@@ -230,7 +230,7 @@ def test_a_fit_of_one_place_gives_its_pose_no_interval(truth: Truth) -> None:
     presses, where = make_session(truth, presses=3000, seed=13)
     between = np.array([truth.across_m, truth.y_m + 2e-3])
     near = np.flatnonzero(np.abs(where - between).max(axis=1) < 0.4e-3)[:30]
-    close = _some(presses, near)
+    close = some_presses(presses, near)
     close.across_m[:], close.along_m[:] = where[near].T
     result = _fit(pose_problem(rig(), close))
     assert "one_place" in _codes(result)
@@ -251,27 +251,9 @@ def test_few_presses_with_readings_to_spare_are_said(truth: Truth) -> None:
     assert "worth only 1 independent one: too few" in told.text
 
 
-def _some(presses: PressTable, rows: np.ndarray) -> PressTable:
-    return PressTable(
-        presses.press[rows],
-        presses.across_m[rows],
-        presses.along_m[rows],
-        presses.force_n[rows],
-        presses.counts[rows],
-        presses.indenter[rows],
-    )
-
-
 def test_no_press_at_all_is_an_error(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=10)
-    silent = PressTable(
-        presses.press,
-        presses.across_m,
-        presses.along_m,
-        presses.force_n,
-        presses.counts * 0,
-        presses.indenter,
-    )
+    silent = replace(presses, counts=presses.counts * 0)
     with pytest.raises(FitError, match="no press"):
         plan_grid(pose_problem(rig(), silent), BOX, QUICK)
 
@@ -279,11 +261,11 @@ def test_no_press_at_all_is_an_error(truth: Truth) -> None:
 def test_a_copy_of_a_press_is_not_used(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=20)
     once = pose_problem(rig(), presses, min_active=2)
-    twice = pose_problem(rig(), _some(presses, np.r_[0:20, 0:20]), min_active=2)
+    twice = pose_problem(rig(), some_presses(presses, np.r_[0:20, 0:20]), min_active=2)
     np.testing.assert_array_equal(twice.rows, once.rows)
     assert twice.status[20:] == ("the very numbers of another press",) * 20
     # The same press made again is another measurement.
-    again = _some(presses, np.r_[0:20, 0:20])
+    again = some_presses(presses, np.r_[0:20, 0:20])
     again.force_n[20:] *= 1.001
     assert len(pose_problem(rig(), again, min_active=2)) == 2 * len(once)
 
@@ -292,10 +274,9 @@ def test_a_per_taxel_scale_finds_a_weak_taxel(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=40, seed=14)
     counts = presses.counts.copy()
     counts[:, 6] = (counts[:, 6] - 0.4) * 0.8 + 0.4
-    weak = PressTable(
-        presses.press, presses.across_m, presses.along_m, presses.force_n, counts, presses.indenter
+    result = _fit(
+        pose_problem(rig(), replace(presses, counts=counts)), options=replace(ROUGH, per_taxel=True)
     )
-    result = _fit(pose_problem(rig(), weak), options=replace(ROUGH, per_taxel=True))
     scales = result.scale_per_taxel_per_n
     assert scales is not None
     others = np.delete(scales, 6)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,11 +16,28 @@ from skincal.diagnosis.workflow import diagnose
 from skincal.inference.candidate_scores import smooth_fitter
 from skincal.inference.null import FOUNDATION, draw_noise
 
+QUICK = (
+    "nothing",
+    "nothing, in steps of 8",
+    "nothing, pressure itself",
+    "hysteresis",
+    "crosstalk",
+    "dead_taxel, from a moment on",
+    "wiring",
+)
+"""Kinds that differ most: rounding, another contact law, memory, taxels that mix, one that changes, wrong wires."""
+
+
+def kinds(names: Iterable[str]) -> list[Any]:
+    """Parameters of a test: all but the quick ones are slow."""
+    return [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in names]
+
+
 QUIET = [kind for kind in KINDS if kind.startswith("nothing")]
 NAMED = [kind for kind in KINDS if kind not in (*QUIET, "wiring")]
 
 
-@pytest.mark.parametrize("kind", QUIET)
+@pytest.mark.parametrize("kind", kinds(QUIET))
 def test_nothing_is_named_where_nothing_is_hidden(kind: str):
     assert (found(kind).verdict, found(kind).effects) == ("none", ())
 
@@ -30,14 +47,14 @@ def test_laws_of_the_null_are_named_for_readers():
     assert list(laws) == ["fitted law", "layer 1 mm", "layer 3 mm", "layer 10 mm"]
 
 
-@pytest.mark.parametrize("kind", NAMED)
+@pytest.mark.parametrize("kind", kinds(NAMED))
 def test_what_is_hidden_is_named(kind: str):
     (one,) = found(kind).effects
     assert kind.split(",")[0] in one.consistent_with
     assert one.gain > 8 and one.p_value < 0.05
 
 
-@pytest.mark.parametrize("kind", NAMED)
+@pytest.mark.parametrize("kind", kinds(NAMED))
 def test_added_effects_keep_the_sensor_in_its_interval(kind: str):
     new = found(kind).calibration
     for name, true in TRUTH.best().items():
@@ -54,14 +71,14 @@ def test_a_fault_of_the_wiring_has_no_name():
     assert not any(said.found.rounds)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", kinds(KINDS))
 def test_the_gap_is_no_contradiction(kind: str):
     gap = found(kind).gap
     assert gap.floor <= min(gap.before, gap.after) * (1 + 1e-9)
     assert not np.isfinite(gap.closed) or gap.closed <= 1.0 + 1e-9
 
 
-@pytest.mark.parametrize("kind", ["hysteresis", "creep"])
+@pytest.mark.parametrize("kind", kinds(["hysteresis", "creep"]))
 def test_intervals_of_an_effect_hold_what_was_hidden(kind: str):
     (one,) = found(kind).effects
     for name, true in KINDS[kind]["effects"][kind].items():  # type: ignore[index]
@@ -80,7 +97,7 @@ def test_the_press_is_found_from_which_on_a_taxel_is_dead():
     assert (felt < begin).any() and (felt > begin).any()
 
 
-@pytest.mark.parametrize("kind", [kind for kind in QUIET if "steps" in kind])
+@pytest.mark.parametrize("kind", kinds(kind for kind in QUIET if "steps" in kind))
 def test_rounding_gains_an_effect_no_more_than_noise(kind: str):
     null = found(kind).found.null
     rounded = np.array(null.laws) == FOUNDATION
@@ -93,6 +110,7 @@ def test_rounding_has_no_mean_about_the_line():
     assert np.abs(drawn.mean(axis=-1)).max() < 0.6
 
 
+@pytest.mark.slow
 def test_weak_effect_is_named_beside_a_strong_one():
     levels = {"offset_counts": np.linspace(-12.0, 12.0, 16)}
     hidden = {"taxel_offset": levels, "hysteresis": {"height": 0.15, "width": 1.5}}

@@ -109,7 +109,7 @@ def test_slopes_by_elasticity_and_law_match_differences():
         assert off < 0.01, (name, off)
 
 
-def test_a_press_between_taxels_has_no_slope_out_of_all_proportion():
+def test_slopes_between_taxels_are_bounded():
     # On a hard skin a ball meets what no taxel feels, but where that is spread.
     fitter = seen("nothing").fitter
     start, rng = fitter.priors.start, np.random.default_rng(22)
@@ -138,7 +138,7 @@ def test_small_steps_of_positions_change_images_in_proportion():
             assert np.sqrt(np.mean((whole - 2 * half) ** 2) / np.mean(whole**2)) < 5e-3
 
 
-def test_presses_moved_back_by_what_an_effect_shifts_read_as_before():
+def test_moving_presses_back_undoes_a_shift():
     fitter = seen("nothing").fitter
     forward, state = fitter.forward, fitter.priors.start
     other = replace(state, effects={"contact_offset": {"stretch_along": np.array(0.05)}})
@@ -263,7 +263,7 @@ def loss_at(fitter: Fitter, state) -> float:  # type: ignore[no-untyped-def]
     return float(fitter.profile_presses(state, steps=0).loss.sum())
 
 
-def test_presses_come_back_from_wrong_places_however_many_they_are():
+def test_presses_return_from_wrong_positions():
     fitter = seen("nothing").fitter
     end = fitter.solve(fitter.priors.start, steps=4).state
     rng = np.random.default_rng(3)

@@ -74,7 +74,7 @@ def refitted_loop() -> Calibration:
 
 @cache
 def diagnosed(kind: str) -> tuple[Diagnosis, Dataset]:
-    """``hysteresis``: one effect hidden; ``none``: nothing; ``static``: nothing, hold means only."""
+    """``hysteresis``: one effect hidden; ``static``: nothing, hold means only."""
     data = session(LOOP if kind == "hysteresis" else None, presses=16)
     data = without_frames(data) if kind == "static" else data
     return diagnose(data, calibration(), seed=1, null_sessions=40), data

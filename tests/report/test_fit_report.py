@@ -50,7 +50,7 @@ HALF = {"across_m": 0.3e-3, "y_m": 0.25e-3, "alpha_rad": 0.03, "elasticity_pa_pe
 Fitted = tuple[FitResult, Dataset, Calibration]
 
 
-def make_fit(kind: str = "cylinder", presses: int = 14, seed: int = 3) -> Fitted:
+def make_fit(kind: str = "cylinder", presses: int = 9, seed: int = 3) -> Fitted:
     """A session of the model itself, and the result that a good fit of it has; the grid is a smooth bowl."""
     generator = np.random.default_rng(seed)
     plane = kind == "plane"
