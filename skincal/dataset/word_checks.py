@@ -201,7 +201,7 @@ def find_falls(counts: FloatArray, press: IntArray, force_n: FloatArray) -> Wrap
     """Return readings that fell by more than half of their word while the force did not; None if there are none.
 
     Between two frames of a press a load passes the top of its word, and comes out low. A reading that drops out falls
-    too, but to rest, or always to the same value.
+    too, but to rest, or always to the same value; or it returns from full scale, to which it had jumped.
 
     Args:
         counts: readings as stored, in the order of time, shape (n, J).
@@ -221,6 +221,11 @@ def find_falls(counts: FloatArray, press: IntArray, force_n: FloatArray) -> Wrap
     held = (press[1:] == press[:-1]) & (press[1:] >= 0) & (force_n[1:] > KEPT * force_n[:-1])
     falls = held[:, None] & (counts[:-1] - counts[1:] > size / 2)
     falls &= np.abs(counts[1:] - rest) > SINKS * np.maximum(noise, 1.0)
+    some = np.flatnonzero(falls.any(axis=0))
+    steps, row = np.diff(counts[:, some], axis=0), np.arange(len(counts) - 1)[:, None]
+    # The step with which each reading came to the value that it has.
+    came = np.take_along_axis(steps, np.maximum.accumulate(np.where(steps != 0, row, 0), axis=0), axis=0)
+    falls[1:, some] &= ~(came[:-1] > size / 2)
     presses = len(np.unique(press[1:][falls.any(axis=1)]))
     if presses < FEWEST_CELLS or len(np.unique(counts[1:][falls])) < FEWEST_CELLS:
         return None
