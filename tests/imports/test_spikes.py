@@ -26,6 +26,12 @@ def held(seed: int) -> tuple[np.ndarray, Cut]:
     return counts, Cut((Span(0, 60, 80, 150, 160),), ())
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_noise_has_no_spikes(seed: int) -> None:
+    counts, cut = held(seed)
+    assert not find_spikes(counts, cut).any()
+
+
 @pytest.mark.parametrize("value", [0.0, 255.0, np.nan])
 def test_spikes_are_single_samples_far_off(value: float) -> None:
     counts, cut = held(0)
