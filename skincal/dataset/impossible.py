@@ -9,6 +9,7 @@ import numpy as np
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Sheet
 from skincal.dataset.uniform_pressure import uniform_pressure
+from skincal.dataset.word_checks import CHANCE, load_from_images, load_log_odds
 from skincal.model.arrays import BoolArray, FloatArray
 from skincal.model.rest import levels_from_presses
 
@@ -56,17 +57,39 @@ def impossible_readings(counts: FloatArray, force: FloatArray) -> BoolArray:
     return none if most > max(1.0, 0.5 * high.sum()) else high
 
 
+def drop_outs(counts: FloatArray, position_m: FloatArray, force: FloatArray) -> BoolArray:
+    """Which readings (K, J) have the largest value wherever it is pressed: taxels that dropped out to full scale.
+
+    A converter that clips reads its largest value where other readings are high as well. ``counts`` are means of
+    presses at places (K, 3) [m], with forces (K,) [N].
+    """
+    read = np.isfinite(counts)
+    at_top = read & (counts == np.nanmax(counts, initial=-np.inf))
+    below, none = counts[read & ~at_top], np.zeros(counts.shape, dtype=bool)
+    if not below.size or at_top.sum(axis=0).max() > max(1.0, 0.5 * at_top.sum()):
+        return none  # a taxel is stuck
+    high = read & ~at_top & (counts > 0.5 * (below.min() + below.max()))
+    load = load_from_images(position_m, force, counts)
+    return at_top if load_log_odds(load, at_top, high, read) < np.log(CHANCE) else none
+
+
 def without_impossible(dataset: Dataset, sheet: Sheet) -> Dataset:
     """Return the dataset with impossible readings empty, in frames as well; say how many in the findings of its sheet.
 
     Under uniform pressure no press leaves a taxel alone, and nothing is left out.
     """
     presses = dataset.presses
-    impossible = impossible_readings(presses.counts, presses.force_n)
-    if not impossible.any() or uniform_pressure(dataset):
+    if uniform_pressure(dataset):
+        return dataset
+    overflowed = any(one.code == "counter_wrapped" for one in sheet.findings.warnings)
+    dropped = np.zeros(presses.counts.shape, dtype=bool)
+    if not overflowed:
+        dropped = drop_outs(presses.counts, presses.position_m, presses.force_n)
+    above = impossible_readings(np.where(dropped, np.nan, presses.counts), presses.force_n)
+    impossible = dropped | above
+    if not impossible.any():
         return dataset
     level = levels_from_presses(np.where(impossible, np.nan, presses.counts)).level
-    overflowed = any(one.code == "counter_wrapped" for one in sheet.findings.warnings)
     cause, fix = (
         ("their words overflowed", "They are left out.")
         if overflowed
@@ -75,10 +98,14 @@ def without_impossible(dataset: Dataset, sheet: Sheet) -> Dataset:
             "They are left out. Look at the connection of the sensor; leave such words empty where they are read.",
         )
     )
+    where = (
+        "at the largest value, wherever it is pressed"
+        if dropped.any()
+        else "far above all others, with nothing between"
+    )
     sheet.findings.note(
         sheet.file, "readings that some load explains",
-        f"{impossible.sum()} readings of {impossible.any(axis=1).sum()} presses far above all others, with nothing "
-        f"between: {cause}", fix, code=IMPOSSIBLE,
+        f"{impossible.sum()} readings of {impossible.any(axis=1).sum()} presses {where}: {cause}", fix, code=IMPOSSIBLE,
     )  # fmt: skip
     frames = dataset.frames
     if frames is not None:

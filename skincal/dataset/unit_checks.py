@@ -12,7 +12,14 @@ from skincal.dataset.findings import Sheet
 from skincal.dataset.rest import noise_at_rest, rest_levels
 from skincal.dataset.tables import HOLD, IDLE, Frames
 from skincal.dataset.uniform_pressure import uniform_pressure
-from skincal.dataset.word_checks import bytes_swapped, correlation, find_below_zero, find_falls, find_wrapped
+from skincal.dataset.word_checks import (
+    bytes_swapped,
+    correlation,
+    find_below_zero,
+    find_falls,
+    find_wrapped,
+    load_from_images,
+)  # fmt: skip
 from skincal.errors import first_of
 from skincal.model.arrays import FloatArray, IntArray
 
@@ -171,7 +178,11 @@ def _check_words(dataset: Dataset, sheet: Sheet, counts: FloatArray) -> bool:
         return True
     of_presses = counts is dataset.presses.counts
     rests = not uniform_pressure(dataset)
-    wrapped = find_wrapped(counts, expected_load(dataset) if of_presses else None, rests=rests)
+    load, seen = None, None
+    if of_presses:
+        presses, load = dataset.presses, expected_load(dataset)
+        seen = load_from_images(presses.position_m, presses.force_n, counts)
+    wrapped = find_wrapped(counts, load, rests=rests, seen=seen)
     if wrapped is None and not of_presses and dataset.frames is not None:
         # The first ones, none left out: a fall is one from one frame to the next.
         rows = np.arange(min(len(dataset.frames), MOST_FRAMES))

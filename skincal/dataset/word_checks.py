@@ -40,6 +40,12 @@ SINKS: Final = 6.0
 CHANCE: Final = 1e-3
 """Probability at most that readings below rest are where the load is largest by chance (Mann and Whitney's test)."""
 
+LEAST_DROPPED, MOST_DROPPED = 1e-4, 0.1
+"""Parts of the readings between which those that drop out lie (stated prior, log-uniform)."""
+
+LOAD_BINS: Final = 20
+"""Quantiles of the load in which readings of a kind are counted (numerical resolution)."""
+
 NOISE_ERROR: Final = 0.15
 """Part by which the noise at rest may be off: it is estimated, and not quite normal (set by eye)."""
 
@@ -77,7 +83,9 @@ class Wrapped:
     mend: str = ""
 
 
-def find_wrapped(counts: FloatArray, load: FloatArray | None = None, *, rests: bool = True) -> Wrapped | None:
+def find_wrapped(
+    counts: FloatArray, load: FloatArray | None = None, *, rests: bool = True, seen: FloatArray | None = None
+) -> Wrapped | None:
     """Return the readings that passed the end of their word and came out at the other end; None if there are none.
 
     Args:
@@ -85,6 +93,7 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None, *, rests: b
         load: estimated load of each taxel, in any unit, shape (n, J); it also shows wrapped signed words that fill
             their whole range. None: unknown.
         rests: whether taxels are mostly at rest; under uniform pressure they are not.
+        seen: load as images tell it (:func:`load_from_images`), shape (n, J); it also shows what dropped out.
     """
     finite = np.isfinite(counts)
     if not finite.any():
@@ -116,7 +125,7 @@ def find_wrapped(counts: FloatArray, load: FloatArray | None = None, *, rests: b
                 # Both ends meet in a signed word, where all readings lie below zero and beyond by the same.
                 mend = f"add {size:g} to those that came out low"
                 return Wrapped(bits, signed, np.flatnonzero(found), int(found.sum()), mend=mend)
-            if rests and (below := find_below_zero(counts, load)) is not None:
+            if rests and (below := find_below_zero(counts, load, seen)) is not None:
                 return below
             if load is not None and (lost := _below_rest(counts, load, high / size)).any():
                 return _by_load(bits, "", lost, NO_WORD_MENDS)
@@ -130,7 +139,9 @@ def _by_load(bits: int, word: str, wrapped: BoolArray, mend: str) -> Wrapped:
     )
 
 
-def find_below_zero(counts: FloatArray, load: FloatArray | None = None) -> Wrapped | None:
+def find_below_zero(
+    counts: FloatArray, load: FloatArray | None = None, seen: FloatArray | None = None
+) -> Wrapped | None:
     """Return the readings at rest that noise took below zero, to the top of unsigned words; None if there are none.
 
     Read as signed words they are the lower tail of the noise about levels at rest near zero: about as many as a normal
@@ -140,6 +151,7 @@ def find_below_zero(counts: FloatArray, load: FloatArray | None = None) -> Wrapp
     Args:
         counts: readings as stored, shape (n, J).
         load: estimated load of each taxel, in any unit, shape (n, J). None: unknown.
+        seen: the same as images tell it, shape (n, J). None: unknown.
     """
     read = np.isfinite(counts)
     if not read.any() or counts[read].min() < 0:
@@ -156,7 +168,7 @@ def find_below_zero(counts: FloatArray, load: FloatArray | None = None) -> Wrapp
     dark = np.abs(signed - rest.level) < SINKS * np.nan_to_num(rest.scatter)
     if (top & ~dark).any() or top.sum() > RESTS_THERE * read.sum():
         return None
-    from scipy.special import ndtr, pdtr, pdtrc
+    from scipy.special import gammaln, ndtr, pdtr, pdtrc, xlogy
 
     # Rounding scatters readings too, and takes below zero what is below minus one half.
     noise = np.sqrt(np.maximum(rest.scatter**2 - 1 / 12, 0.01))
@@ -166,6 +178,14 @@ def find_below_zero(counts: FloatArray, load: FloatArray | None = None) -> Wrapp
     )
     few, many = min(few, many), max(few, many)
     if pdtrc(top.sum() - 1, many) < CHANCE or pdtr(top.sum(), few) < CHANCE:
+        return None
+    # Readings at rest wrap, at the rate of the noise; drop-outs lie anywhere, at any rate.
+    number = int(top.sum())
+    rate = float(np.clip(number, few, many))
+    odds = float(xlogy(number, rate) - rate - gammaln(number + 1))
+    odds += float(np.log(number * np.log(MOST_DROPPED / LEAST_DROPPED)))
+    odds += 0.0 if seen is None else load_log_odds(seen, top, dark & ~top, read)
+    if odds < 0 and number < MOST_DROPPED * read.sum():
         return None
     word, evidence, mend = f"int{bits}", "with nothing between", f"take {size:g} off high ones"
     if counts[read & ~top].max(initial=0.0) >= size / 2:
@@ -181,7 +201,7 @@ def find_falls(counts: FloatArray, press: IntArray, force_n: FloatArray) -> Wrap
     """Return readings that fell by more than half of their word while the force did not; None if there are none.
 
     Between two frames of a press a load passes the top of its word, and comes out low. A reading that drops out falls
-    too, but to rest, or always to the same value.
+    too, but to rest, or always to the same value; or it returns from full scale, to which it had jumped.
 
     Args:
         counts: readings as stored, in the order of time, shape (n, J).
@@ -201,6 +221,11 @@ def find_falls(counts: FloatArray, press: IntArray, force_n: FloatArray) -> Wrap
     held = (press[1:] == press[:-1]) & (press[1:] >= 0) & (force_n[1:] > KEPT * force_n[:-1])
     falls = held[:, None] & (counts[:-1] - counts[1:] > size / 2)
     falls &= np.abs(counts[1:] - rest) > SINKS * np.maximum(noise, 1.0)
+    some = np.flatnonzero(falls.any(axis=0))
+    steps, row = np.diff(counts[:, some], axis=0), np.arange(len(counts) - 1)[:, None]
+    # The step with which each reading came to the value that it has.
+    came = np.take_along_axis(steps, np.maximum.accumulate(np.where(steps != 0, row, 0), axis=0), axis=0)
+    falls[1:, some] &= ~(came[:-1] > size / 2)
     presses = len(np.unique(press[1:][falls.any(axis=1)]))
     if presses < FEWEST_CELLS or len(np.unique(counts[1:][falls])) < FEWEST_CELLS:
         return None
@@ -233,6 +258,54 @@ def _less(load: FloatArray, others: FloatArray) -> bool:
     if not (load.size and others.size):
         return False
     return bool(mannwhitneyu(load, others, alternative="less").pvalue < CHANCE)
+
+
+def load_log_odds(load: FloatArray, chosen: BoolArray, kind: BoolArray, read: BoolArray) -> float:
+    """Return the log likelihood that readings are of a kind rather than anywhere, by their loads.
+
+    Args:
+        load: estimated load of each reading, in any unit, shape (n, J).
+        chosen: which readings are judged, shape (n, J).
+        kind: others that are of the kind, shape (n, J).
+        read: which readings there are, shape (n, J).
+    """
+    others, judged = read & ~chosen & np.isfinite(load), chosen & np.isfinite(load)
+    if not others.any():
+        return 0.0
+    edges = np.unique(np.quantile(load[others], np.linspace(0, 1, LOAD_BINS + 1)[1:-1]))
+    bins = np.searchsorted(edges, load)
+    total = np.bincount(bins[others], minlength=len(edges) + 1)
+    alike = np.bincount(bins[others & kind], minlength=len(edges) + 1)
+    usual = (alike.sum() + 0.5) / (total.sum() + 1)
+    # A bin has one reading more, of the usual kind, so that none is impossible.
+    return float(np.log((alike + usual) / (total + 1) / usual)[bins[judged]].sum())
+
+
+def load_from_images(place_m: FloatArray, force_n: FloatArray, counts: FloatArray) -> FloatArray:
+    """Return the load of each taxel (n, J) as the other presses tell it, whatever the pose and the order of taxels.
+
+    A taxel lies where the presses that it answers to lie in the mean; its load is the force, less with distance.
+
+    Args:
+        place_m: measured contact points, shape (n, 3); not finite where unknown.
+        force_n: measured force [N], shape (n,).
+        counts: readings, shape (n, J); those at the top are not used, as they are to be judged.
+    """
+    counts = np.where(counts < (1 - NEAR_END) * np.nanmax(counts, initial=0.0), counts, np.nan)
+    rest = levels_from_presses(counts)
+    signal = np.nan_to_num(counts - rest.level)
+    known = np.isfinite(place_m).all(axis=1) & (force_n > 0)
+    signal[(signal < SINKS * np.nan_to_num(rest.scatter)) | ~known[:, None]] = 0.0
+    answers = signal.sum(axis=0)
+    if not answers.any():
+        return np.full(counts.shape, np.nan)
+    place = np.where(known[:, None], place_m, 0.0)
+    centre = (signal.T @ place) / np.where(answers > 0, answers, np.nan)[:, None]
+    squares = (place**2).sum(axis=1)[:, None] + (centre**2).sum(axis=1)
+    away = np.maximum(squares - 2 * place @ centre.T, 0.0)
+    reach = float(np.nansum(signal * away) / answers.sum())
+    load = force_n[:, None] * np.exp(-0.5 * away / max(reach, np.finfo(float).tiny))
+    return np.where(known[:, None], load, np.nan)
 
 
 def correlation(counts: FloatArray, load: FloatArray) -> float:

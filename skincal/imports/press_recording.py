@@ -10,6 +10,7 @@ import numpy as np
 from skincal.dataset import Frames, Presses
 from skincal.dataset.columns import repeated
 from skincal.dataset.findings import Findings, listed
+from skincal.dataset.impossible import IMPOSSIBLE
 from skincal.errors import first_of
 from skincal.imports import targets
 from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_numbered, in_contact
@@ -18,6 +19,7 @@ from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import CutRules
 from skincal.imports.recording import BoolArray, Cut, Dropped, FloatArray, Recording, Series, summed
 from skincal.imports.resting import rested
+from skincal.imports.spikes import find_spikes
 
 SPIKES = 0.001
 """Part of the samples that may be spikes of the force sensor."""
@@ -58,7 +60,21 @@ def presses_and_frames(
     if findings.errors:
         return None
     dropped = summed((*recording.dropped, *_rejections(found)))
+    recording = _without_spikes(recording, found, file, findings)
     return *tables_of_series(recording, series, found), dropped
+
+
+def _without_spikes(recording: Recording, found: Cut, file: str, findings: Findings) -> Recording:
+    """Return the recording with readings empty that dropped out for one sample; say how many."""
+    spikes = find_spikes(recording.counts, found)
+    if not spikes.any():
+        return recording
+    findings.note(
+        file, "readings that go with those before and after",
+        f"{spikes.sum()} single ones, in {spikes.any(axis=1).sum()} samples, that jump and return: taxels dropped out",
+        "They are left out. Look at the connection of the sensor.", code=IMPOSSIBLE,
+    )  # fmt: skip
+    return replace(recording, counts=np.where(spikes, np.nan, recording.counts))
 
 
 def _check_released(series: Series, rules: CutRules, file: str, findings: Findings) -> None:

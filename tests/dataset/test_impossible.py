@@ -11,13 +11,22 @@ import pytest
 
 from skincal.dataset import Dataset, read_dataset, table_file, write_dataset
 from skincal.dataset.converter_range import CONVERTER_RANGE, clips_at_zero, converter_top
-from skincal.dataset.impossible import IMPOSSIBLE, impossible_readings
+from skincal.dataset.impossible import IMPOSSIBLE, drop_outs, impossible_readings
+from skincal.dataset.word_checks import find_below_zero, load_from_images
+
+
+def places(seed: int) -> np.ndarray:
+    """Places (60, 3) [taxel] of the presses of a seed."""
+    rng = np.random.default_rng(seed)
+    rng.uniform(size=60)
+    return np.column_stack([rng.uniform(0.0, 3.0, (60, 2)), np.zeros(60)])
 
 
 def pressed(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Counts (60, 16) of round images that rest at 30 counts, and forces (60,)."""
     rng = np.random.default_rng(seed)
-    force, at = rng.uniform(1.0, 4.5, 60), rng.uniform(0.0, 3.0, (60, 2))
+    force, at = rng.uniform(1.0, 4.5, 60), places(seed)[:, :2]
+    rng.uniform(size=(60, 2))
     taxel = np.stack(np.meshgrid(np.arange(4), np.arange(4)), -1).reshape(-1, 2)
     distance2 = ((at[:, None] - taxel) ** 2).sum(axis=2)
     image = 30.0 * force[:, None] * np.exp(-distance2)
@@ -30,6 +39,27 @@ def test_drop_outs_to_full_scale_and_nothing_else(seed: int) -> None:
     assert not impossible_readings(counts, force).any()
     dropped = np.random.default_rng(seed).random(counts.shape) < 0.015
     assert np.array_equal(impossible_readings(np.where(dropped, 4095.0, counts), force), dropped)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_drop_outs_to_a_full_scale_that_loads_come_near(seed: int) -> None:
+    """A converter that clips is none, in whatever order its taxels stand."""
+    counts, force = pressed(seed)
+    dropped = np.random.default_rng(seed).random(counts.shape) < 0.015
+    full = np.where(dropped, counts.max() + 20, counts)
+    assert not impossible_readings(full, force).any()
+    assert np.array_equal(drop_outs(full, places(seed), force), dropped)
+    clipped = np.minimum(counts, 100.0)[:, np.random.default_rng(seed).permutation(16)]
+    for good in (counts, clipped):
+        assert not drop_outs(good, places(seed), force).any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_drop_outs_are_no_words_below_zero(seed: int) -> None:
+    counts, force = pressed(seed)
+    dropped = np.random.default_rng(seed).random(counts.shape) < 0.02
+    clipped = np.where(dropped, 255.0, np.maximum(counts - 30.0, 0.0))
+    assert find_below_zero(clipped, seen=load_from_images(places(seed), force, clipped)) is None
 
 
 def test_one_taxel_images_with_unequal_gains_are_possible() -> None:

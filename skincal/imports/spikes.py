@@ -1,0 +1,60 @@
+"""Single samples of a series that are far from those before and after: taxels that dropped out for one frame."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from skincal.imports.recording import BoolArray, Cut, FloatArray, runs
+from skincal.model.rest import quantum
+
+TIMES: Final = 10.0
+"""A spike is so many standard deviations of its stretch, and of all, from both neighbours: chance makes none."""
+
+STEPS: Final = 2.5
+"""And so many steps of the converter: coarse readings jump by one where their noise seems to be none."""
+
+MOST: Final = 0.05
+"""Of more than this part of the samples the recording is what it is (set by eye)."""
+
+LEAST: Final = 4
+"""Steps that tell a stretch's noise at least."""
+
+PART, SIGMAS = 0.8, 1.2816
+"""So large a part of normal values lies within so many standard deviations; the others may be spikes."""
+
+
+def find_spikes(counts: FloatArray, cut: Cut) -> BoolArray:
+    """Return which readings (M, J) jump and return within one sample; none if they are many.
+
+    Each phase of a press, and each stretch of rest, has its own noise.
+    """
+    spikes, looked = np.zeros(counts.shape, dtype=bool), 0
+    if len(counts) <= LEAST:
+        return spikes
+    idle = np.ones(len(counts), dtype=bool)
+    for one in (*cut.spans, *cut.rejected):
+        idle[one.start : one.stop] = False
+    least = STEPS * quantum(counts[np.isfinite(counts)])
+    usual = _noise(np.diff(counts, axis=0))
+    edges = [(span.start, span.hold, span.hold_stop, span.stop) for span in cut.spans]
+    for start, end in (*(ends for four in edges for ends in pairwise(four)), *runs(idle)):
+        first, stop = max(start - 1, 0), min(end + 1, len(counts))
+        part = counts[first:stop, alive := np.isfinite(counts[first:stop]).any(axis=0)]
+        steps = np.diff(part, axis=0)
+        if len(steps) < LEAST:
+            continue
+        looked += steps[1:].size
+        limit = np.maximum(TIMES * np.maximum(_noise(steps), usual[alive]), least)
+        before, after = steps[:-1], steps[1:]
+        far = np.minimum(np.abs(before), np.abs(after))
+        far = np.minimum(far, np.abs(part[1:-1] - np.nanmedian(part, axis=0)))
+        spikes[first + 1 : stop - 1, alive] |= (np.sign(before) == -np.sign(after)) & (far > limit)
+    return spikes if spikes.sum() <= MOST * looked else np.zeros_like(spikes)
+
+
+def _noise(steps: FloatArray) -> FloatArray:
+    """Return the noise of a reading of each taxel (J,), from differences (n, J) of successive ones."""
+    return np.quantile(np.abs(np.nan_to_num(steps)), PART, axis=0) / (np.sqrt(2) * SIGMAS)
