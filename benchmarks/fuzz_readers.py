@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pyarrow as pa
@@ -248,9 +249,9 @@ def _of_arrays(scratch: Path) -> list[Reader]:
 
     def read(file: Path) -> None:
         findings = Findings()
-        source_table.apart = _here
         mapping = mappings["numbered" if file.suffix == ".npy" else "named"]
-        read_csv_files(mapping, [file], findings)
+        with patch.object(source_table, "apart", _here):
+            read_csv_files(mapping, [file], findings)
         findings.raise_errors()
 
     kinds = {
@@ -285,8 +286,8 @@ def _of_bags(scratch: Path) -> list[Reader]:
 
     def read(bag: Path) -> None:
         findings = Findings()
-        bag_source.apart = _here
-        bag_source.read_bags(mapping, [bag], findings)
+        with patch.object(bag_source, "apart", _here):
+            bag_source.read_bags(mapping, [bag], findings)
         findings.raise_errors()
 
     one = write_bag(scratch / "one.bag", recording)
