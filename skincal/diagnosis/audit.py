@@ -22,7 +22,7 @@ from skincal.errors import InputError
 from skincal.inference.candidate_scores import top_counts
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitter, Priors
-from skincal.inference.forward import LAW, Forward, Prediction, State
+from skincal.inference.forward import LAW, Forward, State, StatePrediction
 from skincal.inference.noise import Noise
 from skincal.inference.session import GapSession
 from skincal.inference.slopes import Slopes
@@ -316,7 +316,7 @@ def audit_session(
 
 
 def _typical_changes(
-    names: Sequence[str], forward: Forward, seen: Prediction, state: State, rng: np.random.Generator
+    names: Sequence[str], forward: Forward, seen: StatePrediction, state: State, rng: np.random.Generator
 ) -> FloatArray:
     """Return the changes (K, J, E) of values [counts] by a typical case of each effect; 0 for those in the state."""
     samples = forward.session.samples

@@ -18,7 +18,7 @@ from skincal.fitting.shared import smooth_field
 from skincal.fitting.sigmas import GAIN_SIGMA
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
-from skincal.inference.forward import Prediction
+from skincal.inference.forward import StatePrediction
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray
 
@@ -71,7 +71,7 @@ def posterior_covariance(dataset: Dataset, fitter: Fitter, fit: Fitted) -> Float
     return covariance + np.pad(sum(np.outer(x, x) for x in scale_shifts), ((3, n - 5), (3, n - 5)))
 
 
-def _zero_point_shift(fitter: Fitter, seen: Prediction, name: str, change: FloatArray) -> FloatArray:
+def _zero_point_shift(fitter: Fitter, seen: StatePrediction, name: str, change: FloatArray) -> FloatArray:
     """Return the shift (2,) of log E and log S by one standard deviation of the zero point of an effect.
 
     The zero point is where the effect changes nothing: at rising force or in the middle of a loop, at once or after a

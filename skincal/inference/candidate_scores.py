@@ -21,7 +21,7 @@ from skincal.inference.columns import Candidate, candidates, starts_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.equation_errors import EquationErrors
 from skincal.inference.fit import Fitted, Fitter
-from skincal.inference.forward import Prediction
+from skincal.inference.forward import StatePrediction
 from skincal.inference.gains import full_step, gains, whole
 from skincal.inference.null import FOUNDATION, Null, add_laws, draw_noise, law_parts, law_residuals
 from skincal.inference.score import Score
@@ -207,7 +207,7 @@ def scene_of(fitter: Fitter, base: Fitted) -> Scene:
     )
 
 
-def top_counts(prediction: Prediction, samples: Samples) -> float:
+def top_counts(prediction: StatePrediction, samples: Samples) -> float:
     """Return the 95 % quantile over touching samples of the largest value above rest [counts]."""
     on = samples.touching
     return max(float(np.quantile(prediction.values[on].max(axis=1), 0.95)), 1e-12) if on.any() else 1.0

@@ -14,7 +14,7 @@ import numpy as np
 
 from skincal.effects import EffectParameter, Stage, effect
 from skincal.effects.starts import Scene, Start
-from skincal.inference.forward import Effects, Forward, Prediction
+from skincal.inference.forward import Effects, Forward, StatePrediction
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray
 
@@ -135,7 +135,9 @@ def is_local(name: str, others: Effects) -> bool:
     return stage > Stage.CROSSTALK or (stage >= Stage.TRANSFER and stage != Stage.CROSSTALK and not mixed)
 
 
-def free_columns(forward: Forward, prediction: Prediction, free: Sequence[FreeParameter]) -> list[Slopes]:
+def free_columns(
+    forward: Forward, prediction: StatePrediction, free: Sequence[FreeParameter]
+) -> list[Slopes]:
     """Compute the slopes over K samples by fitted numbers of effects in the model, each on its own scale."""
     now, taxels = prediction.state.effects, prediction.values.shape[1]
     at = np.array([f.get(now) for f in free])
@@ -189,7 +191,7 @@ class Candidate:
 
 def candidates(
     forward: Forward,
-    prediction: Prediction,
+    prediction: StatePrediction,
     scene: Scene,
     slope: FloatArray,
     names: Sequence[str],

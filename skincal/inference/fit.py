@@ -17,7 +17,7 @@ from skincal.effects import effect
 from skincal.inference.blocks import Blocks, Rows, Whitened, blocks
 from skincal.inference.columns import FreeParameter, free_columns, with_values
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.forward import BASE, LAW, Forward, Prediction, State, moved_pose
+from skincal.inference.forward import BASE, LAW, Forward, State, StatePrediction, moved_pose
 from skincal.inference.score import held_out
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
@@ -69,7 +69,7 @@ class Fitted:
         pull: (n,) slope of the prior at the state: precision times the distance from its mean.
     """
 
-    prediction: Prediction
+    prediction: StatePrediction
     free: tuple[FreeParameter, ...]
     blocks: Blocks
     prior: FloatArray
@@ -141,7 +141,7 @@ class ProfiledState(NamedTuple):
     """
 
     state: State
-    prediction: Prediction
+    prediction: StatePrediction
     loss: FloatArray
 
 
@@ -153,7 +153,7 @@ class Fitter:
         self.forward, self.counts, self.priors = forward, counts, priors
         self.foundation = False
         """True to hold the contact law at the foundation's, as at the beginning of a search."""
-        self._columns: tuple[tuple[Prediction, tuple[FreeParameter, ...], bool], Slopes] | None = None
+        self._columns: tuple[tuple[StatePrediction, tuple[FreeParameter, ...], bool], Slopes] | None = None
         s = forward.session
         self.press, self.phase, self.frames = s.press, s.phase, s.frames
         force = np.where(s.press >= 0, forward.mean @ np.nan_to_num(forward.samples.contacts.force_n), 0.0)
@@ -167,7 +167,9 @@ class Fitter:
         """Return what another process needs."""
         return {**self.__dict__, "_columns": None}
 
-    def whitened(self, prediction: Prediction, columns: Slopes | FloatArray, own: FloatArray) -> Whitened:
+    def whitened(
+        self, prediction: StatePrediction, columns: Slopes | FloatArray, own: FloatArray
+    ) -> Whitened:
         """Divide residual and slopes by the noise, with robust weights.
 
         Args:
@@ -197,7 +199,7 @@ class Fitter:
         return Whitened(residual, thinned, thin(moves), signal, thin(own), ok, np.log(sd))
 
     def expected(
-        self, prediction: Prediction, moves: FloatArray | None = None
+        self, prediction: StatePrediction, moves: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Compute the expected means (N, J) of a state, slopes of the converter (K, J), and variances (N, J).
 
@@ -211,11 +213,11 @@ class Fitter:
         variance = (f.mean @ each + (noise.sigma**2 - noise.frame**2)) / self.frames[:, None]
         return f.mean @ mean, slope, variance + (f.mean @ shared) * self._alike[:, None]
 
-    def level_sd(self, prediction: Prediction, moves: FloatArray) -> FloatArray:
+    def level_sd(self, prediction: StatePrediction, moves: FloatArray) -> FloatArray:
         """Return the prior standard deviation (K, J) of levels, by the slopes (K, J, 3) of the nuisance parameters."""
         return np.sqrt((moves**2) @ (1 / self.priors.move) + (self.priors.image * prediction.values) ** 2)
 
-    def columns(self, prediction: Prediction, free: tuple[FreeParameter, ...]) -> Slopes:
+    def columns(self, prediction: StatePrediction, free: tuple[FreeParameter, ...]) -> Slopes:
         """Return slopes (K, J, n) by base, law and effects; the last ones are cached."""
         f, key = self.forward, (prediction, free, self.foundation)
         if self._columns is None or self._columns[0] != key:
@@ -223,7 +225,9 @@ class Fitter:
             self._columns = key, Slopes.joined([base, *free_columns(f, prediction, free)])
         return self._columns[1]
 
-    def equation_errors(self, prediction: Prediction, *, word: bool = False) -> tuple[FloatArray, FloatArray]:
+    def equation_errors(
+        self, prediction: StatePrediction, *, word: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the equation errors of the effects in the model, one standard deviation each.
 
         Returns:
@@ -243,12 +247,12 @@ class Fitter:
             return own, own[..., :0]
         return own, np.concatenate([own * x[..., None] for x in self.shared_error_modes(prediction)], axis=2)
 
-    def effect_values(self, prediction: Prediction, name: str) -> FloatArray:
+    def effect_values(self, prediction: StatePrediction, name: str) -> FloatArray:
         """Return the change (K, J) of values by an effect in the model."""
         without = {n: v for n, v in prediction.state.effects.items() if n != name}
         return prediction.values - self.forward.with_effects(prediction, without)
 
-    def shared_error_modes(self, prediction: Prediction) -> list[FloatArray]:
+    def shared_error_modes(self, prediction: StatePrediction) -> list[FloatArray]:
         """Return factors (K, 1) or (K, J), one standard deviation each, by which shared equation errors vary.
 
         They vary with force, with the reading of a taxel, over the session, and from phase to phase.
@@ -265,7 +269,7 @@ class Fitter:
         self,
         state: State,
         free: tuple[FreeParameter, ...],
-        prediction: Prediction | None = None,
+        prediction: StatePrediction | None = None,
         *,
         word: bool = False,
     ) -> Fitted:
@@ -274,7 +278,7 @@ class Fitter:
         return self.linearised(prediction, free, *self.columns_of(prediction, free, word=word))
 
     def columns_of(
-        self, prediction: Prediction, free: tuple[FreeParameter, ...], *, word: bool = False
+        self, prediction: StatePrediction, free: tuple[FreeParameter, ...], *, word: bool = False
     ) -> tuple[Whitened, int]:
         """Whiten all columns, and return how many of the last ones are equation errors."""
         own, shared = self.equation_errors(prediction, word=word)
@@ -283,7 +287,7 @@ class Fitter:
 
     def linearised(
         self,
-        prediction: Prediction,
+        prediction: StatePrediction,
         free: tuple[FreeParameter, ...],
         w: Whitened,
         errors: int = 0,
@@ -406,7 +410,7 @@ class Fitter:
                 break
         return self.linearise(at.state, free, at.prediction) if at.state.effects else at
 
-    def _take_step(self, at: Fitted, d: FloatArray) -> tuple[State, Prediction, float]:
+    def _take_step(self, at: Fitted, d: FloatArray) -> tuple[State, StatePrediction, float]:
         """Apply a step, let each press take steps of its own, and return the state, its prediction and its loss."""
         state, prediction, loss = self.profile_presses(self.moved(at, d))
         prior, pull = self.prior(state, at.free)
@@ -460,7 +464,7 @@ class Fitter:
         move[:, :2] = np.clip(move[:, :2], -self.priors.slack_m, self.priors.slack_m)
         return move
 
-    def residual_blocks(self, state: State) -> tuple[Prediction, Blocks]:
+    def residual_blocks(self, state: State) -> tuple[StatePrediction, Blocks]:
         """Predict a state, and build the normal equations of its residual."""
         prediction = self.forward.predict(state)
         own, none = self.equation_errors(prediction, word=True)

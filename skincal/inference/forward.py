@@ -87,7 +87,7 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class StatePrediction:
     """A state and its prediction.
 
     Attributes:
@@ -172,7 +172,7 @@ class Forward:
         self._patches: dict[tuple[SensorPose, float], Patch] = {}
         self._tables: dict[object, tuple[FloatArray, PressTable]] = {}
         self._spread: tuple[object, Patch, FloatArray] | None = None
-        self._moves: tuple[Prediction, FloatArray] | None = None
+        self._moves: tuple[StatePrediction, FloatArray] | None = None
         self._skin: tuple[State, EffectSkin] | None = None
 
     def __getstate__(self) -> dict[str, object]:
@@ -289,7 +289,7 @@ class Forward:
         given = state.effects if effects is None else effects
         return EffectSkin.of(skin, self.surface, given, missing="abstain")
 
-    def predict(self, state: State, near: Prediction | None = None) -> Prediction:
+    def predict(self, state: State, near: StatePrediction | None = None) -> StatePrediction:
         """Predict a state.
 
         Args:
@@ -309,7 +309,7 @@ class Forward:
         row, e = np.maximum(self.row, 0), float(np.exp(state.log_e))
         at = np.where((self.row >= 0)[:, None], off + state.move[row, :2] - places[row], 0.0)
         loads, *moves = e * table.with_slopes(self.row, self._force(felt, state) / e, at)
-        return Prediction(
+        return StatePrediction(
             state, felt, loads, self._after(skin, loads, felt), np.array(moves), table, places, key
         )
 
@@ -431,7 +431,7 @@ class Forward:
 
     # ------------------------------------------------------------------ slopes
 
-    def values_by_loads(self, prediction: Prediction, change: FloatArray) -> FloatArray:
+    def values_by_loads(self, prediction: StatePrediction, change: FloatArray) -> FloatArray:
         """Return the change (K, J) of values by a small change of loads."""
         skin = self.skin(prediction.state)
         if not any(a.effect.stage >= Stage.MEMORY and not a.neutral for a in skin.effects):
@@ -439,14 +439,14 @@ class Forward:
         ends = (self._after(skin, prediction.loads + side * change, prediction.felt) for side in (1, -1))
         return (next(ends) - next(ends)) / 2
 
-    def with_effects(self, prediction: Prediction, effects: Effects) -> FloatArray:
+    def with_effects(self, prediction: StatePrediction, effects: Effects) -> FloatArray:
         """Return values (K, J) with other effects; contacts are computed again only if an effect on them changes."""
         skin = self.skin(prediction.state, effects)
         if _contact_parameters(effects) == _contact_parameters(prediction.state.effects):
             return self._after(skin, prediction.loads, prediction.felt)
         return self.predict(replace(prediction.state, effects=effects), prediction).values
 
-    def base_columns(self, prediction: Prediction, *, contact: bool = True) -> FloatArray:
+    def base_columns(self, prediction: StatePrediction, *, contact: bool = True) -> FloatArray:
         """Compute slopes (K, J, 6 + 4) by ``BASE`` (place in metres, angle, logarithms, counts) and ``LAW``.
 
         Slopes by ``CONTACT`` are zero without ``contact``, and those by ``LAW`` without spheres, to which these
@@ -493,7 +493,7 @@ class Forward:
         at, zero = self.surface.unrolled(points), self.surface.unrolled(centre)
         return np.nan_to_num(np.stack([at[0] - zero[0], at[1] - zero[1]], axis=1) + places)
 
-    def press_columns(self, prediction: Prediction) -> FloatArray:
+    def press_columns(self, prediction: StatePrediction) -> FloatArray:
         """Compute slopes (K, J, 3) by the shift of a press across and along [1/m] and the logarithm of its force.
 
         The last ones are cached.
@@ -514,7 +514,7 @@ class _LocalTables:
     A press that slides has tables at both ends of its line; slopes between them are interpolated.
     """
 
-    def __init__(self, forward: Forward, prediction: Prediction) -> None:
+    def __init__(self, forward: Forward, prediction: StatePrediction) -> None:
         self._f, self._seen, self._skin = forward, prediction, forward.skin(prediction.state)
         off = forward._felt_samples(self._skin)[1]
         middle = forward._press_means(off)
