@@ -77,7 +77,7 @@ def main() -> None:
     print("| effect | error without | added by it | drops without | with |\n|---|---|---|---|---|")
     for name in EFFECTS:
         if name in RIG_EFFECTS:
-            print(f"| `{name}` | – | of the rig that measures, not of the skin | – | – |")
+            print(f"| `{name}` | – | an error of the measuring rig, not of the skin | – | – |")
             continue
         pairs = [(once("none", draw), once(name, draw)) for draw in range(asked.draws)]
         # Pairs in which either run was over before 2 s have no error; drops count them.
