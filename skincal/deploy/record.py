@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skincal.dataset import HOLD, IDLE, Dataset, Frames, IndenterSpec, Presses, write_dataset
-from skincal.dataset.model_objects import layout_of, surface_of
+from skincal.dataset.model_objects import layout_of, pose_of, surface_of
 from skincal.hand.driver import HandState
-from skincal.model import SensorPose
 from skincal.model.arrays import FloatArray
 from skincal.robot.description import JOINT_FIELDS, joint_columns
-from skincal.units import rad
 
 if TYPE_CHECKING:
     from skincal.deploy.handover import PinchForces
@@ -115,9 +113,8 @@ def _tables(record: Record, description: HandDescription) -> tuple[Presses, Fram
 def _points(record: Record, description: HandDescription) -> FloatArray:
     """Return contact points (T, 3) [m]: centroids of the images at the sensor's nominal pose."""
     meta = description.meta
-    layout, surface, mount = layout_of(meta.sensor, None), surface_of(meta.surface, {}), meta.mount
+    layout, surface = layout_of(meta.sensor, None), surface_of(meta.surface, {})
     images = record.centroids_m
     total = images.sum(axis=1, keepdims=True)
     uv = np.where(total > 0, images @ layout.centres_m / np.maximum(total, 1e-12), 0.0)
-    pose = SensorPose(mount.y_m, rad(mount.alpha_deg), rad(mount.beta_deg or 0.0), mount.x_m or 0.0)
-    return surface.wrap(pose, uv)[0]
+    return surface.wrap(pose_of(meta.mount), uv)[0]

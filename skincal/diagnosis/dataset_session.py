@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from skincal.calibration import MARGIN_M
 from skincal.covariates import TIMES
 from skincal.dataset import HOLD, IDLE, Dataset
-from skincal.dataset.uniform_pressure import at_centre
+from skincal.dataset.uniform_pressure import centre_contacts
 from skincal.diagnosis.steady import steady_places
 from skincal.effects import Samples, hold_session, hold_times
 from skincal.inference.session import Binning, GapSession, binned, of_holds
@@ -33,7 +33,7 @@ def gap_session(dataset: Dataset, binning: Binning | None = None) -> GapSession:
     Presses without a known place, or without force, are left out of the observations (uniform pressure needs no place),
     and frames between presses in which something still presses, or does already, as their force says.
     """
-    dataset = at_centre(dataset, MARGIN_M)
+    dataset = centre_contacts(dataset, MARGIN_M)
     return _of_presses(dataset) if dataset.frames is None else _of_frames(dataset, binning)
 
 

@@ -11,7 +11,7 @@ from skincal.calibration import MARGIN_M, Calibration
 from skincal.calibration.skin import effects_of
 from skincal.dataset import IDLE, Dataset, idle_means
 from skincal.dataset.refusal import refusal
-from skincal.dataset.uniform_pressure import levels_by_lines, uniform_pressure
+from skincal.dataset.uniform_pressure import uniform_pressure, zero_load_levels
 from skincal.diagnosis.dataset_session import gap_session, hold_groups, pose_names, press_rows
 from skincal.diagnosis.phases import check_phases
 from skincal.diagnosis.spells import Spell, without_spells
@@ -365,7 +365,7 @@ def _scatter_of_neighbours(dataset: Dataset) -> float:
 
 def _rest_by_lines(dataset: Dataset) -> tuple[float, float]:
     """Level at rest by the lines of all taxels, and how far these differ [counts]."""
-    levels = levels_by_lines(dataset)
+    levels = zero_load_levels(dataset)
     ends = levels[np.isfinite(levels)]
     return float(np.median(ends)), float(np.ptp(np.quantile(ends, [0.16, 0.84])) / 2)
 

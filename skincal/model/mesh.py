@@ -99,7 +99,7 @@ class TriangleMesh:
         """
         self.name = name
         vertices = floats(f"{name} vertices_m", vertices_m, (None, 3))
-        vertices, corners = _merged(vertices, _checked_faces(name, faces, len(vertices)))
+        vertices, corners = _merge_vertices(vertices, _checked_faces(name, faces, len(vertices)))
         self._edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
         size = float(np.ptp(vertices, axis=0).max()) if len(corners) else 0.0
         cross = _face_cross(vertices, corners)
@@ -168,7 +168,7 @@ def _checked_faces(name: str, faces: ArrayLike, vertices: int) -> IntArray:
     return array.astype(np.int64)
 
 
-def _merged(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+def _merge_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Merge equal vertices, and drop the faces that collapse."""
     unique, index = np.unique(vertices, axis=0, return_inverse=True)
     faces = index.reshape(-1)[faces]

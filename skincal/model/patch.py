@@ -168,10 +168,11 @@ def patch_cells(
         raise ValueError(f"margin_m: expected a finite length >= 0; got {margin_m!r}")
     edges = np.concatenate([layout.centres_m - layout.sizes_m / 2, layout.centres_m + layout.sizes_m / 2])
     span = layout.bounds_m + np.array([[-margin_m], [margin_m]])
-    stops = [_stops(edges[:, k], span[:, k], resolution_m) for k in (0, 1)]
+    stops = [_cell_boundaries(edges[:, k], span[:, k], resolution_m) for k in (0, 1)]
     # Gaussian nodes of a cell that contains the edge of a taxel would assign wrong areas to the taxels.
     (point_u, size_u), (point_v, size_v) = (
-        (_gauss if rule == "gauss" and len(ends) > 2 else _midpoints)(ends, resolution_m) for ends in stops
+        (_gauss_nodes if rule == "gauss" and len(ends) > 2 else _midpoints)(ends, resolution_m)
+        for ends in stops
     )
     points = np.stack(np.meshgrid(point_u, point_v), axis=-1).reshape(-1, 2)
     sizes = np.stack(np.meshgrid(size_u, size_v), axis=-1).reshape(-1, 2)
@@ -185,7 +186,7 @@ def _border(placed: BoolArray, columns: int) -> BoolArray:
     return ~whole.ravel()
 
 
-def _stops(taxel_edges: FloatArray, span: FloatArray, resolution_m: float) -> FloatArray:
+def _cell_boundaries(taxel_edges: FloatArray, span: FloatArray, resolution_m: float) -> FloatArray:
     """Return cell boundaries along one axis: the edges of the taxels, or only the two ends if those are too many."""
     stops = np.unique(np.concatenate([span, taxel_edges]))
     stops = stops[np.concatenate([[True], np.diff(stops) > _SNAP_M])]
@@ -205,7 +206,7 @@ def _midpoints(stops: FloatArray, resolution_m: float) -> tuple[FloatArray, Floa
     return (edges[1:] + edges[:-1]) / 2, np.diff(edges)
 
 
-def _gauss(stops: FloatArray, resolution_m: float) -> tuple[FloatArray, FloatArray]:
+def _gauss_nodes(stops: FloatArray, resolution_m: float) -> tuple[FloatArray, FloatArray]:
     """Return nodes and weights of Gaussian quadrature between stops.
 
     There are as many nodes as there would be cells, in groups of two, with one group of three if the number is odd. A

@@ -29,7 +29,7 @@ _NOISY = 0.25
 """Smallest number of noise readings above the bound over readings on it, if the bound clips half of the noise."""
 
 
-def quantum(values: ArrayLike) -> float:
+def rounding_step(values: ArrayLike) -> float:
     """Return the smallest step between different values of any shape: the rounding step; 0 if all are equal.
 
     Steps below a millionth of the range count as rounding errors of the arithmetic.
@@ -77,7 +77,7 @@ def levels_from_presses(counts: ArrayLike) -> RestLevels:
     scatter, number = np.full(readings.shape[1], np.nan), np.zeros(readings.shape[1], dtype=np.intp)
     finite = readings[np.isfinite(readings)]
     span = float(np.ptp(finite)) if finite.size else 0.0
-    step = quantum(finite)
+    step = rounding_step(finite)
     finest = max(_FINEST * span, min(0.5 * step, _ROUNDED * span))
     for j, column in enumerate(readings.T):
         read = np.sort(column[np.isfinite(column)])

@@ -80,14 +80,14 @@ class DeviceSkin:
         tiles[:3] -= middle[:, None]
         self.taxels = skin.patch.layout.taxels
         scale = np.broadcast_to(np.asarray(skin.parameters.scale_per_n), (self.taxels,))
-        self._ground = (
+        self._patch_args = (
             self._put(points), cuda.to_device(tiled.taxel.astype(np.int32)),
             cuda.to_device(tiled.border.astype(np.int8)), self._put(tiles), cuda.to_device(middle),
             indenter.kind, self._real(indenter.radius_m),
             self._real(min(indenter.depth_m, skin.patch.depth_m)),
         )  # fmt: skip
         low, high = converter.value_min, converter.value_max
-        self._how = (
+        self._skin_args = (
             self._real(skin.parameters.elasticity_pa_per_m), self._real(1.0 if law is None else law.exponent),
             self._real(1.0 if law is None else law.reference_m), self._put(scale),
             self._real(-np.inf if low is None else low), self._real(np.inf if high is None else high),
@@ -139,8 +139,8 @@ class DeviceSkin:
         depth, status = self._empty((count,)), self._empty((count,), np.int32)
         if count:
             self._kernel[min(count, self._blocks), self._block](
-                *self._ground, normal, origin, matrices, rotations is not None, force, *self._how, *self._scratch,
-                out, depth, status,
+                *self._patch_args, normal, origin, matrices, rotations is not None, force, *self._skin_args,
+                *self._scratch, out, depth, status,
             )  # fmt: skip
         return DeviceResponse(out, depth, status)
 

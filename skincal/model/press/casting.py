@@ -125,9 +125,9 @@ def enclose(
                     y = vertices[first + i, 1] - cy
                     z = vertices[first + i, 2] - cz
                     ahead = x * dx + y * dy + z * dz
-                    beside = x * sx + y * sy + z * sz
-                    height[i] = ahead - slope * beside
-                    along_2[i] = beside * beside
+                    side = x * sx + y * sy + z * sz
+                    height[i] = ahead - slope * side
+                    along_2[i] = side * side
                     aside_2[i] = max(x * x + y * y + z * z - ahead * ahead, 0.0)
                     nearest = min(nearest, height[i])
                     furthest_s, furthest_r = max(furthest_s, along_2[i]), max(furthest_r, aside_2[i])

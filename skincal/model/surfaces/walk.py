@@ -26,7 +26,7 @@ def corner_normals(mesh: TriangleMesh, crease_rad: float) -> FloatArray:
         crease_rad: smallest angle between faces at a sharp edge [rad].
     """
     vertex, weight = mesh.faces.ravel(), _corner_angles(mesh).ravel()
-    first, second = _pairs(vertex)
+    first, second = _corner_pairs(vertex)
     own, other = first // 3, second // 3
     smooth = np.einsum("ij,ij->i", mesh.normals[own], mesh.normals[other]) > np.cos(crease_rad)
     first, second, other = first[smooth], second[smooth], other[smooth]
@@ -62,7 +62,7 @@ def _corner_angles(mesh: TriangleMesh) -> FloatArray:
     return np.arctan2(cross, np.sum(to_next * to_last, axis=2))
 
 
-def _pairs(vertex: IntArray) -> tuple[IntArray, IntArray]:
+def _corner_pairs(vertex: IntArray) -> tuple[IntArray, IntArray]:
     """Return all ordered pairs of corners that share a vertex with at most ``_FAN`` corners."""
     order = np.argsort(vertex, kind="stable")
     _, start, count = np.unique(vertex[order], return_index=True, return_counts=True)
@@ -144,7 +144,7 @@ class Walker:
             going = np.flatnonzero((walked <= furthest) & np.isfinite(here.points_m[:, 0]))
             if not going.size:
                 return ends
-            there = _put(_nan_stand(len(walked)), going, self.step(here[going], self.step_m))
+            there = _set_rows(_nan_stand(len(walked)), going, self.step(here[going], self.step_m))
             chord = np.linalg.norm(there.points_m - here.points_m, axis=1)
             # A walk that leaves the mesh in this step can still have ends before the edge.
             stride = np.where(np.isnan(chord), self.step_m, chord)
@@ -153,7 +153,7 @@ class Walker:
             )
             at = walker[due]
             part = (length_m[due] - walked[at]) * self.step_m / stride[at]
-            ends = _put(ends, due, self.step(here[at], part))
+            ends = _set_rows(ends, due, self.step(here[at], part))
             open_[due] = False
             walked += stride
             here = there
@@ -192,7 +192,7 @@ def _nan_stand(count: int) -> Stand:
     return Stand(*(np.full((count, 3), np.nan) for _ in range(3)))
 
 
-def _put(into: Stand, rows: IntArray, values: Stand) -> Stand:
+def _set_rows(into: Stand, rows: IntArray, values: Stand) -> Stand:
     for name in ("points_m", "normals", "heading"):
         getattr(into, name)[rows] = getattr(values, name)
     return into
