@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from skincal.deploy import deploy, letters, marble_targets
-from skincal.deploy.estimate import estimate_error_m, estimated_places
+from skincal.deploy.estimate import estimate_error_m, estimate_positions
 from skincal.envs.pinch import read_pinch
 from skincal.envs.reference_hand import ReferenceHand
 from skincal.errors import SkincalError
@@ -44,7 +44,7 @@ def main() -> None:
                         policy, ReferenceHand(seed=seed), pinch, targets,
                         object_width_m=0.012, speed_rad_per_s=0.3,
                     )  # fmt: skip
-                    places = estimated_places(found.record, estimator, pinch, 0.012)
+                    places = estimate_positions(found.record, estimator, pinch, 0.012)
                     kept[key] = {
                         "held": found.lost_s is None,
                         "error_m": float(np.nanmean(found.error_m[20:])),

@@ -12,7 +12,7 @@ from skincal.calibrate.problem import search_box
 from skincal.calibration import MARGIN_M, Calibration, Finding, Loss, ModelParameters, Provenance
 from skincal.dataset import Dataset, idle_means
 from skincal.dataset.refusal import refusal
-from skincal.dataset.uniform_pressure import UNIFORM, at_centre, levels_by_lines
+from skincal.dataset.uniform_pressure import UNIFORM, centre_contacts, zero_load_levels
 from skincal.errors import first_of
 from skincal.fitting.observe import Readout, observe
 from skincal.fitting.problem import active_threshold
@@ -81,7 +81,7 @@ def calibrate_uniform(
     rest_known = rest is not None
     if rest is None:
         # A level near the right one has to do: lines need not meet the origin.
-        rest = levels_by_lines(dataset)
+        rest = zero_load_levels(dataset)
     seen = observe(presses.counts, readout, rest)
     if active_counts is None:
         active_counts = active_threshold(seen, readout, untouched=False)
@@ -139,7 +139,7 @@ def _assumed(dataset: Dataset) -> Calibration:
 
 def _loads(one: Calibration, dataset: Dataset) -> Floats:
     """Return the loads (K, J) [N] that a skin of scale one shows; its points need not be finer than half a taxel."""
-    placed = at_centre(dataset, MARGIN_M)
+    placed = centre_contacts(dataset, MARGIN_M)
     skin = one.base_skin(float(one.layout().sizes_m.min()) / 2)
     points = one.surface_model().project(placed.presses.position_m)
     contacts = Contacts(points, one.surface_model().normal_at(points), placed.presses.force_n)

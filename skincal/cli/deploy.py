@@ -74,7 +74,7 @@ def deploy(
     from skincal.dataset.model_objects import layout_of
     from skincal.deploy import deploy as run
     from skincal.deploy import targets_of, write_record
-    from skincal.deploy.estimate import estimate_error_m, estimated_places
+    from skincal.deploy.estimate import estimate_error_m, estimate_positions
     from skincal.deploy.run_file import MARKER, SESSION, results
     from skincal.envs.pinch import read_pinch
     from skincal.files import refuse_existing, reserved_room, whole_folder
@@ -143,7 +143,7 @@ def deploy(
             )  # fmt: skip
         ended.append(lambda: found)
         give_free()
-        felt = None if places is None else estimated_places(found.record, places, hand, width)
+        felt = None if places is None else estimate_positions(found.record, places, hand, width)
         content = keep(found, felt, finished=True)
     held = "held to the end" if content["held"] else f"lost after {content['lost_s']:.1f} s"
     error = "" if content["error_m"] is None else f", tracking error {1e3 * content['error_m']:.2f} mm"

@@ -156,7 +156,7 @@ def _ranges(task: Task, ranges: Path | None, calibration: Path | None) -> Ranges
 def _evaluated(policies: list[Policy], trial: Trial, ranges: Ranges | None, on: Engine) -> list[Evaluated]:
     import numpy as np
 
-    from skincal.deploy.trials import runs_on
+    from skincal.deploy.trials import run_trial
     from skincal.report.evaluation import Evaluated, names_of
     from skincal.train.scores import score
 
@@ -164,7 +164,7 @@ def _evaluated(policies: list[Policy], trial: Trial, ranges: Ranges | None, on: 
     with stage_bars() as progress:
         for name, policy in zip(names_of(policies), policies, strict=True):
             progress(name, 0, trial.episodes)
-            runs = runs_on(
+            runs = run_trial(
                 on.value, policy, trial, ranges, lambda done, n=name: progress(n, done, trial.episodes)
             )
             found.append(Evaluated(name, policy, runs, score(runs, np.random.default_rng(trial.seed))))

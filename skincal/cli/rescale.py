@@ -35,9 +35,9 @@ def rescale(
     more.
     """
     from skincal.calibration import read_calibration, write_calibration
-    from skincal.deploy.rolling import felt, felt_in_simulation
+    from skincal.deploy.rolling import recorded_sensitivity, simulated_sensitivities
     from skincal.deploy.run_file import read_run_file
-    from skincal.deploy.wear import rescaled, wear
+    from skincal.deploy.wear import estimate_wear, rescale_calibration
     from skincal.files import refuse_existing
     from skincal.progress import stage_bars
 
@@ -46,12 +46,16 @@ def rescale(
     calibration = read_calibration(cal)
     warn(calibration.warnings)
     run = read_run_file(rolled)
-    hand = felt(rolled, run)
+    hand = recorded_sensitivity(rolled, run)
     with stage_bars() as progress:
-        found = wear(hand, felt_in_simulation(calibration, run, hands, seed, progress))
+        found = estimate_wear(hand, simulated_sensitivities(calibration, run, hands, seed, progress))
     if out is not None:
-        write_calibration(rescaled(calibration, found.factor), out, force=force)
-    answer(as_json, {**asdict(found), "enough": found.enough, "calibration": out}, *_lines(found, cal, out))
+        write_calibration(rescale_calibration(calibration, found.factor), out, force=force)
+    answer(
+        as_json,
+        {**asdict(found), "enough": found.is_one_factor_enough, "calibration": out},
+        *_lines(found, cal, out),
+    )
 
 
 def _lines(found: Wear, cal: Path, out: Path | None) -> list[str]:
@@ -63,6 +67,6 @@ def _lines(found: Wear, cal: Path, out: Path | None) -> list[str]:
     return [
         f"sensitivity: {found.factor:.2f} of what it was ({low:.2f} to {high:.2f}, {found.level:.0%}; "
         f"{found.hands} simulated hands)",
-        "nothing shows that one factor is not enough" if found.enough else fix,
+        "nothing shows that one factor is not enough" if found.is_one_factor_enough else fix,
         *([] if out is None else [f"calibration: {out}"]),
     ]

@@ -14,7 +14,7 @@ from typing import Any
 from skincal.collect.plan import Plan
 from skincal.collect.rig import Rig
 from skincal.dataset import Dataset, read_dataset, write_dataset
-from skincal.dataset.joined import GAP_S, check_same_rig, joined
+from skincal.dataset.joined import GAP_S, check_same_rig, join_sessions
 from skincal.errors import input_error
 
 SESSION = "session"
@@ -78,7 +78,7 @@ class Rounds:
             hand = self.rig.driver.description.name
             source = f"skincal diagnose --collect: driver {self.rig.name}, round {number}, {hand}"
             self.collect(plan, out, source, end_s + GAP_S)
-        both = joined(dataset, read_dataset(out))
+        both = join_sessions(dataset, read_dataset(out))
         source = f"{dataset.meta.source}; round {number} of skincal diagnose --collect"
         write_dataset(replace(both, meta=replace(both.meta, source=source)), whole, force=True)
         return read_dataset(whole)

@@ -1,4 +1,4 @@
-"""Checked access to the columns of one table: types, missing columns, permitted NaN, the matrix of taxels."""
+"""Checked access to the columns of one table: types, missing columns, permitted NaN."""
 
 from __future__ import annotations
 
@@ -23,33 +23,33 @@ OPTIONAL = {name: column.cells for name, column in COLUMNS.items()}
 
 GIVE_OR_DROP = "Give the number, or leave the row out."
 NO_FORCE = (
-    "Without the force of each press, images tell where the sensor is, but of E and S only their product, and so "
-    "nothing to calibrate with. Measure it (a gauge, a load cell, a scale below the sensor), or press with known "
-    "weights and write those. A depth is no replacement: which force it takes is what E says."
+    "Without the force of each press, images determine the sensor's pose, but only the product of E and S, so that a "
+    "calibration is impossible. Measure it (a gauge, a load cell, a scale below the sensor), or press with known "
+    "weights and give their forces. A depth cannot replace it: E, which relates depth to force, is unknown."
 )
-"""Advice where the force of no press is known."""
+"""Advice for a table without forces."""
 CORRECT_OR_EMPTY = "Correct it, or leave the cell empty: not measured."
 
 MOST_HINTS = 100
-"""Most unknown columns for which a known name is suggested."""
+"""Largest number of unknown columns for which a known name is suggested."""
 
 
 def is_number(values: FloatArray) -> BoolArray:
-    """Return which values can be measurements: finite and not beyond all bounds."""
+    """Return which values can be measurements: finite and below a generous bound."""
     return np.abs(values) < LARGEST
 
 
 def repeated(rows: NDArray[Any]) -> BoolArray:
-    """Return which rows (n,) or (n, m) of numbers have come before; NaN equals NaN."""
-    again = np.ones(len(rows), dtype=np.bool_)
+    """Return which rows (n,) or (n, m) of numbers repeat an earlier row; NaN equals NaN."""
+    repeats = np.ones(len(rows), dtype=np.bool_)
     if not rows.size:
-        return ~again
+        return ~repeats
     plain = np.ascontiguousarray(rows.reshape(len(rows), -1))
-    if plain.dtype.kind == "f":  # one kind of zero, one of NaN
+    if plain.dtype.kind == "f":  # one bit pattern each for zero and NaN
         plain = np.where(np.isnan(plain), np.nan, plain + 0.0)
     whole = plain.view(np.dtype((np.void, plain.itemsize * plain.shape[1]))).reshape(-1)
-    again[np.unique(whole, return_index=True)[1]] = False
-    return again
+    repeats[np.unique(whole, return_index=True)[1]] = False
+    return repeats
 
 
 _HOLDS: dict[str, Callable[[FloatArray], BoolArray]] = {
@@ -61,23 +61,23 @@ _HOLDS: dict[str, Callable[[FloatArray], BoolArray]] = {
 
 
 class ColumnReader:
-    """Reader of a table's columns, one by one; it adds their problems to the findings.
+    """Reader of a table's columns that adds their problems to the findings.
 
-    Missing or wrong values read as NaN, so that the rest can be checked too.
+    Missing or wrong values read as NaN, so that the rest can be checked as well.
     """
 
     def __init__(self, table: RawTable) -> None:
         self._table = table
         self.sheet = table.sheet
         self.rows = table.rows
-        self._said: dict[str, BoolArray] = {}
+        self._reported: dict[str, BoolArray] = {}
 
     def has(self, name: str) -> bool:
         """Return whether the table has the column."""
         return name in self._table.columns
 
     def require(self, names: Sequence[str]) -> None:
-        """Add one error for the required columns that are missing."""
+        """Add one error for all required columns that are missing."""
         missing = [name for name in names if not self.has(name)]
         if not missing:
             return
@@ -86,14 +86,14 @@ class ColumnReader:
         hints = [f'Does "{other}" stand for {name}?' for name, other in close.items() if other]
         what = "column" if len(missing) == 1 else f"{len(missing)} columns"
         names = [*self._table.columns]
-        one = len(names) == 1 and ";" in names[0]
-        separator = "The cells are separated by semicolons; separate them by commas." if one else ""
+        semicolons = len(names) == 1 and ";" in names[0]
+        separator = "The cells are separated by semicolons; separate them by commas." if semicolons else ""
         fix = " ".join(hints[:3]) or separator or _how_to_add(missing)
         expected, got = f"the {what} {_first(missing)}", f"the columns {_first(names, 12)}"
         self.sheet.findings.error(self.sheet.file, expected, got, fix)
 
     def require_rows(self, expected: str, fix: str) -> None:
-        """Add an error for a table without rows."""
+        """Add an error if the table has no rows."""
         if not self.rows:
             self.sheet.findings.error(self.sheet.file, expected, "no rows", fix)
 
@@ -104,7 +104,14 @@ class ColumnReader:
     def checked(
         self, name: str, kind: str, *, may_be_nan: BoolArray | bool = True, if_empty: str = ""
     ) -> FloatArray:
-        """Return a column as numbers of a kind; NaN (not measured) is permitted only where ``may_be_nan`` holds."""
+        """Return a column as numbers of a kind, shape (rows,); report invalid cells.
+
+        Args:
+            name: the column.
+            kind: kind of its cells: see :data:`OPTIONAL`.
+            may_be_nan: where NaN (not measured) is permitted, shape (rows,), or everywhere or nowhere.
+            if_empty: advice if the whole column is empty.
+        """
         values, text = self._numbers(name)
         if self.has(name):
             bad = ~_HOLDS[kind](values) & ~(np.isnan(values) & may_be_nan) & ~text
@@ -115,7 +122,7 @@ class ColumnReader:
         return values
 
     def whole(self, name: str, expected: str, low: int, fix: str = "") -> IntArray:
-        """Return a column of whole numbers from ``low`` on, shape (rows,), with ``low`` - 1 for invalid cells."""
+        """Return a column of whole numbers of at least ``low``, shape (rows,), with ``low`` - 1 for invalid cells."""
         values, text = self._numbers(name)
         if not self.has(name):
             return np.zeros(self.rows, dtype=np.int64)
@@ -137,23 +144,24 @@ class ColumnReader:
     def checked_matrix(
         self, names: Sequence[str], kind: str, *, may_be_nan: BoolArray | bool = True
     ) -> FloatArray:
-        """Return several columns side by side as :meth:`checked` does each, shape (rows, columns)."""
+        """Return several columns side by side, each :meth:`checked`, shape (rows, columns)."""
         return np.column_stack([self.checked(name, kind, may_be_nan=may_be_nan) for name in names])
 
-    def said(self, name: str) -> BoolArray:
+    def is_reported(self, name: str) -> BoolArray:
         """Return which cells of a column were already reported as not numeric, shape (rows,)."""
-        return self._said.get(name, np.zeros(self.rows, dtype=bool))
+        return self._reported.get(name, np.zeros(self.rows, dtype=bool))
 
     def taxel_columns(self) -> list[str]:
-        """Return the columns with names of taxels, for a description that does not say which taxels there are."""
+        """Return the columns with names of taxels, for a description without valid numbers of rows and columns."""
         return [name for name in self._table.columns if TAXEL.fullmatch(name)]
 
     def optional(
         self, known: Mapping[str, str], taken: Collection[str]
     ) -> Iterator[tuple[str, NDArray[Any]]]:
-        """Yield every column that is not ``taken``, in the file's order: known ones checked, others as they are.
+        """Yield names and values of all columns that are not ``taken``, in the order of the file.
 
-        Those that are not known and hold lists or bytes are left out, unread.
+        Known columns are checked, unknown ones are returned as they are. Unknown columns of lists or bytes are left out
+        without being read.
         """
         names = [name for name in self._table.columns if name not in taken]
         unknown = [name for name in names if self._kind(name, known) is None]
@@ -164,9 +172,9 @@ class ColumnReader:
                 place, got = self.sheet.column(name), self._table.others[name]
                 self.sheet.findings.note(place, "single numbers or texts", got, "It is left out.")
             else:
-                yield name, self.one_optional(name, known)
+                yield name, self.optional_column(name, known)
 
-    def one_optional(self, name: str, known: Mapping[str, str]) -> NDArray[Any]:
+    def optional_column(self, name: str, known: Mapping[str, str]) -> NDArray[Any]:
         """Return one column, checked if it is known."""
         kind = self._kind(name, known)
         if kind is None:
@@ -197,7 +205,7 @@ class ColumnReader:
         if column.dtype != object and column.dtype != np.bool_:
             return column.astype(np.float64, copy=False), text
         values = _converted(column, _number).astype(np.float64)
-        self._said[name] = text = _converted(column, lambda cell: _number(cell) is None).astype(bool)
+        self._reported[name] = text = _converted(column, lambda cell: _number(cell) is None).astype(bool)
         decimal_comma = text.any() and "," in str(column[np.flatnonzero(text)[0]])
         fix = "Write a decimal point." if decimal_comma else "Write the number alone, in the column's unit."
         self.sheet.bad_rows(name, text, column, "a number", fix)
@@ -205,7 +213,7 @@ class ColumnReader:
 
 
 def _converted(column: NDArray[Any], convert: Callable[[Any], Any]) -> NDArray[Any]:
-    """Return a column with every cell converted; a column of a million rows has few distinct words."""
+    """Return a column with every cell converted; each distinct cell is converted once, since columns have few."""
     cells: list[Any] = column.tolist()
     converted = {cell: convert(cell) for cell in dict.fromkeys(cells)}
     out = np.empty(len(cells), dtype=object)
@@ -214,7 +222,7 @@ def _converted(column: NDArray[Any], convert: Callable[[Any], Any]) -> NDArray[A
 
 
 def _word(cell: object) -> str:
-    """Return a cell as text, '' if it is empty, without the ``.0`` of whole numbers in a column that has gaps."""
+    """Return a cell as text, '' if it is empty, without the ``.0`` that whole numbers get in a column with gaps."""
     if cell != cell or cell in ("NaN", "nan"):
         return ""
     whole, point, rest = str(cell).partition(".")
@@ -222,7 +230,7 @@ def _word(cell: object) -> str:
 
 
 def _number(cell: object) -> float | None:
-    """Return a cell as a number, NaN if it is empty; None if it is something else."""
+    """Return a cell as a number, NaN if it is empty; None if it is not numeric."""
     if cell is None or cell == "":
         return np.nan
     try:
@@ -232,6 +240,7 @@ def _number(cell: object) -> float | None:
 
 
 def _how_to_add(missing: Sequence[str]) -> str:
+    """Return the advice for missing columns."""
     if all(TAXEL.fullmatch(name) for name in missing):
         return "Add them, NaN throughout for a dead taxel, or correct [sensor] rows and cols in dataset.toml."
     if "force_n" in missing:
@@ -240,4 +249,5 @@ def _how_to_add(missing: Sequence[str]) -> str:
 
 
 def _first(names: Sequence[str], shown: int = 6) -> str:
+    """Return the first names as text, with their total number if there are more."""
     return ", ".join(names[:shown]) + (f", … ({len(names)} in all)" if len(names) > shown else "")

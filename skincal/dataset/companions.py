@@ -1,4 +1,4 @@
-"""Files that a description names: meshes, and the positions of taxels that form no grid (``taxels.csv``)."""
+"""Files that a description refers to: meshes, and positions of taxels that form no grid (``taxels.csv``)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COLUMNS = ("r", "c", "u_m", "v_m", "du_m", "dv_m")
 COUNT = "Rows and columns count from 0; or correct rows and cols in dataset.toml."
 
 LARGEST_M, SMALLEST_M = 1.0, 1e-4
-"""Extents that no mesh in metres has: too small, too large."""
+"""Largest and smallest plausible extent of a mesh in metres."""
 
 COPY = "Copy it there, and write its name without a path."
 EXPORT = "Export the mesh again; was the file cut short?"
@@ -38,7 +38,7 @@ def read_positions(folder: Path, file: str, sensor: SensorSpec, findings: Findin
             expected = f'positions = "taxels.csv" in {file}, [sensor]'
             findings.warn("taxels.csv", expected, "nothing", "It is not used.")
         return None
-    path = _beside(folder, name, f"{file}, [sensor] positions", findings)
+    path = _path_in_folder(folder, name, f"{file}, [sensor] positions", findings)
     table = None if path is None else read_table(path, findings)
     return None if table is None else _positions_from(table, sensor)
 
@@ -57,8 +57,8 @@ def read_meshes(
     return found
 
 
-def _beside(folder: Path, name: str, place: str, findings: Findings) -> Path | None:
-    """Return the path of a file that a description names; None, with an error added, if it is not in the folder."""
+def _path_in_folder(folder: Path, name: str, place: str, findings: Findings) -> Path | None:
+    """Return the path of a file that a description names; None, with an error added, if the folder lacks it."""
     if Path(name).name == name and (folder / name).exists():
         return folder / name
     findings.error(place, "a file in the same folder", f'"{name}": no such file', COPY)
@@ -66,7 +66,8 @@ def _beside(folder: Path, name: str, place: str, findings: Findings) -> Path | N
 
 
 def _mesh(folder: Path, place: str, name: str, findings: Findings) -> bytes | None:
-    path = _beside(folder, name, place, findings)
+    """Return the content of a mesh file; None, with an error added, if it is not a readable mesh."""
+    path = _path_in_folder(folder, name, place, findings)
     if path is None:
         return None
     try:
@@ -92,7 +93,7 @@ def _positions_from(table: RawTable, sensor: SensorSpec) -> TaxelPositions | Non
 
     Every taxel of ``rows`` x ``cols`` must occur once. Problems are added to the table's findings.
     """
-    if not sensor.taxels:  # the description gives no number of taxels, which has been reported
+    if not sensor.taxels:  # rows or cols are invalid, which has been reported
         return None
     reader = ColumnReader(table)
     reader.require(COLUMNS)
@@ -110,23 +111,23 @@ def _positions_from(table: RawTable, sensor: SensorSpec) -> TaxelPositions | Non
     if (np.minimum(r, c) < 0).any():  # the taxel cannot be identified
         return None
     flat, names = r * sensor.cols + c, sensor.taxel_columns()
-    again = repeated(flat)
-    # A taxel that does not exist is named by its number.
+    copies = repeated(flat)
+    # A taxel that does not exist is named by its index.
     known = [names[j] if j < len(names) else str(j) for j in flat]
-    reader.sheet.bad_rows("r, c", again, known, "each taxel once", "Remove the copy.")
+    reader.sheet.bad_rows("r, c", copies, known, "each taxel once", "Remove the copy.")
     missing = np.setdiff1d(np.arange(sensor.taxels), flat)
     if missing.size:
         got = f"none for {first_of((names[j] for j in missing), 6)}"
         fix = "Where the image has gaps, number the taxels in one row: rows = 1, cols = their number."
         reader.sheet.findings.error(reader.sheet.file, "a row for every taxel of rows x cols", got, fix)
-    if missing.size or again.any() or len(flat) != sensor.taxels:
+    if missing.size or copies.any() or len(flat) != sensor.taxels:
         return None
     order = np.argsort(flat)
     return TaxelPositions(centres[order], sizes[order])
 
 
 def position_columns(sensor: SensorSpec, positions: TaxelPositions) -> dict[str, NDArray[Any]]:
-    """Return the table of taxel positions, as columns to write."""
+    """Return the taxel positions as columns of ``taxels.csv``."""
     r, c = np.divmod(np.arange(sensor.taxels), sensor.cols)
     numbers = (*positions.centres_m.T, *positions.sizes_m.T)
     return dict(zip(COLUMNS, (r, c, *numbers), strict=True))

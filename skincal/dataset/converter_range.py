@@ -1,4 +1,4 @@
-"""The ends of a converter that nobody has declared: readings that pile up at 0, or at their largest value."""
+"""Detection of undeclared clipping points of a converter: readings that pile up at 0 or at their largest value."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ CONVERTER_RANGE = "converter_range"
 """Code of the note."""
 
 WRONG_WORDS = ("bytes_swapped", "counter_wrapped")
-"""Codes of warnings after which the ends of readings are those of words that were read wrongly."""
+"""Codes of warnings about binary words that were read wrongly, so that the extreme readings mean nothing."""
 
 PILED, BELOW = 4, 0.05
-"""Readings that have the largest value exactly are a pile if they are so many, and more than lie within this part of
-the range below it, where loads that differ would spread them; set by eye."""
+"""Readings at exactly the largest value are clipped if there are at least this many, and more than within this fraction
+of the range below it, over which different loads would spread them; set by eye."""
 
 STUCK = 0.5
-"""A taxel that has the largest value in more than this part of its readings is stuck there."""
+"""Largest fraction of a taxel's readings at the largest value; above it the taxel is stuck and does not count."""
 
 AT_ZERO = 0.1
-"""A converter clips at 0 that gives nothing less, and 0 in this part of the readings; set by eye."""
+"""Smallest fraction of readings of exactly 0, with none below, at which the converter clips at 0; set by eye."""
 
 
 def converter_top(counts: FloatArray) -> float | None:
-    """The value (counts) that readings (K, J; NaN where not read) pile up at, or None."""
+    """Return the upper clipping point of readings (K, J; NaN where not read) [counts]; None if they show none."""
     top = float(np.nanmax(counts, initial=-np.inf))
     at_top = counts == top
     at_top = at_top[:, at_top.sum(axis=0) <= STUCK * np.isfinite(counts).sum(axis=0)]
@@ -39,7 +39,7 @@ def converter_top(counts: FloatArray) -> float | None:
 
 
 def clips_at_zero(columns: Iterable[FloatArray]) -> bool:
-    """Return whether single readings, of each taxel (N,), are never below 0 and often 0: noise goes to either side."""
+    """Return whether single readings, (N,) of each taxel, are never negative and often 0, as clipped noise is."""
     read, at_zero = 0, 0
     for counts in columns:
         if (counts < 0).any():
@@ -49,7 +49,7 @@ def clips_at_zero(columns: Iterable[FloatArray]) -> bool:
 
 
 def with_converter_range(dataset: Dataset, sheet: Sheet) -> Dataset:
-    """Return the dataset with the ends of its converter, where they are not declared and readings show them."""
+    """Return the dataset with undeclared clipping points that its readings show; add a note to the findings."""
     sensor, presses = dataset.meta.sensor, dataset.presses.counts
     if sensor.baseline != "raw" or any(one.code in WRONG_WORDS for one in sheet.findings.warnings):
         return dataset

@@ -17,16 +17,24 @@ NO_INTEGERS = 'Set integer = false, or baseline = "subtracted" if the level at r
 NOT_WHOLE = "[sensor] integer = false"
 
 DEAD_STRETCH = 3
-"""Rows of NaN in succession that mean a taxel is dead for a part of the session; fewer are lost readings."""
+"""Number of successive rows of NaN from which a taxel counts as dead for a part of the session; fewer are lost
+readings."""
 
 MOST_LOST = 0.05
-"""Part of the readings that may be lost: devices drop single ones out; more are a table with holes (set by eye)."""
+"""Largest fraction of lost readings: devices drop single ones; above it the table is incomplete (set by eye)."""
 
 
 def check_counts(
     reader: ColumnReader, sensor: SensorSpec, columns: Iterable[FloatArray], *, whole: bool
 ) -> None:
-    """Report problems of the counts in the taxel columns (rows,) that are present; ``whole``: as frames have them."""
+    """Report problems of the counts in the taxel columns that are present.
+
+    Args:
+        reader: the table.
+        sensor: the sensor's description.
+        columns: counts (rows,) of each taxel column that is present.
+        whole: True for single readings (frames), which must be whole numbers if the converter rounds.
+    """
     names = [name for name in sensor.taxel_columns() if reader.has(name)]
     stray, infinite, outside, broken = (BadCells() for _ in range(4))
     dead, partly = np.zeros(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
@@ -39,14 +47,14 @@ def check_counts(
         if missing.any() and not dead[j]:
             stretches = long_stretches(missing, DEAD_STRETCH)
             partly[j] = stretches.any()
-            stray.add(name, missing & ~(stretches | reader.said(name)), counts)
+            stray.add(name, missing & ~(stretches | reader.is_reported(name)), counts)
         infinite.add(name, ~is_number(counts) & ~missing, counts)
         outside.add(name, np.isfinite(counts) & ((counts < low) | (counts > high)), counts)
         if whole and sensor.integer and sensor.baseline == "raw":
             broken.add(name, np.isfinite(counts) & (counts != np.rint(counts)), counts)
     sheet = reader.sheet
     lost = sum(stray.counts.values())
-    # A row without any reading is no image.
+    # A row without any reading is not an image.
     empty = not dead.all() and (missing_in_row == len(names)).any()
     if lost and (empty or lost > MOST_LOST * reader.rows * len(names)):
         dead_is = f"a dead taxel is NaN throughout, or in {DEAD_STRETCH} or more successive rows"
@@ -69,7 +77,7 @@ def check_counts(
 
 
 def _bounds(sensor: SensorSpec) -> tuple[float, float]:
-    """Return the least and greatest counts; with a subtracted level at rest only their span is known."""
+    """Return the smallest and largest possible counts; with a subtracted rest level only their span is known."""
     low = -np.inf if sensor.value_min is None else sensor.value_min
     high = np.inf if sensor.value_max is None else sensor.value_max
     return (low, high) if sensor.baseline == "raw" else (low - high, high - low)

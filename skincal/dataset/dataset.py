@@ -28,7 +28,7 @@ class Dataset(Shown):
     Attributes:
         meta: the content of ``dataset.toml``.
         presses: one row per press.
-        frames: one row per time sample; None where the dataset has none.
+        frames: one row per time sample; None without frames.
         positions: positions of taxels that form no grid; None for a grid.
         meshes: content of the mesh files that ``meta`` names, by file name.
         folder: the folder it was read from; None for a dataset made in memory.
@@ -60,14 +60,14 @@ class Dataset(Shown):
         return surface_of(self.meta.surface, self.meshes)
 
     def indenter(self, radius_m: float | None = None) -> Indenter:
-        """Return the indenter; the radius of a press [m] overrides that of ``[indenter]``.
+        """Return the indenter; a radius [m] that is neither None nor NaN overrides that of ``[indenter]``.
 
-        None and NaN do not, and a mesh has none and ignores it.
+        A mesh has no radius and ignores it.
         """
         return indenter_of(self.meta.indenter, self.meshes, radius_m)
 
     def indenters(self) -> tuple[tuple[Indenter, ...], NDArray[np.intp]]:
-        """Return the different indenters of the presses, and the number of each press's (K,)."""
+        """Return the different indenters of the presses, and the index (K,) of each press's indenter."""
         radii = np.round(self.indenter_radii_m(), 7)
         if np.isnan(radii).all():
             return (self.indenter(),), np.zeros(len(radii), dtype=np.intp)
@@ -91,7 +91,7 @@ class Dataset(Shown):
         return np.where(own[row] == wanted, row, -1)
 
     def nominal_pose(self) -> SensorPose:
-        """Return the pose that ``[mount]`` takes as nominal."""
+        """Return the nominal pose of ``[mount]``."""
         return pose_of(self.meta.mount)
 
     def converter(self) -> Converter:

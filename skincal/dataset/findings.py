@@ -22,10 +22,10 @@ SHOWN = 3
 
 
 MOST_PROBLEMS = 1000
-"""Most problems of one kind that are stored: a file may have a mistake in every line."""
+"""Largest number of problems of one kind that are stored: a file may have a mistake in every line."""
 
 LONGEST_NAME = 64
-"""Longest word that is compared with known names."""
+"""Length of the longest word that is compared with known names."""
 
 
 class Findings:
@@ -51,15 +51,16 @@ class Findings:
     def note(
         self, place: str, expected: str, got: object, fix: str = "", code: str = "", **details: Any
     ) -> None:
-        """Add a warning of the mildest kind: the values may be intended."""
+        """Add a note, the mildest kind of warning: the values may be intended."""
         self._add(self.warnings, Problem(self._whole(place), expected, str(got), fix, code, "note", details))
 
     def _add(self, problems: list[Problem], problem: Problem) -> None:
-        """Add a problem to others of its kind, up to a limit."""
+        """Add a problem to those of its kind, up to a limit."""
         if len(problems) < MOST_PROBLEMS:
             problems.append(problem)
 
     def _whole(self, place: str) -> str:
+        """Return a place with its folder."""
         folder = str(self._folder or "")
         if not folder or place == folder or place.startswith(folder + os.sep):
             return place
@@ -94,7 +95,7 @@ class Sheet:
         return f"{self.file}, column{'s' * (len(names) > 1)} {', '.join(names)}"
 
     def rows(self, name: str, rows: ArrayLike, total: int | None = None) -> str:
-        """Return the place of some rows (counted from 0) of a column, the first of ``total``; messages count from 1."""
+        """Return the place of some rows of a column, the first of ``total``; rows count from 0, messages from 1."""
         index = np.asarray(rows)
         count = index.size if total is None else total
         line = (
@@ -164,13 +165,13 @@ def did_you_mean(name: str, known: Iterable[str]) -> str | None:
     """Return the known name closest to a mistyped one; None if none is close."""
     if len(name) > LONGEST_NAME:
         return None
-    # One wrong letter weighs more in a short word.
+    # One wrong letter lowers the similarity of a short word more.
     spelling = {word.lower(): word for word in known}
     close = difflib.get_close_matches(name.lower(), spelling, n=1, cutoff=0.6 if len(name) < 6 else 0.75)
     return spelling[close[0]] if close else None
 
 
 def meant(name: str, known: Iterable[str], otherwise: str = "") -> str:
-    """Return the advice for a mistyped name: the known one that is close, else what to do."""
+    """Return the advice for a mistyped name: the closest known name, or ``otherwise`` if none is close."""
     close = did_you_mean(name, known)
     return f'Did you mean "{close}"?' if close else otherwise

@@ -1,4 +1,4 @@
-"""``frames.parquet`` or ``.csv``: its columns as :class:`Frames`, with every violation reported."""
+"""Conversion of ``frames.parquet`` or ``.csv`` to :class:`Frames`; every violation is reported."""
 
 from __future__ import annotations
 
@@ -12,13 +12,19 @@ from skincal.dataset.columns import OPTIONAL, ColumnReader
 from skincal.dataset.count_checks import check_counts
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.table_file import RawTable
-from skincal.dataset.tables import IDLE, PHASES, Frames, OnUse, Presses
+from skincal.dataset.tables import IDLE, PHASES, Frames, LazyColumns, Presses
 
 REQUIRED = ("press", "phase", "time_s", "force_n", *POSITION)
 
 
 def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> Frames:
-    """Return the frames of a table, whose presses may be unknown; add problems to the table's findings."""
+    """Return the frames of a table; add problems to the table's findings.
+
+    Args:
+        table: the table.
+        meta: content of ``dataset.toml``.
+        presses: presses of the dataset; None if they could not be read.
+    """
     reader = ColumnReader(table)
     taxels = meta.sensor.taxel_columns()
     reader.require(REQUIRED)
@@ -37,11 +43,11 @@ def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> 
     }
     present = [j for j, name in enumerate(taxels) if reader.has(name)]
     if table.is_large:
-        # One column at a time is read and checked; later uses read it again.
+        # Read and check one column at a time; later uses read the column from the file.
         check_counts(reader, meta.sensor, (reader.numbers(taxels[j]) for j in present), whole=True)
         again = ColumnReader(table)
-        columns = OnUse([name for name, _ in optional], partial(again.one_optional, known=OPTIONAL))
-        frames = Frames.stored(OnUse(taxels, again.numbers), columns, **own)
+        columns = LazyColumns([name for name, _ in optional], partial(again.optional_column, known=OPTIONAL))
+        frames = Frames.from_file(LazyColumns(taxels, again.numbers), columns, **own)
     else:
         counts = reader.matrix(taxels)
         frames = Frames(**own, counts=counts, columns=dict(optional))
@@ -55,7 +61,7 @@ def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> 
 
 
 def _phase(reader: ColumnReader) -> np.ndarray:
-    """Return the index into PHASES, shape (rows,); an unknown word reads as idle."""
+    """Return indices into PHASES, shape (rows,); an unknown word is reported and reads as idle."""
     if not reader.has("phase"):
         return np.zeros(reader.rows, dtype=np.int8)
     codes, words = {word: i for i, word in enumerate(PHASES)}, reader.text("phase")
@@ -65,13 +71,13 @@ def _phase(reader: ColumnReader) -> np.ndarray:
 
 
 def _check_presses(reader: ColumnReader, frames: Frames, presses: Presses | None) -> None:
-    nothing = frames.press == -1
+    """Report frames with contact but without press, and frames of presses that are not in the table of presses."""
     if reader.has("phase"):
-        bad = nothing & (frames.phase != IDLE)
+        bad = (frames.press == -1) & (frames.phase != IDLE)
         fix = "Give the press, or set the phase to idle."
         words = reader.text("phase") if bad.any() else []
         reader.sheet.bad_rows("phase", bad, words, '"idle" where press is -1', fix)
     if presses is not None:
-        strangers = (frames.press >= 0) & ~np.isin(frames.press, presses.press)
+        unknown = (frames.press >= 0) & ~np.isin(frames.press, presses.press)
         fix = "Add the press to that table, or take its frames out."
-        reader.sheet.bad_rows("press", strangers, frames.press, "a press of the table of presses", fix)
+        reader.sheet.bad_rows("press", unknown, frames.press, "a press of the table of presses", fix)

@@ -1,4 +1,4 @@
-"""Readings that no load explains: they are left empty when a dataset is read, so that nothing after sees them."""
+"""Impossible readings, which no load explains: they are set to NaN when a dataset is read."""
 
 from __future__ import annotations
 
@@ -17,51 +17,59 @@ IMPOSSIBLE = "impossible_readings"
 """Code of the warning."""
 
 _JUMP = 3.0
-"""Impossible readings lie above all others by this factor at least, at the same force; this and the next two numbers
-were set by eye."""
+"""Smallest ratio of impossible readings per newton to all others; this and the next two numbers were set by eye."""
 
-_SELDOM = 0.2
-"""And they are at most this part of the readings that answer."""
+_LARGEST_FRACTION = 0.2
+"""Largest fraction of impossible readings among the active ones."""
 
-_ANSWERING = 20
-"""Fewer readings that answer do not tell what is possible."""
+_FEWEST_ACTIVE = 20
+"""Smallest number of active readings from which impossible ones can be recognised."""
 
 LIT_SIGMAS = 4.0
-"""A reading answers that is so many times the noise above rest."""
+"""Smallest value of an active reading above rest, in standard deviations of the noise."""
 
 
 def impossible_readings(counts: FloatArray, force: FloatArray) -> BoolArray:
-    """Which readings (K, J) no load explains: a taxel that dropped out to full scale, or a word that was lost.
+    """Return which readings (K, J) no load explains: a taxel that dropped out to full scale, or a corrupted word.
 
-    A taxel carries the whole force at most, so what it reads for each newton has an upper end, and places and forces
-    that differ fill the range below it. Readings for each newton that lie above all others with an empty gap between,
-    seldom and on any taxel, are no images. Where all images are one taxel alone, those are no few of what answers.
-    ``counts`` (K, J) are means of presses of some forces (K,) [N], NaN where not read.
+    A taxel carries at most the whole force. Its reading per newton therefore has an upper bound, and different
+    positions and forces fill the range below it. Readings are impossible if they are rare, spread over taxels, and
+    separated from all others by an empty gap. Where every image is a single taxel, high readings are not rare and are
+    kept.
+
+    Args:
+        counts: (K, J) mean counts of presses; NaN where not read.
+        force: (K,) forces of the presses [N].
     """
-    found = levels_from_presses(counts)
-    change = counts - found.level
+    levels = levels_from_presses(counts)
+    change = counts - levels.level
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(force[:, None] > 0, change / force[:, None], np.nan)
-    share[~(change > LIT_SIGMAS * max(float(np.nan_to_num(found.scatter)), np.finfo(float).tiny))] = np.nan
-    ordered = np.sort(share[np.isfinite(share)])
+        per_newton = np.where(force[:, None] > 0, change / force[:, None], np.nan)
+    noise = max(float(np.nan_to_num(levels.scatter)), np.finfo(float).tiny)
+    per_newton[~(change > LIT_SIGMAS * noise)] = np.nan
+    ordered = np.sort(per_newton[np.isfinite(per_newton)])
     none = np.zeros(counts.shape, dtype=bool)
-    if len(ordered) < _ANSWERING:
+    if len(ordered) < _FEWEST_ACTIVE:
         return none
-    first = int(np.ceil((1.0 - _SELDOM) * len(ordered)))
+    first = int(np.ceil((1.0 - _LARGEST_FRACTION) * len(ordered)))
     jumps = np.flatnonzero(ordered[first:] > _JUMP * ordered[first - 1 : -1])
     if not len(jumps):
         return none
-    high = np.nan_to_num(share) >= ordered[first + jumps[0]]
-    # A taxel of its own gain reads high alone.
+    high = np.nan_to_num(per_newton) >= ordered[first + jumps[0]]
+    # If most of the high readings are of one taxel, that taxel has another gain.
     most = int(high.sum(axis=0).max())
     return none if most > max(1.0, 0.5 * high.sum()) else high
 
 
 def drop_outs(counts: FloatArray, position_m: FloatArray, force: FloatArray) -> BoolArray:
-    """Which readings (K, J) have the largest value wherever it is pressed: taxels that dropped out to full scale.
+    """Return which readings dropped out to full scale (K, J): the largest value, wherever the skin is pressed.
 
-    A converter that clips reads its largest value where other readings are high as well. ``counts`` are means of
-    presses at places (K, 3) [m], with forces (K,) [N].
+    A converter that clips reads its largest value where the load is high.
+
+    Args:
+        counts: (K, J) means of presses.
+        position_m: (K, 3) contact positions [m].
+        force: (K,) forces [N].
     """
     read = np.isfinite(counts)
     at_top = read & (counts == np.nanmax(counts, initial=-np.inf))
@@ -73,10 +81,10 @@ def drop_outs(counts: FloatArray, position_m: FloatArray, force: FloatArray) -> 
     return at_top if load_log_odds(load, at_top, high, read) < np.log(CHANCE) else none
 
 
-def without_impossible(dataset: Dataset, sheet: Sheet) -> Dataset:
-    """Return the dataset with impossible readings empty, in frames as well; say how many in the findings of its sheet.
+def drop_impossible(dataset: Dataset, sheet: Sheet) -> Dataset:
+    """Return the dataset with impossible readings of presses and frames set to NaN; add a note to the findings.
 
-    Under uniform pressure no press leaves a taxel alone, and nothing is left out.
+    Under uniform pressure every press touches all taxels, so that no rest level is known; nothing is dropped.
     """
     presses = dataset.presses
     if uniform_pressure(dataset):
@@ -95,30 +103,39 @@ def without_impossible(dataset: Dataset, sheet: Sheet) -> Dataset:
         if overflowed
         else (
             "a taxel dropped out to full scale there",
-            "They are left out. Look at the connection of the sensor; leave such words empty where they are read.",
+            "They are left out. Check the connection of the sensor; leave such words empty where they are read.",
         )
     )
     where = (
         "at the largest value, wherever it is pressed"
         if dropped.any()
-        else "far above all others, with nothing between"
+        else "far above all others, with a gap between"
     )
     sheet.findings.note(
-        sheet.file, "readings that some load explains",
+        sheet.file, "readings that a load can explain",
         f"{impossible.sum()} readings of {impossible.any(axis=1).sum()} presses {where}: {cause}", fix, code=IMPOSSIBLE,
     )  # fmt: skip
     frames = dataset.frames
     if frames is not None:
         limit = _limit(presses.counts - level, presses.force_n, impossible, frames.force_n)
-        frames = frames.below(limit + level)
+        frames = frames.drop_above(limit + level)
     presses = replace(presses, counts=np.where(impossible, np.nan, presses.counts))
     return replace(dataset, presses=presses, frames=frames)
 
 
 def _limit(change: FloatArray, force_n: FloatArray, impossible: BoolArray, frames_n: FloatArray) -> float:
-    """Return the change from rest from which on a frame's reading is impossible, infinite where forces allow it."""
+    """Return the change from rest above which a reading of a frame is impossible [counts].
+
+    Infinite if the largest force of the frames could explain the smallest impossible reading.
+
+    Args:
+        change: (K, J) counts of the presses above rest.
+        force_n: (K,) forces of the presses [N].
+        impossible: (K, J) impossible readings.
+        frames_n: (M,) forces of the frames [N].
+    """
     pressed = force_n > 0
-    each = np.where(impossible, np.nan, change)[pressed] / force_n[pressed, None]
-    most = float(np.nanmax(each)) * float(np.nanmax(frames_n, initial=0.0))
-    least = float(np.nanmin(change[impossible]))
-    return least if least > most else np.inf
+    per_newton = np.where(impossible, np.nan, change)[pressed] / force_n[pressed, None]
+    largest_possible = float(np.nanmax(per_newton)) * float(np.nanmax(frames_n, initial=0.0))
+    smallest_impossible = float(np.nanmin(change[impossible]))
+    return smallest_impossible if smallest_impossible > largest_possible else np.inf

@@ -1,4 +1,4 @@
-"""Two sessions of one rig as one dataset."""
+"""Concatenation of two sessions of one rig to one dataset."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from skincal.dataset.tables import Frames, Presses
 from skincal.errors import InputError, Problem, input_error
 
 GAP_S = 10.0
-"""The second session begins so long after the first, if its clock does not say that it was later [s]."""
+"""Gap between the sessions if the clock of the second one has restarted [s]."""
 
 Table = TypeVar("Table", Presses, Frames)
 
 
-def joined(first: Dataset, second: Dataset) -> Dataset:
-    """Return the presses of a session and of a later one of its rig and source, numbered on, on one clock.
+def join_sessions(first: Dataset, second: Dataset) -> Dataset:
+    """Concatenate a session and a later one of the same rig, with continued press numbers and one clock.
 
-    A column that only one of them has is empty in the rows of the other.
+    A column that only one session has is empty in the rows of the other.
 
     Raises:
-        InputError: they are of different sensors or surfaces, or only one of them has frames.
+        InputError: the sessions have different sensors or surfaces, or only one of them has frames.
     """
     place = "dataset" if second.folder is None else str(second.folder)
     check_same_rig(first.meta, second.meta, place)
@@ -41,10 +41,15 @@ def joined(first: Dataset, second: Dataset) -> Dataset:
 
 
 def check_same_rig(first: DatasetMeta, second: DatasetMeta, place: str) -> None:
-    """Check that two sessions are of one sensor on one surface.
+    """Check that two sessions have the same sensor and surface.
+
+    Args:
+        first: metadata of the first session.
+        second: metadata of the second session.
+        place: source of the second session, for errors.
 
     Raises:
-        InputError: they are not; ``place`` says where the second one comes from.
+        InputError: they differ.
     """
     pairs = ((first.sensor, second.sensor, "sensor"), (first.surface, second.surface, "surface"))
     fix = "Press the same sensor."
@@ -57,7 +62,7 @@ def check_same_rig(first: DatasetMeta, second: DatasetMeta, place: str) -> None:
 
 
 def _later_s(first: Dataset, second: Dataset) -> float:
-    """Return the time that is added to the second session's clock [s]."""
+    """Return the offset of the second session's clock that places it after the first [s]."""
     ends: list[tuple[float, float]] = []
     if first.frames is not None and second.frames is not None and len(first.frames) and len(second.frames):
         ends.append((float(first.frames.time_s[-1]), float(second.frames.time_s[0])))
@@ -69,7 +74,10 @@ def _later_s(first: Dataset, second: Dataset) -> float:
 
 
 def _concatenated(first: Table, second: Table, press: int, later_s: float, taxels: tuple[str, ...]) -> Table:
-    """Return the rows of a table and of a later one; a column that one of them lacks is empty there."""
+    """Concatenate two tables; a column that one of them lacks is empty there.
+
+    ``press`` is the offset of the second table's press numbers, ``later_s`` that of its times [s].
+    """
     import pandas as pd
 
     a, b = first.to_pandas(taxels), second.to_pandas(taxels)

@@ -1,4 +1,4 @@
-"""Requirements of a file's values beyond their types: words, bounds and units, for ``Annotated`` fields of a table."""
+"""Constraints on a file's values beyond their types: words, bounds and units, for ``Annotated`` fields of a table."""
 
 from __future__ import annotations
 
@@ -15,17 +15,22 @@ MILLIMETRES = "It looks like millimetres; the file is in metres: divide by 1000.
 TWICE = "It looks as if millimetres were converted to metres twice; multiply by 1000."
 
 OURS = "skincal"
-"""Type of the errors that hold our words."""
+"""Type of the pydantic errors that carry skincal's messages."""
 
 NUMBER = {"float_type": "a number", "finite_number": "a number", "int_type": "a whole number"}
-"""Errors of pydantic about numbers, and what was expected."""
+"""Types of pydantic's errors about numbers, with the expected value."""
 
 
 @dataclass(frozen=True)
 class Key:
-    """A requirement of a value beyond its type: bounds of its numbers, and whether they may be infinite.
+    """A constraint on a value beyond its type: bounds of its numbers.
 
-    An error says what was ``expected``, and in ``fix`` what to do.
+    Attributes:
+        expected: expected value, for errors.
+        low: lower bound of each number.
+        high: upper bound of each number.
+        inf: True if numbers may be infinite.
+        fix: advice, for errors.
     """
 
     expected: str
@@ -37,9 +42,7 @@ class Key:
     def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
         from pydantic_core import core_schema
 
-        return core_schema.no_info_wrap_validator_function(
-            self._read, adjusted(handler(source), inf=self.inf)
-        )
+        return core_schema.no_info_wrap_validator_function(self._read, relaxed(handler(source), inf=self.inf))
 
     def _read(self, value: Any, handler: Callable[[Any], Any]) -> Any:
         from pydantic_core import ValidationError
@@ -48,25 +51,25 @@ class Key:
             found = handler(self._prepared(value))
         except (ValidationError, ValueError) as error:
             types = [one["type"] for one in error.errors()] if isinstance(error, ValidationError) else []
-            raise wrong(*self._refused(value), number=not NUMBER.keys().isdisjoint(types)) from None
+            raise custom_error(*self._refused(value), number=not NUMBER.keys().isdisjoint(types)) from None
         if (fault := self._fault(found)) is not None:
-            raise wrong(*fault)
+            raise custom_error(*fault)
         return found
 
     def _prepared(self, value: Any) -> Any:
-        """Return the value in the form that its type has.
+        """Return the value in the form of the field's type.
 
         Raises:
-            ValueError: it has none.
+            ValueError: the value cannot be converted.
         """
         return value
 
     def _refused(self, value: Any) -> tuple[str, str]:
-        """Return what was expected of a value of another type, and what to do."""
+        """Return the expected value and the advice for a value of another type."""
         return self.expected, self.fix
 
     def _fault(self, value: Any) -> tuple[str, str] | None:
-        """Return what was expected of a value of the right type, and what to do; None if nothing is wrong."""
+        """Return the expected value and the advice for an invalid value of the right type; None if it is valid."""
         inside = (
             self.low <= one <= self.high and (self.inf or math.isfinite(one)) for one in _numbers(value)
         )
@@ -75,9 +78,9 @@ class Key:
 
 @dataclass(frozen=True)
 class Length(Key):
-    """A length [m], or several, whose size lies within the bounds; its error tells millimetres.
+    """One or several lengths [m] with magnitudes within the bounds; errors suggest a mix-up with millimetres.
 
-    With ``signed`` it may be negative.
+    With ``signed`` they may be negative.
     """
 
     signed: bool = False
@@ -88,18 +91,21 @@ class Length(Key):
             if math.isnan(one) or not (self.signed or one >= 0) or (one == 0 < self.low):
                 return self.expected, self.fix
             if size > self.high and not math.isinf(one):
-                return f"{self.expected}, at most {self.high:g} m", self._if(size / 1000, MILLIMETRES)
+                return f"{self.expected}, at most {self.high:g} m", self._fix_if_valid(
+                    size / 1000, MILLIMETRES
+                )
             if size < self.low:
-                return f"{self.expected}, at least {self.low:g} m", self._if(size * 1000, TWICE)
+                return f"{self.expected}, at least {self.low:g} m", self._fix_if_valid(size * 1000, TWICE)
         return None
 
-    def _if(self, size: float, fix: str) -> str:
+    def _fix_if_valid(self, size: float, fix: str) -> str:
+        """Return ``fix`` if the converted size would be valid, else the constraint's own advice."""
         return fix if self.low <= size <= self.high else self.fix
 
 
 @dataclass(frozen=True)
 class Size(Length):
-    """A length along both axes, or a pair ``[du, dv]`` of them [m]."""
+    """A length [m] for both axes, or a pair ``[du, dv]``."""
 
     def _prepared(self, value: Any) -> Any:
         return value if isinstance(value, list) or value is None else [value, value]
@@ -107,7 +113,11 @@ class Size(Length):
 
 @dataclass(frozen=True)
 class Range(Key):
-    """A pair ``[low, high]`` in order; ``high`` of the key bounds both, and ``beyond`` says what to do otherwise."""
+    """A pair ``[low, high]`` in ascending order with magnitudes up to ``Key.high``.
+
+    Attributes:
+        beyond: advice for magnitudes above ``Key.high``.
+    """
 
     beyond: str = ""
 
@@ -139,7 +149,7 @@ class Word(Key):
 
 @dataclass(frozen=True)
 class Names(Key):
-    """A list of names, each once."""
+    """A list of unique names."""
 
     def _fault(self, value: Any) -> tuple[str, str] | None:
         good = value and all(value) and len({*value}) == len(value)
@@ -148,7 +158,7 @@ class Names(Key):
 
 @dataclass(frozen=True)
 class Texts(Key):
-    """A list of texts; a single one may stand alone."""
+    """A list of texts; a single text stands for a list of one."""
 
     def _prepared(self, value: Any) -> Any:
         return [value] if isinstance(value, str) else value
@@ -159,7 +169,7 @@ class Texts(Key):
 
 @dataclass(frozen=True)
 class When(Key):
-    """A date with a time, also as a text in ISO 8601."""
+    """A date or a date with a time, also as a text in ISO 8601."""
 
     expected: str = "a date and time like 2026-11-20T12:00:00Z"
 
@@ -170,21 +180,21 @@ class When(Key):
 
 
 def choice(value: object, options: Iterable[str]) -> tuple[str, str]:
-    """Return what was expected where none of some words came, and which one was meant."""
+    """Return the expected value and the advice for a value that is none of some words."""
     words = list(options)
     expected = "one of " + ", ".join(f'"{word}"' for word in words)
     return expected, meant(value, words) if isinstance(value, str) else ""
 
 
-def wrong(expected: str, fix: str = "", **told: Any) -> Any:
-    """Return an error of pydantic with our words; ``told`` is for :mod:`skincal.dataset.schema`."""
+def custom_error(expected: str, fix: str = "", **details: Any) -> Any:
+    """Return a pydantic error with skincal's message; ``details`` are read by :mod:`skincal.dataset.schema_errors`."""
     from pydantic_core import PydanticCustomError
 
-    return PydanticCustomError(OURS, "{expected}", {"expected": expected, "fix": fix, **told})
+    return PydanticCustomError(OURS, "{expected}", {"expected": expected, "fix": fix, **details})
 
 
 def _numbers(value: Any) -> Iterator[float]:
-    """Yield the numbers of a value, which may be lists."""
+    """Yield the numbers of a value, which may be nested tuples."""
     if isinstance(value, tuple):
         for one in cast("tuple[Any, ...]", value):
             yield from _numbers(one)
@@ -192,16 +202,16 @@ def _numbers(value: Any) -> Iterator[float]:
         yield value
 
 
-def adjusted(schema: Any, *, inf: bool = False) -> Any:
-    """Let a list be a tuple, a day a time, and numbers infinite where they may be; the rest of a schema is strict."""
+def relaxed(schema: Any, *, inf: bool = False) -> Any:
+    """Relax a strict pydantic schema in place: accept lists as tuples and dates as times, and infinity if ``inf``."""
     if isinstance(schema, dict):
         if schema.get("type") in ("tuple", "datetime", "union"):
             schema["strict"] = False
         if schema.get("type") == "float" and inf:
             schema["allow_inf_nan"] = True
         for inner in cast("dict[str, Any]", schema).values():
-            adjusted(inner, inf=inf)
+            relaxed(inner, inf=inf)
     elif isinstance(schema, list):
         for inner in cast("list[Any]", schema):
-            adjusted(inner, inf=inf)
+            relaxed(inner, inf=inf)
     return schema

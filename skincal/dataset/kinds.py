@@ -1,6 +1,6 @@
-"""Kinds of surfaces and indenters: what ``kind`` may say in a file, which keys go with it, and its object in the model.
+"""Kinds of surfaces and indenters: the values of ``kind`` in a file, their keys, and their classes in the model.
 
-A new kind is a file in ``model/surfaces`` or ``model/indenters`` and a line in one of these tables.
+A new kind needs a file in ``model/surfaces`` or ``model/indenters`` and a line in one of these tables.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ class Kind:
     """A kind of surface or indenter.
 
     Attributes:
-        model: name of its class in ``skincal.model``, built from ``numbers``, from a mesh, or from nothing.
-        numbers: what each number is that a file gives for it, by key.
-        mesh: whether ``file`` names its mesh.
-        plane: of a surface, whether the sensor's position is ``x_m``, ``y_m`` instead of ``beta_deg``, ``y_m``.
-        on_hand: whether a hand may have it: guard, press control and simulated hand place contacts in closed form.
-        in_tasks: of a surface, whether the tasks may have it: they roll objects round a finger of one radius.
+        model: name of the class in ``skincal.model``, which is built from ``numbers``, from a mesh, or without
+            arguments.
+        numbers: descriptions of the numbers that a file gives, by key.
+        mesh: True if ``file`` names a mesh.
+        plane: True for a surface on which the sensor's position is ``x_m``, ``y_m`` instead of ``beta_deg``, ``y_m``.
+        on_hand: True if a hand may have it: guard, press control and simulated hand need contacts in closed form.
+        in_tasks: True for a surface that the tasks support: they roll objects around a finger of one radius.
     """
 
     model: str
@@ -36,16 +37,16 @@ SURFACES: Final = {
     "plane": Kind("Plane", plane=True, on_hand=True),
     "mesh": Kind("MeshSurface", mesh=True),
 }
-"""What ``[surface] kind`` may be."""
+"""Values of ``[surface] kind``."""
 
 INDENTERS: Final = {
     "sphere": Kind("Sphere", {"radius_m": "the sphere's radius [m]"}, on_hand=True),
     "flat": Kind("FlatPunch", {"radius_m": "the punch's radius [m]"}),
     "mesh": Kind("MeshIndenter", mesh=True),
 }
-"""What ``[indenter] kind`` may be."""
+"""Values of ``[indenter] kind``."""
 
 
 def named(kinds: Mapping[str, Kind], attribute: str) -> str:
-    """Return the names of the kinds of which an attribute is true, as words of a message."""
+    """Return the names of the kinds with a true attribute, as words of a message."""
     return " or ".join(f'"{name}"' for name, kind in kinds.items() if getattr(kind, attribute))

@@ -49,7 +49,7 @@ def dataset_hash(path: str | Path) -> str:
 
     Raises:
         OSError: a file cannot be read.
-        ValueError: ``dataset.toml`` is no TOML file.
+        ValueError: ``dataset.toml`` is not a TOML file.
     """
     folder = Path(path)
     values = parse_toml(read_text(folder / FILE, within=folder))
@@ -58,7 +58,7 @@ def dataset_hash(path: str | Path) -> str:
 
 
 def hash_of(folder: Path, named: Iterable[str | None]) -> str:
-    """Return :func:`dataset_hash` of a folder whose ``dataset.toml`` names some files."""
+    """Return the :func:`dataset_hash` of a folder; ``named`` are the files that its ``dataset.toml`` names."""
     digest = hashlib.sha256()
     for name in sorted(_names(folder, named)):
         file = folder / name
@@ -70,7 +70,7 @@ def hash_of(folder: Path, named: Iterable[str | None]) -> str:
 
 
 def file_states(folder: Path, named: Iterable[str | None]) -> dict[str, tuple[int, ...]]:
-    """Return what tells each file of a dataset from one that replaces it; files that are gone are left out."""
+    """Return the state of each file of a dataset, which changes when it is replaced; missing files are left out."""
     found: dict[str, tuple[int, ...]] = {}
     for name in _names(folder, named):
         with suppress(OSError):
@@ -79,5 +79,6 @@ def file_states(folder: Path, named: Iterable[str | None]) -> dict[str, tuple[in
 
 
 def _names(folder: Path, named: Iterable[str | None]) -> set[str]:
+    """Return the names of the dataset's files that exist."""
     tables = [f"{stem}{suffix}" for stem in ("presses", "frames") for suffix in SUFFIXES]
     return {FILE} | {name for name in (*named, *tables) if name and (folder / name).is_file()}

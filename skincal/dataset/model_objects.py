@@ -1,4 +1,4 @@
-"""The model objects of a sensor's description; the model is imported when needed."""
+"""Construction of model objects from a sensor's description; the model is imported on use."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def indenter_of(spec: IndenterSpec, meshes: Mapping[str, bytes], radius_m: float
 
 
 def _built(kind: Kind, numbers: dict[str, float], file: str | None, meshes: Mapping[str, bytes]) -> Any:
-    """Return the model's object of a kind."""
+    """Return the model object of a kind."""
     import skincal.model
 
     make = getattr(skincal.model, kind.model)
@@ -54,7 +54,7 @@ def _built(kind: Kind, numbers: dict[str, float], file: str | None, meshes: Mapp
 
 
 def pose_of(mount: MountSpec) -> SensorPose:
-    """Return the pose that ``[mount]`` takes as nominal."""
+    """Return the nominal pose of ``[mount]``."""
     from skincal.model import SensorPose
 
     return SensorPose(mount.y_m, rad(mount.alpha_deg), rad(mount.beta_deg or 0.0), mount.x_m or 0.0)
@@ -63,8 +63,8 @@ def pose_of(mount: MountSpec) -> SensorPose:
 def converter_of(sensor: SensorSpec) -> Converter:
     """Return the converter of ``[sensor]``.
 
-    Where the level at rest has been subtracted, the clipping points on the counts' scale are unknown, and the counts
-    are no longer whole numbers: then the converter neither clips nor rounds.
+    After subtraction of the rest level the clipping points are unknown and the counts are not whole numbers; the
+    converter then neither clips nor rounds.
     """
     from skincal.model import Converter
 
@@ -74,7 +74,7 @@ def converter_of(sensor: SensorSpec) -> Converter:
 
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off")
-"""Supported mesh formats: those that hold only triangles and are not compressed."""
+"""Supported mesh formats: uncompressed ones that contain only triangles."""
 
 
 def mesh_arrays(content: bytes, name: str) -> tuple[FloatArray, IntArray]:
@@ -97,5 +97,5 @@ def mesh_arrays(content: bytes, name: str) -> tuple[FloatArray, IntArray]:
     if faces.ndim != 2 or not len(faces):
         raise ValueError("no triangles")
     if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
-        raise ValueError("corners that are no numbers, or of no triangle")
+        raise ValueError("vertices that are not finite, or faces with vertices that do not exist")
     return vertices, faces

@@ -14,10 +14,12 @@ if TYPE_CHECKING:
 
 
 GRID = 81
-"""Grid points along each side of the patch on a mesh from which the search starts."""
+"""Number of grid points along each side of the patch, from which the search on a mesh starts."""
 
 STEPS = 3
+"""Number of Gauss-Newton steps."""
 DIFFERENCE_M = 1e-5
+"""Step of the finite differences [m]."""
 
 
 def patch_coordinates(
@@ -27,12 +29,13 @@ def patch_coordinates(
 
     Args:
         surface: the surface.
-        pose: of the patch on the surface.
+        pose: pose of the patch on the surface.
         points_m: contact points, fingertip frame [m], shape (K, 3); those off the surface are projected.
-        reach_m: on a surface that cannot be unrolled, largest distance of a point from the patch's centre [m].
+        reach_m: largest distance of a point from the patch's centre on a surface that cannot be unrolled [m].
 
     Returns:
-        ``(u, v)`` [m], shape (K, 2); NaN where a point is NaN. On a mesh as accurate as its facets, else exact.
+        ``(u, v)`` [m], shape (K, 2); NaN where a point is NaN. Exact, except on a mesh, where the facets limit the
+        accuracy.
     """
     points = np.asarray(points_m, dtype=np.float64)
     if not surface.is_uniform:
@@ -52,13 +55,13 @@ def _nearest(surface: Surface, pose: SensorPose, points: FloatArray, reach_m: fl
 
     side = np.linspace(-reach_m, reach_m, GRID)
     uv = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    laid = surface.wrap(pose, uv)[0]
-    there = np.isfinite(laid).all(axis=1)
+    nodes = surface.wrap(pose, uv)[0]
+    on_surface = np.isfinite(nodes).all(axis=1)
     found = np.full((len(points), 2), np.nan)
     given = np.isfinite(points).all(axis=1)
-    if not there.any() or not given.any():
+    if not on_surface.any() or not given.any():
         return found
-    near = uv[there][cKDTree(laid[there]).query(points[given])[1]]
+    near = uv[on_surface][cKDTree(nodes[on_surface]).query(points[given])[1]]
     for _ in range(STEPS):
         near = _refined(surface, pose, points[given], near)
     found[given] = near
@@ -66,7 +69,7 @@ def _nearest(surface: Surface, pose: SensorPose, points: FloatArray, reach_m: fl
 
 
 def _refined(surface: Surface, pose: SensorPose, points: FloatArray, uv: FloatArray) -> FloatArray:
-    """Return one Gauss-Newton step towards the points, by differences along u and v; no step where the patch ends."""
+    """Return the coordinates after one Gauss-Newton step with finite differences; no step at the end of the patch."""
     here = surface.wrap(pose, uv)[0]
     moved = [surface.wrap(pose, uv + step)[0] for step in DIFFERENCE_M * np.eye(2)]
     slopes = np.stack([(there - here) / DIFFERENCE_M for there in moved], axis=2)

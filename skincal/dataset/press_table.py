@@ -1,4 +1,4 @@
-"""``presses.csv`` or ``.parquet``: its columns as :class:`Presses`, with every violation reported."""
+"""Conversion of ``presses.csv`` or ``.parquet`` to :class:`Presses`; every violation is reported."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
         ),
     )
     if reader.has("press"):  # invalid numbers have been reported
-        again = repeated(press) & (press >= 0)
-        reader.sheet.bad_rows("press", again, press, "each number once", TWICE)
+        copies = repeated(press) & (press >= 0)
+        reader.sheet.bad_rows("press", copies, press, "each number once", TWICE)
     present = [j for j, name in enumerate(taxels) if reader.has(name)]
     check_counts(reader, meta.sensor, counts[:, present].T, whole=False)
     branch = presses.column("branch")

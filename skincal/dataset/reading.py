@@ -1,4 +1,4 @@
-"""Reading and checking of a dataset's folder."""
+"""Read and check a dataset's folder."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skincal.dataset.converter_range import with_converter_range
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
 from skincal.dataset.frame_table import frames_from
-from skincal.dataset.impossible import without_impossible
+from skincal.dataset.impossible import drop_impossible
 from skincal.dataset.meta_file import FILE, file_states, hash_of, read_meta
 from skincal.dataset.plausibility import check_plausible, check_scale
 from skincal.dataset.press_table import presses_from
@@ -28,7 +28,7 @@ NO_FOLDER = "Give the folder that holds dataset.toml."
 
 @dataclass(frozen=True)
 class Check:
-    """Problems of a dataset's folder in the order of the files, and the data; None if there are errors."""
+    """Problems of a dataset's folder in the order of the files, and the dataset; None if there are errors."""
 
     errors: tuple[Problem, ...]
     warnings: tuple[Problem, ...]
@@ -36,7 +36,9 @@ class Check:
 
 
 def read_dataset(path: str | Path) -> Dataset:
-    """Read and check a dataset's folder (contract ``skincal-dataset/1``); its ``warnings`` do not forbid its use.
+    """Read and check a dataset's folder (contract ``skincal-dataset/1``).
+
+    ``warnings`` of the dataset do not prevent its use.
 
     Raises:
         InputError: the folder has violations; ``problems`` holds all of them.
@@ -60,6 +62,7 @@ def check_dataset(path: str | Path) -> Check:
 
 
 def _read(folder: Path, findings: Findings) -> Dataset | None:
+    """Return the dataset of a folder; None, with errors added, if it cannot be used."""
     if not folder.is_dir():
         got = "a file" if folder.exists() else "no such folder"
         findings.error(str(folder), "a dataset's folder", got, NO_FOLDER)
@@ -87,7 +90,7 @@ def _read(folder: Path, findings: Findings) -> Dataset | None:
         check_plausible(dataset, press_table.sheet, frame_table and frame_table.sheet)
     if findings.errors:
         return None
-    dataset = with_converter_range(without_impossible(dataset, press_table.sheet), press_table.sheet)
+    dataset = with_converter_range(drop_impossible(dataset, press_table.sheet), press_table.sheet)
     add_remarks(dataset, press_table.sheet)
     sha256 = ""
     with suppress(OSError):
@@ -100,6 +103,7 @@ def _read(folder: Path, findings: Findings) -> Dataset | None:
 
 
 def _table(folder: Path, stem: str, findings: Findings) -> RawTable | None:
+    """Return the table of presses or frames; None without one, or with an error added."""
     path = find_table(folder, stem, findings)
     if path is None and stem == "presses":
         findings.error(str(folder), f"{stem}.csv or {stem}.parquet", "neither", NO_TABLE)
@@ -108,7 +112,7 @@ def _table(folder: Path, stem: str, findings: Findings) -> RawTable | None:
 
 
 def _check_model(dataset: Dataset, findings: Findings) -> bool:
-    """Return whether the model can be built from the description; report what it refuses."""
+    """Return whether the model can be built from the description; report the reason if not."""
     sensor = f"{FILE}, [sensor]" if dataset.positions is None else str(dataset.meta.sensor.positions)
     for place, expected, make in (
         (sensor, "a layout of taxels", dataset.layout),

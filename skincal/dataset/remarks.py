@@ -12,13 +12,13 @@ from skincal.dataset.rest import ACTIVE_COUNTS, REST_IN_DOUBT, active_taxels, ac
 from skincal.errors import first_of
 
 SLACK_SIGMAS = 50.0
-"""Largest plausible slack, in sigmas: beyond it, one of the two is probably in another unit."""
+"""Largest plausible slack, in sigmas: above it, one of the two is probably in another unit."""
 
 FEWEST_ACTIVE = 1e-3
-"""With a threshold set by noise, active taxels in fewer readings than this are noise."""
+"""Smallest fraction of active readings that noise does not explain, if noise sets the threshold."""
 
 STUCK_SHARE = 0.9
-"""A taxel that reads value_max in more than this share of the presses is reported as stuck."""
+"""Largest fraction of presses at value_max; above it a taxel is reported as stuck."""
 
 
 def add_remarks(dataset: Dataset, sheet: Sheet) -> None:
@@ -26,7 +26,7 @@ def add_remarks(dataset: Dataset, sheet: Sheet) -> None:
     _remark_on_activity(dataset, sheet)
     _remark_on_stuck(dataset, sheet)
     presses = dataset.presses
-    # Noise would have made two measurements differ.
+    # Noise makes two separate measurements differ.
     values = np.column_stack([presses.position_m, presses.force_n, presses.counts])
     fix = "Was a press copied? A fit uses one of them."
     sheet.bad_rows("press", repeated(values), presses.press, "different measurements", fix, warning=True)
@@ -37,9 +37,10 @@ def add_remarks(dataset: Dataset, sheet: Sheet) -> None:
 
 
 def _remark_on_activity(dataset: Dataset, sheet: Sheet) -> None:
+    """Warn if no press has the two active taxels that a fit needs."""
     threshold = active_threshold(dataset)
     active = active_taxels(dataset, threshold)
-    # Noise alone makes a taxel active now and then.
+    # Noise alone makes a taxel active occasionally.
     if threshold < ACTIVE_COUNTS and active.mean() < FEWEST_ACTIVE:
         active[:] = False
     expected = f"taxels more than {threshold:.3g} {dataset.meta.sensor.unit_label} above their level at rest"
@@ -53,7 +54,7 @@ def _remark_on_activity(dataset: Dataset, sheet: Sheet) -> None:
 
 
 def _remark_on_slack(dataset: Dataset, findings: Findings) -> None:
-    """Warn where slack_m and sigma_m do not fit together: no press is off by more than its slack, or by many sigmas."""
+    """Warn if slack_m and sigma_m are inconsistent: the slack should be a few sigmas."""
     sigma, slack = dataset.meta.position.sigma_m, dataset.meta.position.slack_m
     place, fix = "dataset.toml, [position]", "Twice sigma_m is a usual slack. Are both in metres?"
     if 0 < sigma < slack / SLACK_SIGMAS:
@@ -63,6 +64,7 @@ def _remark_on_slack(dataset: Dataset, findings: Findings) -> None:
 
 
 def _remark_on_stuck(dataset: Dataset, sheet: Sheet) -> None:
+    """Warn about taxels that are nearly always at value_max."""
     top = dataset.meta.sensor.value_max
     if top is None or dataset.meta.sensor.baseline != "raw":
         return
@@ -74,6 +76,7 @@ def _remark_on_stuck(dataset: Dataset, sheet: Sheet) -> None:
 
 
 def _remark_on_normals(dataset: Dataset, sheet: Sheet) -> None:
+    """Warn about measured normals that point into the fingertip."""
     presses = dataset.presses
     if presses.normals is None or not np.isfinite(presses.position_m).all():
         return

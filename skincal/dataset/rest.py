@@ -1,4 +1,4 @@
-"""The level of each taxel at rest, and the taxels that are active in a press; drift of that level."""
+"""The rest level of each taxel and its drift, and the taxels that are active in a press."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from skincal.dataset.tables import IDLE
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 ACTIVE_COUNTS = 5.0
-"""Default threshold above the level at rest from which a taxel is active [counts]."""
+"""Default threshold above the rest level from which a taxel is active [counts]."""
 
 ACTIVE_SIGMAS = 6.0
-"""The same in standard deviations of the noise at rest, for values that are not counts."""
+"""Lower bound of the threshold in standard deviations of the noise at rest, for values that are not counts."""
 
 ACTIVE_SHARE = 0.04
-"""And as a part of the largest value above rest, as in the fit."""
+"""Threshold as a fraction of the largest value above rest, for values that are not counts; as in the fit."""
 
 REST_IN_DOUBT = (
     "Without idle frames the level at rest is estimated from the presses, and some taxels then rest far above the "
     "others: if all presses load the same taxels equally, add frames at rest (phase idle), or press at other places"
 )
-"""Reason and advice where :func:`rest_in_doubt` holds."""
+"""Reason and advice if :func:`rest_in_doubt` is true."""
 
 FEWEST_IDLE = 20
-"""Idle frames that an estimate of the level at rest needs."""
+"""Smallest number of idle frames for an estimate of the rest level."""
 
 
 def rest_levels(dataset: Dataset) -> FloatArray:
-    """Return the level of each taxel at rest [counts], shape (J,); NaN for a taxel that is dead throughout.
+    """Return the rest level of each taxel [counts], shape (J,); NaN for a taxel that is always dead.
 
-    It is the median over the idle frames; without idle frames, the mean of the low readings over the presses, most of
-    which do not reach a given taxel. Counts with a subtracted level rest at 0.
+    It is the median over the idle frames. Without enough idle frames it is the mean of the low readings of the presses,
+    most of which do not touch a given taxel. After subtraction of the rest level it is 0.
     """
     from skincal.model.rest import rest_from_presses
 
@@ -46,10 +46,10 @@ def rest_levels(dataset: Dataset) -> FloatArray:
 
 
 def rest_in_doubt(dataset: Dataset) -> bool:
-    """Return whether the level at rest may belong to taxels that every press loads equally.
+    """Return whether the estimated rest level may be that of taxels which every press loads equally.
 
-    With too few idle frames the level is estimated from the presses. Then the level of one taxel should not lie clearly
-    above that of most others; it does if all presses have one place and one force.
+    With too few idle frames the level is estimated from the presses. The estimate is doubtful if one taxel lies clearly
+    above most others, as when all presses have the same position and force.
     """
     if dataset.meta.sensor.baseline == "subtracted" or _idle(dataset) is not None:
         return False
@@ -59,9 +59,9 @@ def rest_in_doubt(dataset: Dataset) -> bool:
 
 
 def idle_means(dataset: Dataset) -> FloatArray | None:
-    """Return the mean counts (J,) of untouched taxels, which clipped noise lifts above their level at rest.
+    """Return the mean counts (J,) of the idle frames; noise that is clipped lifts them above the rest level.
 
-    NaN for a taxel that is dead throughout; None where there are too few idle frames.
+    NaN for a taxel that is always dead; None with too few idle frames.
     """
     return _of_idle_frames(dataset, np.nanmean)
 
@@ -69,7 +69,7 @@ def idle_means(dataset: Dataset) -> FloatArray | None:
 def noise_at_rest(dataset: Dataset) -> float:
     """Return the noise of an untouched taxel [counts]: the median standard deviation over the taxels; 0 if clipped.
 
-    It comes from single idle frames if there are any, else from the lower readings of the presses.
+    It comes from single idle frames if there are enough, else from the lower readings of the presses.
     """
     spreads = _of_idle_frames(dataset, _low_spread)
     if spreads is None:
@@ -80,16 +80,16 @@ def noise_at_rest(dataset: Dataset) -> float:
 
 
 def _low_spread(counts: FloatArray) -> np.floating:
-    """Return the standard deviation of the lower half of readings, by two quantiles 1.03 sigmas apart if normal."""
+    """Return the standard deviation from two lower quantiles, which are 1.028 sigmas apart for normal noise."""
     middle, low = np.quantile(counts[np.isfinite(counts)], (0.4, 0.1))
     return (middle - low) / 1.028
 
 
 def active_threshold(dataset: Dataset) -> float:
-    """Return the threshold above the level at rest from which a taxel is active: five counts, less for small values.
+    """Return the threshold above the rest level from which a taxel is active: five counts, or less for small values.
 
-    Values in volts, or in shares of full scale, never reach five. For values that are not whole numbers the threshold
-    is a part of the largest one, at most five counts, and at least six sigmas of the noise at rest.
+    Values in volts or in fractions of full scale never reach five. For values that are not whole numbers the threshold
+    is a fraction of the largest one, at most five without a unit, and at least six sigmas of the noise at rest.
     """
     sensor = dataset.meta.sensor
     apart = dataset.presses.counts - rest_levels(dataset)
@@ -126,19 +126,22 @@ def active_taxels(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> 
 
 
 NEAREST: Final = 25
-"""Idle frames right before a press that tell its level at rest."""
+"""Largest number of idle frames directly before a press that determine its rest level."""
 
 _FEWEST, _CLEAR = 5, 3.0
-"""Presses that a variance needs; standard deviations above the lower bound from which nothing is clipped."""
+"""Smallest number of presses for a variance, and distance from the lower bound, in standard deviations, from which
+noise is not clipped."""
 
 
 def rest_drift(dataset: Dataset) -> FloatArray | None:
-    """Return by how much the level at rest of each taxel has moved when each press begins [counts], shape (K, J).
+    """Estimate the drift of each taxel's rest level at the start of each press [counts], shape (K, J).
 
-    The mean of the idle frames right before a press, less that of all presses (less 0, where the level has been
-    subtracted), shrunk by the part of its variance that the noise of these frames explains (James and Stein). So
-    nothing is taken off where nothing drifts. 0 where it is not known or the converter clips; None without idle frames
-    between presses.
+    It is the mean of the idle frames directly before a press, minus the mean over all presses (minus 0 if the rest
+    level has been subtracted). A James-Stein factor shrinks it by the fraction of its variance that the noise of these
+    frames explains, so that no drift is corrected without a drift. It is 0 where it is unknown or the converter clips.
+
+    Returns:
+        The drift; None without idle frames between presses.
     """
     frames, presses = dataset.frames, dataset.presses
     if frames is None:
@@ -149,7 +152,7 @@ def rest_drift(dataset: Dataset) -> FloatArray | None:
     if known.sum() < _FEWEST:
         return None
     rows = [span for span in spans if len(span) > 1]
-    many = np.array([len(span) for span in rows], dtype=np.float64)
+    number = np.array([len(span) for span in rows], dtype=np.float64)
     sensor, shifts = dataset.meta.sensor, np.zeros(presses.counts.shape)
     low = -np.inf if sensor.value_min is None or sensor.baseline == "subtracted" else sensor.value_min
     for j, counts in enumerate(frames.taxel_columns()):
@@ -159,16 +162,16 @@ def rest_drift(dataset: Dataset) -> FloatArray | None:
         if not np.isfinite(mean).all():
             continue
         middle = 0.0 if sensor.baseline == "subtracted" else float(mean.mean())
-        moved = max(float(np.mean((mean - middle) ** 2)) - float(np.mean(noise / many)), 0.0)
-        if moved > 0 and mean.min() > low + _CLEAR * np.sqrt(noise):
-            shifts[known, j] = (mean - middle) * moved / (moved + noise / many)
+        variance = max(float(np.mean((mean - middle) ** 2)) - float(np.mean(noise / number)), 0.0)
+        if variance > 0 and mean.min() > low + _CLEAR * np.sqrt(noise):
+            shifts[known, j] = (mean - middle) * variance / (variance + noise / number)
     if sensor.value_max is not None and sensor.baseline != "subtracted":
         shifts[presses.counts >= sensor.value_max] = 0.0
     return shifts
 
 
 def _idle_before(idle: BoolArray, press: IntArray, numbers: IntArray) -> list[NDArray[np.intp]]:
-    """Return for each press the last idle frames in a row before it; none where other frames lie between."""
+    """Return the rows of the uninterrupted idle frames directly before each press, at most ``NEAREST`` of them."""
     touched = np.flatnonzero(~idle)
     known, first = np.unique(press[touched], return_index=True)
     begins = dict(zip(known.tolist(), touched[first].tolist(), strict=True))

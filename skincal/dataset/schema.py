@@ -1,7 +1,7 @@
-"""Tables of files as frozen dataclasses: pydantic validates them, and its errors become ours.
+"""Tables of files as frozen dataclasses, validated by pydantic, whose errors are translated to findings.
 
 A subclass of :class:`Table` is both the schema of a table and the object that it is read into: its fields are the
-keys, their types say what a value must be, and a :class:`Key` in ``Annotated`` adds words and bounds.
+keys, their types are those of the values, and a :class:`Key` in ``Annotated`` adds bounds and messages.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from typing import (
 
 from skincal.bounded import UnreadableError, parse_toml, read_text
 from skincal.dataset.findings import Findings
-from skincal.dataset.keys import Size, adjusted, wrong
+from skincal.dataset.keys import Size, custom_error, relaxed
 from skincal.dataset.schema_errors import (
     ABSENT,
     BLANK,
@@ -35,8 +35,8 @@ from skincal.dataset.schema_errors import (
     Translator,
     Violation,
     in_full,
-    in_our_words,
     shown,
+    translated_error,
     unknown_key,
     within,
 )
@@ -44,26 +44,26 @@ from skincal.files import reason
 
 Unknown = Literal["warn", "refuse", "keep"]
 MOST_UNKNOWN = 100
-"""Most unknown keys of a table that are reported."""
+"""Largest number of unknown keys of a table that are reported."""
 
 
 class Table:
     """Base of a frozen dataclass that is a table of a file; its fields are the keys.
 
-    A field ``extra`` holds unknown keys. ``unknown`` says what becomes of them: ``warn``: a misspelt one is an error,
-    another one is kept with a warning; ``keep``: all are kept; ``refuse``: each is an error.
+    A field ``extra`` holds unknown keys. The class argument ``unknown`` determines their treatment. ``warn``: a
+    misspelt key is an error, any other is kept with a warning; ``keep``: all are kept; ``refuse``: each is an error.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "allow_inf_nan": False}
     unknown_keys: ClassVar[Unknown] = "warn"
     wanted: ClassVar[str] = ""
-    """What an error says of a value that is no table; '' for its name."""
+    """Expected value in the error for a value that is not a table; '' for the table's name."""
 
     def __init_subclass__(cls, unknown: Unknown | None = None) -> None:
         cls.unknown_keys = unknown or cls.unknown_keys
 
     def violations(self) -> Iterator[Violation]:
-        """Yield what is wrong between keys; placeholders of wrong values are NaN, 0, '' or empty."""
+        """Yield inconsistencies between keys; wrong values have been replaced by NaN, 0, '' or an empty container."""
         return iter(())
 
     @classmethod
@@ -71,9 +71,9 @@ class Table:
         from pydantic_core import core_schema
 
         schema = handler(source)
-        # The definition itself is wrapped, as further uses of the class refer to it.
+        # Wrap the definition itself, since further uses of the class refer to it.
         definition = handler.resolve_ref_schema(schema)
-        inner = adjusted({key: value for key, value in definition.items() if key != "ref"})
+        inner = relaxed({key: value for key, value in definition.items() if key != "ref"})
         inner["strict"] = False
         hints = get_type_hints(cls, include_extras=True)
         for field in inner["schema"]["fields"]:
@@ -125,9 +125,17 @@ def read_table(
 ) -> Kind:
     """Return the content of a file as an object; add an error for every violation.
 
-    A wrong value reads as a placeholder (NaN, 0, '', empty), so that the rest can be checked as well; the errors
-    prevent that a placeholder is used. ``form`` is the value of the key ``format``, '' if the file has none; ``first``
-    the number of the first table of a list; ``within`` the table of the file that is read, () for all of it.
+    A wrong value reads as a placeholder (NaN, 0, '', empty), so that the rest can be checked as well. The errors
+    prevent the use of placeholders.
+
+    Args:
+        kind: class of the object.
+        values: content of the file.
+        findings: collects the errors.
+        file: name of the file, for errors.
+        form: required value of the key ``format``; '' for a file without it.
+        first: number of the first table of a list in errors.
+        within: keys of the table within the file; () for the whole file.
     """
     from pydantic_core import ValidationError
 
@@ -155,7 +163,7 @@ def read_table(
 
 
 def _violations(found: Any, place: Place) -> Iterator[Violation]:
-    """Yield what the tables at a place, and those inside them, say is wrong between their keys."""
+    """Yield the violations between keys of the tables at a place, and of those inside them."""
     if isinstance(found, tuple | dict):
         inside = found.items() if isinstance(found, dict) else enumerate(found)
         for name, inner in cast("Iterable[tuple[Any, Any]]", inside):
@@ -167,7 +175,7 @@ def _violations(found: Any, place: Place) -> Iterator[Violation]:
 
 
 def plain_table(spec: Any) -> dict[str, Any]:
-    """Return a table as TOML writes it, without None; a square size is one number."""
+    """Return a table as a dictionary for TOML, without None; a square size is one number."""
     values = {name: getattr(spec, name) for name in keys_of(type(spec))}
     for key, hint in get_type_hints(type(spec), include_extras=True).items():
         is_size = any(isinstance(one, Size) for one in getattr(hint, "__metadata__", ()))
@@ -185,7 +193,7 @@ def _validator(kind: type[Table]) -> Callable[..., Any]:
 
 
 def _blank(values: dict[str, Any], place: Place) -> None:
-    """Put BLANK at a place of nested tables and lists, whose copies replace the originals."""
+    """Put BLANK at a place of nested tables and lists, which are copied on the way."""
     inside: Any = values
     for key, following in zip(place, (*place[1:], None), strict=True):
         inner = inside.get(key) if isinstance(inside, dict) else inside[key]
@@ -201,7 +209,7 @@ def _blank_or(placeholder: Any, value: Any, handler: Callable[[Any], Any]) -> An
 
 
 def _placeholder(hint: Any) -> Any:
-    """Return what a value of a type reads as after an error; BLANK for a table, which has placeholders inside."""
+    """Return the placeholder for a wrong value of a type; BLANK for a table, which has placeholders inside."""
     origin, args = get_origin(hint), get_args(hint)
     if origin in (Annotated, Union, UnionType):
         return _placeholder(args[0])
@@ -215,7 +223,7 @@ def _placeholder(hint: Any) -> Any:
 
 
 def _read_table(cls: type[Any], value: Any, handler: Callable[[Any], Any], info: Any) -> Any:
-    """Validate one table; its unknown and missing keys, and the errors of its values, are told in our words."""
+    """Validate one table; translate unknown and missing keys and the errors of its values."""
     from pydantic_core import ValidationError
 
     known = {field.name: field for field in fields(cls) if field.name != "extra"}
@@ -224,21 +232,23 @@ def _read_table(cls: type[Any], value: Any, handler: Callable[[Any], Any], info:
     }
     absent, value = (BLANK, {}) if value is BLANK else (ABSENT, value)
     if not isinstance(value, Mapping):
-        raise wrong(cls.wanted, table=True)
+        raise custom_error(cls.wanted, table=True)
     table = cast("Mapping[str, Any]", value)
     extra = {key: inner for key, inner in table.items() if key not in known}
-    # What is missing or wrong, and not needed, has its default.
+    # Optional keys that are missing or wrong get their defaults.
     kept = [name for name in known if name in needed or table.get(name, BLANK) is not BLANK]
     given = {name: table.get(name, absent) for name in kept}
     if len(known) < len(fields(cls)):
         given["extra"] = extra
     free = [name for name in known if name not in table]
-    looked = [] if info.context else [*extra][:MOST_UNKNOWN]
-    problems = [unknown_key(key, extra[key], cls.unknown_keys, [*known], free) for key in looked]
+    reported = [] if info.context else [*extra][:MOST_UNKNOWN]
+    problems = [unknown_key(key, extra[key], cls.unknown_keys, [*known], free) for key in reported]
     try:
         found = handler(given)
     except ValidationError as error:
-        problems += [in_our_words(one, known[str(one["loc"][0])]) for one in error.errors(include_url=False)]
+        problems += [
+            translated_error(one, known[str(one["loc"][0])]) for one in error.errors(include_url=False)
+        ]
         found = None
     problems = [one for one in problems if one is not None]
     if problems:

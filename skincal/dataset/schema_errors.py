@@ -1,4 +1,4 @@
-"""Errors of the tables of files in our words: place, what was expected, what came, what to do."""
+"""Translation of validation errors to findings: place, expected value, given value, advice."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from enum import Enum
 from typing import Any, cast
 
 from skincal.dataset.findings import Findings, meant
-from skincal.dataset.keys import NUMBER, OURS, choice, wrong
+from skincal.dataset.keys import NUMBER, OURS, choice, custom_error
 
 KEPT = "It is kept but not used."
 Place = tuple[str | int, ...]
 Violation = tuple[str | Place, str, object] | tuple[str | Place, str, object, str]
-"""Key, or keys from table to table; expected; got, a value or words for it; what to do, if that is not clear."""
+"""Key, or path of keys; expected value; given value, or words for it; advice (optional)."""
 
 
 class _Value(Enum):
     ABSENT = 0
     BLANK = 1
-    """Stands for a value that was reported, and reads as a placeholder (NaN, 0, '', ...)."""
+    """A wrong value that has been reported and reads as a placeholder (NaN, 0, '', ...)."""
 
 
 ABSENT, BLANK = _Value.ABSENT, _Value.BLANK
@@ -43,32 +43,35 @@ def within(table: Place, violations: Iterable[Violation]) -> Iterator[Violation]
 
 
 def in_full(violation: Violation) -> tuple[Place, str, object, str]:
-    """Return place, expected, got and what to do of a violation."""
+    """Return place, expected value, given value and advice of a violation."""
     key, expected, got = violation[:3]
     return (key,) if isinstance(key, str) else key, expected, got, violation[3] if len(violation) > 3 else ""
 
 
 def missing(key: str, expected: str) -> Violation:
-    """Return the violation of a key that is needed in this case."""
+    """Return the violation for a required key that is missing."""
     return key, expected, ABSENT, ""
 
 
 def superfluous(key: str, reason: str, value: object) -> Violation:
-    """Return the violation of a key that cannot stand in this case."""
+    """Return the violation for a key that is not allowed for a reason."""
     return key, f"no such key: {reason}", value, "Remove it."
 
 
 def report(
     violations: Iterable[Violation], findings: Findings, file: str, first: int = 1, within: Place = ()
 ) -> None:
-    """Add an error for each violation that was found after a file was read; arguments as :func:`read_table`."""
+    """Add an error for each violation that was found after reading a file.
+
+    The other arguments are those of :func:`skincal.dataset.schema.read_table`.
+    """
     translator = Translator(findings, file, first, within)
     for one in violations:
         translator.violation(*in_full(one))
 
 
 class Translator:
-    """Reporter of the errors of pydantic, and of violations between keys, with their place in a file."""
+    """Adds pydantic's errors, and violations between keys, to the findings with their place in a file."""
 
     def __init__(self, findings: Findings, file: str, first: int = 1, within: Place = ()) -> None:
         self._findings, self._file, self._first, self._within = findings, file, first, within
@@ -77,30 +80,30 @@ class Translator:
     def report(self, error: Any) -> Iterator[Place]:
         """Add a problem for each error; yield the places of wrong values."""
         for one in error.errors(include_url=False):
-            told, got = one["ctx"], one["input"]
-            key = () if told.get("table") else told["key"]
+            details, got = one["ctx"], one["input"]
+            key = () if details.get("table") else details["key"]
             table = one["loc"][: len(one["loc"]) - len(key)]
-            expected, fix = told["expected"], told["fix"]
-            if told.get("table"):
+            expected, fix = details["expected"], details["fix"]
+            if details.get("table"):
                 expected = expected or f"a table [{self._path(table)}]"
                 fix = "Add it." if got is ABSENT else f"Write [{self._path(table)}] on its own line."
-            elif told.get("number") and isinstance(got, str):
+            elif details.get("number") and isinstance(got, str):
                 with suppress(ValueError):
                     float(got)
                     fix = "Write it without quotes."
-            words = told.get("got") or shown(got)
+            words = details.get("got") or shown(got)
             self._add(
                 table, key, expected, words, fix or self._add_it(table, key, got),
-                warn=told.get("warn", False),
+                warn=details.get("warn", False),
             )  # fmt: skip
-            if not told.get("unknown"):
+            if not details.get("unknown"):
                 yield (*table, *key[:1])
 
     def violation(self, place: Place, expected: str, got: object, fix: str = "") -> None:
-        """Add one violation at a key, the last of its place; ``got`` is a value, or words for it."""
+        """Add one violation at the last key of a place; ``got`` is a value, or words for it."""
         outer, key = place[:-1], place[-1:]
         words = got if isinstance(got, str) else shown(got)
-        # A wrong value may read as a missing one.
+        # Do not report a missing value where a wrong one was reported and blanked.
         if got is not ABSENT or self._place(outer, key) not in self._reported:
             self._add(outer, key, expected, words, fix or self._add_it(outer, key, got))
 
@@ -117,10 +120,11 @@ class Translator:
         return f"{self._file}, {named}"
 
     def _path(self, keys: Place) -> str:
-        """Return keys from table to table: ``taxels.first``, ``effects 1``."""
+        """Return a path of keys as text: ``taxels.first``, ``effects 1``."""
         return "".join(f" {k + self._first}" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
 
     def _add_it(self, table: Place, key: Place, got: object) -> str:
+        """Return the advice for a missing key; '' if there is a value."""
         table = (*self._within, *table)
         where = f"[{self._path(table)}]" if table else "the top"
         return f"Add {key[-1]} = … to {where}." if got is ABSENT else ""
@@ -138,31 +142,36 @@ def shown(value: Any) -> str:
 
 
 def unknown_key(key: str, value: Any, unknown: str, known: Sequence[str], absent: Sequence[str]) -> Any:
-    """Return the error of an unknown key; None where any is welcome."""
-    fix, told = meant(key, absent or known), {"key": (key,), "unknown": True}
+    """Return the error for an unknown key; None if unknown keys are kept.
+
+    ``known`` are all keys of the table, ``absent`` those that it lacks, which are suggested first.
+    """
+    fix, details = meant(key, absent or known), {"key": (key,), "unknown": True}
     expected = f"one of {', '.join(known)}"
     if unknown == "keep":
         return None
     if unknown == "refuse":
-        error = wrong(expected, fix or meant(key, known, "Remove it."), got="an unknown key", **told)
+        error = custom_error(
+            expected, fix or meant(key, known, "Remove it."), got="an unknown key", **details
+        )
     elif fix:
-        error = wrong("a known key", fix, got="an unknown one", **told)
+        error = custom_error("a known key", fix, got="an unknown one", **details)
     else:
-        error = wrong(expected, KEPT, got="an unknown key", warn=True, **told)
+        error = custom_error(expected, KEPT, got="an unknown key", warn=True, **details)
     return {"type": error, "loc": (key,), "input": value}
 
 
-def in_our_words(one: Any, field: Field[Any]) -> Any:
-    """Return an error of pydantic as one with our words; ``key`` is its place in the innermost table."""
-    kind, told = one["type"], dict(one.get("ctx", {}))
+def translated_error(one: Any, field: Field[Any]) -> Any:
+    """Return a pydantic error with skincal's message; its ``key`` is the place in the innermost table."""
+    kind, details = one["type"], dict(one.get("ctx", {}))
     if kind == OURS:
-        told = {"key": one["loc"], **told}
+        details = {"key": one["loc"], **details}
     elif kind == "literal_error":
-        expected, fix = choice(one["input"], re.findall(r"'(.*?)'", told["expected"]))
-        told = {"expected": expected, "fix": fix}
+        expected, fix = choice(one["input"], re.findall(r"'(.*?)'", details["expected"]))
+        details = {"expected": expected, "fix": fix}
     else:
         optional = kind in NUMBER and field.default is None
         fix = f"Leave {field.name} out where it is not known." if optional else ""
         expected = str(_NATIVE.get(kind) or one["msg"]).replace("{key}", field.name)
-        told = {"expected": expected, "fix": fix, "number": kind in NUMBER}
-    return {"type": wrong(**{"key": one["loc"], **told}), "loc": one["loc"], "input": one["input"]}
+        details = {"expected": expected, "fix": fix, "number": kind in NUMBER}
+    return {"type": custom_error(**{"key": one["loc"], **details}), "loc": one["loc"], "input": one["input"]}

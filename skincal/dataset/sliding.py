@@ -10,16 +10,16 @@ import numpy as np
 from skincal.model.arrays import FloatArray
 
 SMALLEST_M: Final = 1e-4
-"""A contact that moves less than this rests, however well its position is known [m]."""
+"""Smallest movement of a contact that slides, for any accuracy of its position [m]."""
 
 FEWEST_SAMPLES: Final = 4
-"""Fewest samples of a hold that determine their noise."""
+"""Smallest number of samples of a hold from which their noise is estimated."""
 
 PARTS: Final = 8
-"""Smoothing window of positions: the length of a hold divided by this."""
+"""Length of a hold over the length of the smoothing window of its positions."""
 
 NOISE_SIGMAS: Final = 6.0
-"""Extent of a smoothed path of pure noise, in standard deviations (simulated: 1 in 1000 is above)."""
+"""Extent of a smoothed path of pure noise, in standard deviations (simulated: 1 in 1000 exceeds it)."""
 
 
 def sample_noise_m(holds: Sequence[FloatArray]) -> float:
@@ -27,7 +27,7 @@ def sample_noise_m(holds: Sequence[FloatArray]) -> float:
     found: list[float] = []
     for position in holds:
         if len(position) >= FEWEST_SAMPLES and np.isfinite(position).all():
-            # Differences of neighbours contain the noise alone: a slide is slow.
+            # Differences of neighbours are noise alone, since a slide is slow.
             apart = np.diff(position, axis=0)
             spread = np.median(np.abs(apart - np.median(apart, axis=0)), axis=0)
             found.append(float(np.linalg.norm(1.4826 * spread)) / np.sqrt(2))
@@ -35,7 +35,7 @@ def sample_noise_m(holds: Sequence[FloatArray]) -> float:
 
 
 def slide_m(position_m: FloatArray, noise_m: float) -> float:
-    """Return how far a contact moves in its hold (n, 3) [m]; NaN for unknown positions.
+    """Return the extent of a contact's path in its hold (n, 3) [m]; NaN for unknown positions.
 
     It is corrected for ``noise_m``, the standard deviation of a single position (:func:`sample_noise_m`).
     """
@@ -49,7 +49,7 @@ def slide_m(position_m: FloatArray, noise_m: float) -> float:
 def rests(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, int]:
     """Return the longest stretch ``[start, stop)`` of a hold (n, 3) in which the contact moves at most ``still_m``.
 
-    It is corrected for noise as :func:`slide_m`.
+    The bound is corrected for noise as in :func:`slide_m`.
     """
     path, width = _path(position_m)
     allowed = still_m + NOISE_SIGMAS * noise_m / np.sqrt(width)

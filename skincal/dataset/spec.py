@@ -32,8 +32,8 @@ class SensorSpec(Table):
     Attributes:
         rows: number of rows; ``r`` grows with ``v``.
         cols: number of columns; ``c`` grows with ``u``.
-        taxel_size_m: extent of a taxel along ``(u, v)`` [m]; None where ``positions`` gives it.
-        pitch_m: distance of neighbouring centres along ``(u, v)`` [m]; None where ``positions`` gives it.
+        taxel_size_m: extent of a taxel along ``(u, v)`` [m]; None if ``positions`` gives it.
+        pitch_m: distance of neighbouring centres along ``(u, v)`` [m]; None if ``positions`` gives it.
         value_min: lower clipping point of the converter [counts]; None: unknown.
         value_max: upper clipping point of the converter [counts]; None: unknown.
         integer: whether the converter gives whole numbers.
@@ -69,7 +69,7 @@ class SensorSpec(Table):
         return tuple(f"taxel_{r}_{c}" for r in range(self.rows) for c in range(self.cols))
 
     def violations(self) -> Iterator[Violation]:
-        """Yield a size that is missing or too large for the pitch, and bounds out of order."""
+        """Yield a missing size, a size that exceeds the pitch, and bounds in the wrong order."""
         if self.taxels > MOST_TAXELS:
             yield "rows", f"at most {MOST_TAXELS} taxels, rows x cols", f"{self.rows} x {self.cols}"
         low, high, size, pitch = self.value_min, self.value_max, self.taxel_size_m, self.pitch_m
@@ -89,7 +89,7 @@ class SensorSpec(Table):
 
 @dataclass(frozen=True)
 class _Shape(Table):
-    """A kind, with its numbers or its mesh file; '' for a kind that could not be read."""
+    """A kind of surface or indenter with its numbers or its mesh file; '' for a kind that could not be read."""
 
     kind: str
     radius_m: Annotated[float | None, Length("a radius [m]", 5e-5, 1.0)] = None
@@ -100,7 +100,7 @@ class _Shape(Table):
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The numbers that its kind has, by key."""
+        """The numbers of its kind, by key."""
         return {key: getattr(self, key) for key in self.kinds[self.kind].numbers}
 
     def __str__(self) -> str:
@@ -108,7 +108,7 @@ class _Shape(Table):
         return f"{self.kind} of {', '.join(sizes)}" if self.numbers else self.kind
 
     def violations(self) -> Iterator[Violation]:
-        """Yield a number or a mesh that the kind needs, or cannot have."""
+        """Yield a number or a mesh that the kind needs and lacks, or cannot have."""
         if (kind := self.kinds.get(self.kind)) is None:
             return
         every = {key for other in self.kinds.values() for key in other.numbers}
@@ -130,12 +130,12 @@ class SurfaceSpec(_Shape):
 
     @property
     def is_plane(self) -> bool:
-        """Return whether the sensor's position is ``x_m``, ``y_m`` instead of ``beta_deg``, ``y_m``."""
+        """True if the sensor's position is ``x_m``, ``y_m`` instead of ``beta_deg``, ``y_m``."""
         return self.kind in SURFACES and SURFACES[self.kind].plane
 
     @property
     def across(self) -> str:
-        """Key of the sensor's position across: ``beta_deg``, on a plane ``x_m``."""
+        """Key of the sensor's position across the finger: ``beta_deg``, on a plane ``x_m``."""
         return "x_m" if self.is_plane else "beta_deg"
 
     def mount_violations(self, mount: MountSpec) -> Iterator[Violation]:
@@ -149,7 +149,7 @@ class SurfaceSpec(_Shape):
         yield from self.across_violations(mount, "mount", names)
 
     def across_violations(self, spec: Any, table: str, names: Mapping[str, str]) -> Iterator[Violation]:
-        """Yield keys of the position across that are missing in a table, or that only another surface has."""
+        """Yield keys of the position across that a table lacks, or that belong to another kind of surface."""
         if self.kind not in SURFACES:
             return
         reason = f"{'on a plane' if self.is_plane else 'off the plane'} it is {self.across}"
@@ -212,14 +212,14 @@ class PositionSpec(Table):
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     def violations(self) -> Iterator[Violation]:
-        """Yield a bound without limit where the positions are known."""
+        """Yield an infinite bound if the positions are known."""
         if math.isinf(self.slack_m) and math.isfinite(self.sigma_m):
             yield "slack_m", "a bound [m], 0 or more, at most 0.1 m", self.slack_m
 
 
 @dataclass(frozen=True)
 class ForceSpec(Table):
-    """Accuracy of the measured forces: relative standard deviation of an error that all of a session share."""
+    """Accuracy of the measured forces: relative standard deviation of an error of scale, common to a session."""
 
     scale_sigma: Annotated[float, Key("a relative standard deviation, 0 to 0.5", 0.0, 0.5)] = 0.0
     extra: Mapping[str, Any] = field(default_factory=dict)
@@ -235,7 +235,7 @@ class ClockSpec(Table):
 
 @dataclass(frozen=True)
 class Description(Table):
-    """The tables that describe a sensor and its rig: in ``dataset.toml``, in a hand's file, in a mapping.
+    """The tables that describe a sensor and its rig, in ``dataset.toml``, a hand's file or a mapping.
 
     Attributes:
         force: accuracy of the force scale; None: unknown, taken as exact.

@@ -23,9 +23,9 @@ class Summary:
     Attributes:
         sites: number of different targets, or None without targets.
         session_s: length of the session [s]; None without times.
-        force_n: least, median and greatest force of the presses [N].
-        threshold_counts: threshold above the level at rest from which a taxel is active [counts].
-        active: number of presses ``active[n]`` with ``n`` active taxels.
+        force_n: smallest, median and largest force of the presses [N].
+        threshold_counts: threshold above the rest level from which a taxel is active [counts].
+        active: ``active[n]`` is the number of presses with ``n`` active taxels.
         silent: taxels that are active in no press.
         dead: taxels that are NaN in every press.
         labels: number of presses by value, for each column such as branch or pose.
@@ -56,7 +56,7 @@ LABELS = ("branch", "pose", "cycle", "speed_m_per_s", "indenter_radius_m")
 
 
 def summarise(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> Summary:
-    """Return the summary of a dataset; a taxel is active from a threshold above its level at rest on [counts]."""
+    """Return the summary of a dataset; a taxel is active above a threshold from its rest level [counts]."""
     presses, frames = dataset.presses, dataset.frames
     phases = () if frames is None else np.bincount(frames.phase, minlength=len(PHASES)).tolist()
     active, targets = active_taxels(dataset, threshold_counts), presses.vectors(TARGET)
@@ -89,6 +89,7 @@ def session_times_s(dataset: Dataset) -> FloatArray | None:
 
 
 def _session_s(dataset: Dataset) -> float | None:
+    """Return the length of the session [s]; None without times."""
     times = session_times_s(dataset) if dataset.frames is None else dataset.frames.time_s
     if times is None or not np.isfinite(times).any():
         return None
@@ -96,6 +97,7 @@ def _session_s(dataset: Dataset) -> float | None:
 
 
 def _counted(column: NDArray[np.generic]) -> dict[str, int]:
+    """Return the number of cells by value."""
     texts = [value if isinstance(value, str) else f"{value:g}" for value in column.tolist()]
     counted = Counter("not given" if text in ("", "nan") else text for text in texts)
     return dict(sorted(counted.items()))

@@ -1,4 +1,4 @@
-"""Reading and writing of one table, CSV or Parquet, as named columns, without knowledge of their meaning."""
+"""Read and write one table, CSV or Parquet, as named columns, without knowledge of their meaning."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from skincal.bounded import UnreadableError, check_table_size
 from skincal.dataset.findings import SHOWN, Findings, Sheet, listed
-from skincal.dataset.tables import OnUse
+from skincal.dataset.tables import LazyColumns
 from skincal.errors import first_of, input_error, text_of
 from skincal.files import check_input, open_input, reason
 from skincal.model.arrays import BoolArray
@@ -26,19 +26,19 @@ if TYPE_CHECKING:
 
 Column = NDArray[Any]
 Opened = tuple[list[str], int, Mapping[str, Column], dict[str, str]]
-"""Names, rows and columns of a file, and the types of its columns that hold lists, tables or bytes."""
+"""Column names, number of rows and columns of a file, and types of the columns that hold lists, tables or bytes."""
 
 MOST_ROWS_HELD = 1_000_000
 """Largest number of rows of a table that is held in memory: presses, draws, taxels."""
 
 MOST_CELLS_HELD = 20_000_000
-"""Largest number of cells of a table of frames held in memory (160 MB); of a larger one, only the columns in use."""
+"""Largest number of cells of a table that is held in memory (160 MB); a larger one is read column by column on use."""
 
 MOST_COLUMN_BYTES = 1 << 30
-"""Largest size of one column of a Parquet file, unpacked: of 10^7 texts of 100 letters."""
+"""Largest uncompressed size of one column of a Parquet file: 10^7 texts of 100 letters."""
 
 MOST_CSV_BYTES = 1 << 30
-"""Largest size of a CSV file, which is read at once: 10^7 rows of 100 letters."""
+"""Largest size of a CSV file, which is read as a whole: 10^7 rows of 100 letters."""
 
 CUT_SHORT = "Was it cut short while it was copied or written?"
 SUFFIXES = (".csv", ".parquet")
@@ -50,9 +50,13 @@ TEXT_COLUMNS = ("phase", "pose", "branch")
 
 @dataclass(frozen=True)
 class RawTable:
-    """A table as read: each column holds int64, float64, bool or, as objects, ``str``.
+    """A table as read from a file.
 
-    ``others`` are the columns of another type, by name: lists, tables, bytes. To read one is an error.
+    Attributes:
+        sheet: names of places in the table, for problems.
+        rows: number of rows.
+        columns: columns by name, of int64, float64, bool, or ``str`` as objects.
+        others: types of the columns that cannot be read, by name: lists, tables, bytes.
     """
 
     sheet: Sheet
@@ -118,7 +122,7 @@ def _open_parquet(path: Path, sheet: Sheet) -> Opened:
     """
     import pyarrow.parquet as pq
 
-    # Opened here: Arrow takes names as UTF-8, whatever the system's encoding, and would wait for a pipe.
+    # Open the file here: Arrow assumes names in UTF-8 for any system encoding, and would block on a pipe.
     with open_input(path) as source, pq.ParquetFile(source) as file:
         rows, schema = file.metadata.num_rows, file.schema_arrow
         groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
@@ -129,21 +133,21 @@ def _open_parquet(path: Path, sheet: Sheet) -> Opened:
                 raise UnreadableError(expected, f"one of {size >> 20} MiB")
     types = list(zip(schema.names, schema.types, strict=True))
     texts = [name for name, kind in types if str(kind) in _TEXTS]
-    columns = OnUse(schema.names, partial(_parquet_column, path, file_state(path), rows, texts, sheet))
+    columns = LazyColumns(schema.names, partial(_parquet_column, path, file_state(path), rows, texts, sheet))
     return schema.names, rows, columns, {name: str(kind) for name, kind in types if not _is_single(kind)}
 
 
 def _parquet_column(
     path: Path, state: tuple[int, ...], rows: int, texts: list[str], sheet: Sheet, name: str
 ) -> Column:
-    """Return a column of a Parquet file; ``state`` is that of the file when it was checked."""
+    """Return a column of a Parquet file; ``state`` is the state of the file when it was checked."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
         if file_state(path) != state:
             raise UnreadableError("the file that was checked", "another one: it has been replaced; run again")
-        # Texts arrive dictionary-encoded: a word that repeats a million times is stored once.
+        # Read texts dictionary-encoded: a word that repeats a million times is stored once.
         with open_input(path) as source, pq.ParquetFile(source, read_dictionary=texts) as file:
             column = file.read(columns=[name], use_threads=False).column(name)
         if len(column) != rows:
@@ -168,7 +172,7 @@ def _is_single(kind: pa.DataType) -> bool:
 
 
 def file_state(path: Path) -> tuple[int, ...]:
-    """Return what distinguishes a file from another that replaces it."""
+    """Return inode, size and time of a file, which change when it is replaced."""
     stat = path.stat()
     return stat.st_ino, stat.st_size, stat.st_mtime_ns
 
@@ -195,10 +199,10 @@ def write_table(path: Path, columns: Mapping[str, Column] | pd.DataFrame) -> Non
 
 
 def _arrow(column: Any) -> pa.Array:
-    """Return a column as Arrow has it, NaN as null.
+    """Return a column as an Arrow array, with NaN as null.
 
-    Of plain columns it is made from their bytes: ``pyarrow.array`` imports pandas, which takes as long as reading and
-    writing all of a small dataset.
+    Plain columns are converted from their bytes: ``pyarrow.array`` imports pandas, which takes as long as reading and
+    writing a small dataset.
     """
     import pyarrow as pa
 
@@ -220,13 +224,14 @@ def _arrow(column: Any) -> pa.Array:
 
 
 def _bits(flags: BoolArray) -> pa.Buffer:
+    """Return flags as an Arrow bitmap."""
     import pyarrow as pa
 
     return pa.py_buffer(np.packbits(flags, bitorder="little"))
 
 
 def _read_csv(path: Path, sheet: Sheet) -> Opened | None:
-    """Return a CSV file; None, with an error added, if it holds no text or nothing.
+    """Return the content of a CSV file; None, with an error added, if it is empty or not text.
 
     Raises:
         UnreadableError: the file is too large.
@@ -302,6 +307,7 @@ def _other_bytes(path: Path) -> str:
 
 
 def _to_numpy(column: pa.ChunkedArray, sheet: Sheet, name: str) -> Column:
+    """Return an Arrow column as an array; add an error for a type that is neither number nor text."""
     import pyarrow as pa
 
     kind = column.type
@@ -314,7 +320,7 @@ def _to_numpy(column: pa.ChunkedArray, sheet: Sheet, name: str) -> Column:
     if pa.types.is_integer(kind) and not column.null_count:
         return _plain(column).astype(np.int64, copy=False)
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
-        # To cast what is of the type already would import Arrow's functions.
+        # A cast to the same type would import Arrow's compute functions.
         floats = column if kind == pa.float64() else column.cast(pa.float64(), safe=False)
         return _plain(floats).astype(np.float64, copy=False)
     if pa.types.is_boolean(kind) and not column.null_count:
@@ -328,7 +334,7 @@ def _to_numpy(column: pa.ChunkedArray, sheet: Sheet, name: str) -> Column:
 
 
 def _words(column: pa.ChunkedArray) -> Column:
-    """Return a column of texts that has a dictionary, '' where one is missing, without pandas."""
+    """Return a dictionary-encoded column of texts as an array of objects, '' for null, without pandas."""
     import pyarrow as pa
 
     column = column.unify_dictionaries()
@@ -340,12 +346,13 @@ def _words(column: pa.ChunkedArray) -> Column:
 
 
 def _plain(column: pa.ChunkedArray) -> Column:
-    """Return a column of numbers, NaN where one is missing, without pandas, which ``to_numpy`` would import."""
+    """Return a column of numbers as an array, NaN for null, without pandas, which ``to_numpy`` would import."""
     parts = [_numbers(chunk) for chunk in column.chunks]
     return parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else column.to_numpy()
 
 
 def _numbers(chunk: pa.Array) -> Column:
+    """Return a chunk of numbers as an array, NaN for null."""
     if not chunk.null_count:
         return np.from_dlpack(chunk)
     valid, values = chunk.buffers()
@@ -355,4 +362,5 @@ def _numbers(chunk: pa.Array) -> Column:
 
 
 def _quoted(name: str) -> str:
+    """Return a column name as a CSV cell, quoted if necessary."""
     return '"' + name.replace('"', '""') + '"' if any(c in name for c in ',"\n') else name

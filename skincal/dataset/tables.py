@@ -24,8 +24,8 @@ PHASES = ("idle", "load", "hold", "unload")
 IDLE, LOAD, HOLD, UNLOAD = range(4)
 
 
-class OnUse(Mapping[str, NDArray[Any]]):
-    """Columns that are read from their file, by a function of their name, whenever they are used."""
+class LazyColumns(Mapping[str, NDArray[Any]]):
+    """Columns that a function reads from their file by name at every use; they are not cached."""
 
     def __init__(self, names: Iterable[str], read: Callable[[str], NDArray[Any]]) -> None:
         self._names, self._read = dict.fromkeys(names), read
@@ -52,10 +52,10 @@ class _Table:
     columns: Mapping[str, NDArray[Any]]
 
     names: ClassVar[Mapping[str, tuple[str, ...]]]
-    """Columns of a file that make up each attribute; those of ``counts`` depend on the sensor."""
+    """Columns of the file for each attribute; those of ``counts`` depend on the sensor."""
 
     types: ClassVar[Mapping[str, Any]] = {"press": np.int64, "phase": np.int8}
-    """Types of the attributes that hold no measurements."""
+    """Types of the attributes that are not measurements."""
 
     def __post_init__(self) -> None:
         """Make the arrays read-only, and check their shapes."""
@@ -64,7 +64,7 @@ class _Table:
             if (value := getattr(self, name)) is not None:
                 array = np.asarray(value, dtype=self.types.get(name, np.float64))
                 object.__setattr__(self, name, _read_only(_shaped(name, array, (rows, len(own)))))
-        if not isinstance(self.columns, OnUse):
+        if not isinstance(self.columns, LazyColumns):
             given = {
                 name: _shaped(name, np.asarray(column), (rows, 1)) for name, column in self.columns.items()
             }
@@ -96,17 +96,17 @@ class _Table:
         return replace(self, **changes)  # type: ignore[type-var]
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what pickle can write; columns that are read on use stay in their file."""
+        """Return a state that can be pickled; columns that are read on use stay in their file."""
         return {k: dict(v) if isinstance(v, MappingProxyType) else v for k, v in vars(self).items()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Make all of it read-only again."""
+        """Restore the state, with read-only arrays."""
         for name, value in state.items():
             own = MappingProxyType(value) if isinstance(value, dict) else value
             vars(self)[name] = _read_only(own) if isinstance(own, np.ndarray) else own
 
     def to_columns(self, taxels: Sequence[str]) -> dict[str, Any]:
-        """Return the columns as a file has them, one for each quantity, NaN or '' where nothing was measured.
+        """Return the columns of the file by name, NaN or '' where not measured.
 
         ``taxels`` are the names of the taxel columns, ``sensor.taxel_columns()``.
         """
@@ -178,7 +178,7 @@ class Frames(_Table):
     """The table of frames, one row per time sample, in the order of time over the session.
 
     Attributes:
-        press: number of the press, -1 where nothing touches, shape (M,).
+        press: number of the press, -1 without contact, shape (M,).
         phase: index into :data:`PHASES`, shape (M,).
         time_s: session clock [s], shape (M,).
         force_n: normal force [N], shape (M,).
@@ -202,7 +202,7 @@ class Frames(_Table):
     }
 
     @classmethod
-    def stored(cls, taxels: OnUse, columns: OnUse, **own: NDArray[Any]) -> Self:
+    def from_file(cls, taxels: LazyColumns, columns: LazyColumns, **own: NDArray[Any]) -> Self:
         """Return frames whose counts and other columns are read from a file on use."""
         frames = cls(**own, counts=np.empty((len(own["press"]), 0)), columns=columns)  # type: ignore[arg-type]
         object.__delattr__(frames, "counts")
@@ -227,8 +227,8 @@ class Frames(_Table):
         """Return the counts (n, J) of some rows (n,), without loading all of them."""
         return np.stack([column[rows] for column in self.taxel_columns()], axis=1)
 
-    def below(self, limit: FloatArray) -> Self:
-        """Return the same frames with readings from ``limit`` (J,) on empty; columns stored in a file stay there."""
+    def drop_above(self, limit: FloatArray) -> Self:
+        """Return the frames with readings at or above ``limit`` (J,) set to NaN; columns in a file stay there."""
         if "counts" in self.__dict__:
             return replace(self, counts=np.where(self.counts < limit, self.counts, np.nan))
         taxels = self.__dict__["_taxels"]
@@ -239,11 +239,11 @@ class Frames(_Table):
             column = taxels[name]
             return np.where(column < limits[name], column, np.nan)
 
-        object.__setattr__(frames, "_taxels", OnUse(taxels, read))
+        object.__setattr__(frames, "_taxels", LazyColumns(taxels, read))
         return frames
 
     def moved(self, position_m: FloatArray, force_n: FloatArray) -> Self:
-        """Return the same frames with other contacts; columns stored in a file stay there."""
+        """Return the frames with new contact positions (M, 3) [m] and forces (M,) [N]; columns in a file stay there."""
         frames = copy(self)
         for name, values in (("position_m", position_m), ("force_n", force_n)):
             values = _shaped(name, values, (len(self), len(self.names[name])))
@@ -269,7 +269,7 @@ class TaxelPositions:
 
 
 def _shaped(name: str, array: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
-    """Return an array, after checking its rows and columns; 0 columns: any number of them, 1: none of its own."""
+    """Return an array after checking its shape (rows, columns); 1 column: shape (rows,), 0: any number of columns."""
     rows, columns = shape
     want = (rows,) if columns == 1 else (rows, columns or (array.shape[1] if array.ndim == 2 else None))
     if array.shape != want:

@@ -10,7 +10,7 @@ from skincal.dataset.dataset import Dataset
 from skincal.model import FlatPunch
 
 FLAT_M = 20e-6
-"""A patch is flat if it leaves its tangent plane by no more than this [m]: far less than the depth of a press."""
+"""Largest deviation of a flat patch from its tangent plane [m]: far less than the depth of a press."""
 
 UNIFORM = (
     "every press is a flat punch larger than the flat patch: such uniform pressure looks the same for every pose and "
@@ -23,7 +23,7 @@ UNIFORM = (
 def uniform_pressure(dataset: Dataset) -> bool:
     """Return whether every press loads all taxels equally: the sensor is flat, and a flat punch covers it.
 
-    On a curved surface a plate touches along a line or at a spot, and is a contact like any other.
+    On a curved surface a plate touches along a line or at a point, and is an ordinary contact.
     """
     if dataset.meta.indenter.kind != "flat":
         return False
@@ -36,7 +36,7 @@ def uniform_pressure(dataset: Dataset) -> bool:
     flat, centre = _flat_patch(dataset)
     if not flat or centre is None:
         return flat
-    # A punch whose edge crosses the patch loads it unevenly, as far as its position is known.
+    # A punch whose edge crosses the patch loads it unevenly; an unknown position counts as centred.
     apart = np.linalg.norm(dataset.presses.position_m - centre, axis=1)
     own = dataset.meta.indenter.radius_m
     radius = np.where(np.isfinite(radii), radii, np.inf if own is None else own)
@@ -59,14 +59,14 @@ def _flat_patch(dataset: Dataset) -> tuple[bool, np.ndarray | None]:
 
 
 def notes_on(dataset: Dataset) -> tuple[str, ...]:
-    """Return the limits of data that have no faults."""
+    """Return notes on the limits of a valid dataset."""
     return (f"{UNIFORM}.",) if uniform_pressure(dataset) else ()
 
 
-def levels_by_lines(dataset: Dataset) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Return the level at rest of each taxel (J,) where its line in the force meets no load [counts].
+def zero_load_levels(dataset: Dataset) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Return the rest level of each taxel (J,) [counts]: a line fitted to counts over force, extrapolated to no force.
 
-    NaN for a taxel of fewer than three readings within the converter's range.
+    NaN for a taxel with fewer than three readings within the converter's range.
     """
     counts, force = dataset.presses.counts, dataset.presses.force_n
     sensor = dataset.meta.sensor
@@ -84,12 +84,16 @@ def levels_by_lines(dataset: Dataset) -> np.ndarray[tuple[int], np.dtype[np.floa
 RADIUS = "indenter_radius_m"
 
 
-def at_centre(dataset: Dataset, margin_m: float) -> Dataset:
-    """Return the dataset of a chamber with the contacts that a modelled skin bears; any other dataset as it is.
+def centre_contacts(dataset: Dataset, margin_m: float) -> Dataset:
+    """Adapt the contacts of a pressure chamber to the modelled skin; return any other dataset unchanged.
 
-    ``force_n`` of a chamber is the pressure times the area of its punch, and a modelled skin ends a margin [m] beyond
-    its taxels. So contacts of unknown position move to the sensor's nominal centre, the punch becomes one that covers
-    the whole modelled skin, and forces become the pressure times the area of that skin.
+    ``force_n`` of a chamber is the pressure times the area of its punch, but the modelled skin ends a margin beyond its
+    taxels. Contacts of unknown position move to the sensor's nominal centre, the punch is enlarged to cover the whole
+    modelled skin, and forces become the pressure times the area of that skin.
+
+    Args:
+        dataset: the dataset.
+        margin_m: width of the modelled skin around the taxels [m].
     """
     if not uniform_pressure(dataset):
         return dataset
@@ -102,11 +106,11 @@ def at_centre(dataset: Dataset, margin_m: float) -> Dataset:
     sides = np.ptp(dataset.layout().bounds_m, axis=0) + 2 * margin_m
     share = float(np.prod(sides)) / (np.pi * dataset.indenter_radii_m() ** 2)
     apart = float(np.linalg.norm(placed(presses.position_m) - centre, axis=1).max(initial=0.0))
-    # Twice what covers the skin at its nominal place: wherever a fit looks for the sensor, the pressure stays even.
+    # The radius is twice what covers the skin at its nominal pose, so that the pressure stays even at other poses.
     meta = replace(dataset.meta, indenter=replace(indenter, radius_m=float(np.hypot(*sides)) + apart))
     frames = dataset.frames
     if frames is not None:
-        # One punch stands for the pressure of all frames; frames outside presses have no force.
+        # Scale all frames with the median over the presses; frames outside presses have no force.
         frames = frames.moved(placed(frames.position_m), frames.force_n * float(np.median(share)))
         if RADIUS in frames.columns:
             frames = replace(frames, columns={k: v for k, v in frames.columns.items() if k != RADIUS})

@@ -1,4 +1,4 @@
-"""Writing of a dataset's folder, complete or not at all."""
+"""Write a dataset's folder, either completely or not at all."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def write_dataset(
     """Write a dataset as a folder (contract ``skincal-dataset/1``); numbers are read back exactly.
 
     Raises:
-        InputError: the folder exists, and ``force`` does not say to replace it.
-        OSError: the disk is full, or not writable; then nothing is left behind.
+        InputError: the folder exists, and ``force`` is false.
+        OSError: the disk is full or not writable; no partial folder is left behind.
     """
     with whole_folder(path, force=force, marker=FILE) as folder:
         write_dataset_files(dataset, folder, presses_as=presses_as, frames_as=frames_as)

@@ -1,6 +1,6 @@
-"""Run a policy on a hand, through its driver and the guard, and keep what happened as a session.
+"""Run a policy on a hand through its driver and the guard, and record the run as a session.
 
-Needs the core install and onnxruntime; neither a learner nor Gymnasium.
+Needs the core install and onnxruntime, but neither a learning library nor Gymnasium.
 """
 
 from skincal.deploy.motion import DeployOptions

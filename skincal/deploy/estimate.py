@@ -1,7 +1,8 @@
 """Position estimate of the object from tactile images, for hands without a camera.
 
-A tactile image tells a place, but roughly; commanded angles tell how far the object has rolled, but not from where, and
-drift. So the way is what the commands say, moved by the mean of what the images say beyond it over :data:`SMOOTH_S`.
+A tactile image gives an absolute but noisy position. Commanded angles give the rolled distance, which is smooth but
+drifts and has no origin. The estimate is the path from the commands plus the mean difference of the image positions
+from that path over :data:`SMOOTH_S` (a complementary filter).
 """
 
 from __future__ import annotations
@@ -15,49 +16,52 @@ from skincal.model.arrays import FloatArray
 from skincal.train.estimator import Estimator
 
 IMAGE_S = 0.3
-"""Images are averaged over so much time before places are told from them: noise bends what is told of one image [s]."""
+"""Width of the window that averages images before the estimate: noise biases the estimate from one image [s]."""
 COMMAND_S = 0.2
-"""Commanded angles are averaged over so much time before: links follow steps of 0.1 s late, and smoothly [s]."""
+"""Width of the trailing window that averages commanded angles: links follow steps of 0.1 s with a smooth lag [s]."""
 SMOOTH_S = 1.5
-"""Places are averaged over so much time, half before and half after: a run is drawn when it is over [s]."""
+"""Width of the centred window that averages positions; it is not causal, as a run is evaluated at its end [s]."""
 _LEAST_COUNTS = 10.0
-"""Images with less than this in all tell no place [counts]."""
+"""Smallest sum of an image from which a position is estimated [counts]."""
 _FOLLOWED = 0.87
-"""The part of a commanded movement that the links make, in simulation: the rest is friction's and the drives'."""
+"""Prior of the gain: fraction of a commanded movement that the links make in simulation. Friction and the compliance of
+the drives take the rest."""
 _PRIOR_M = 2e-3
-"""Movements of this size, by the images, weigh as much as what is expected of the commands [m]."""
+"""Rms movement in the images at which the data weigh as much as the prior of the gain [m]."""
 
 
-def estimated_places(record: Record, estimator: Estimator, pinch: Pinch, width_m: float) -> FloatArray:
-    """Return places (T, 2) at every state of a run, patch coordinates [m]; NaN where the skin feels nothing.
+def estimate_positions(record: Record, estimator: Estimator, pinch: Pinch, width_m: float) -> FloatArray:
+    """Estimate the object's position (T, 2) at every state of a run, in patch coordinates [m]; NaN without contact.
 
     Args:
-        record: of the run.
-        estimator: for as many taxels as the hand has.
-        pinch: the hand; the sensor is taken to be where it is by the description.
-        width_m: of the object [m].
+        record: record of the run.
+        estimator: position estimator for the hand's taxels.
+        pinch: the hand; the sensor is assumed at the pose of the hand's description.
+        width_m: width of the object [m].
     """
-    felt = record.centroids_m.sum(axis=1) >= _LEAST_COUNTS
-    places = np.full((len(felt), 2), np.nan)
-    if not felt.any():
+    in_contact = record.centroids_m.sum(axis=1) >= _LEAST_COUNTS
+    places = np.full((len(in_contact), 2), np.nan)
+    if not in_contact.any():
         return places
     every_s = np.array([state.time_s for state in record.states])
-    time_s = every_s[felt]
-    seen = estimator(_mean(record.images_counts[felt], time_s, IMAGE_S))
-    rolled = _mean(_rolled(record, pinch, width_m), every_s, COMMAND_S, after_s=0.0)[felt]
-    # How much of what was commanded happened, by this run's own images.
-    x, y = (way - _mean(way, time_s, 2 * SMOOTH_S) for way in (rolled, _mean(seen, time_s, SMOOTH_S / 4)))
+    time_s = every_s[in_contact]
+    seen = estimator(_moving_mean(record.images_counts[in_contact], time_s, IMAGE_S))
+    commanded = _commanded_path(record, pinch, width_m)
+    rolled = _moving_mean(commanded, every_s, COMMAND_S, after_s=0.0)[in_contact]
+    # Regress image movements on commanded movements: the gain of this run, with a ridge prior.
+    smooth = _moving_mean(seen, time_s, SMOOTH_S / 4)
+    x, y = (path - _moving_mean(path, time_s, 2 * SMOOTH_S) for path in (rolled, smooth))
     weight = len(x) * _PRIOR_M**2 * np.eye(2)
     gain = np.linalg.solve(x.T @ x + weight, x.T @ y + _FOLLOWED * weight)
-    way = rolled @ gain
-    places[felt] = way + _mean(seen - way, time_s, SMOOTH_S)
+    path = rolled @ gain
+    places[in_contact] = path + _moving_mean(seen - path, time_s, SMOOTH_S)
     return places
 
 
-def _rolled(record: Record, pinch: Pinch, width_m: float) -> FloatArray:
-    """Return the rolled distance (T, 2) if the links had followed their commands [m].
+def _commanded_path(record: Record, pinch: Pinch, width_m: float) -> FloatArray:
+    """Return the path (T, 2) of the object if the links had followed their commands [m].
 
-    Rolling between two surfaces it goes half as far as they move against each other.
+    An object that rolls between two surfaces moves half as far as they move relative to each other.
     """
     radius = pinch.radius_m
     sensor = Sensor(radius, pinch.pose)
@@ -65,20 +69,23 @@ def _rolled(record: Record, pinch: Pinch, width_m: float) -> FloatArray:
     ends = thumb.to_root(np.array([[0.0, pinch.thumb.length_m, 0.0]]))
     bases = skin.to_root(np.zeros((1, 3)))
     far, half = pinch.thumb.radius_m, width_m / 2
-    # The thumb's end and the object's centre go round the finger's axis at different distances.
-    round_it = (radius + width_m + far) / (2 * (radius + half))
-    way: list[FloatArray] = []
+    # The thumb's end and the object's centre move around the finger's axis at different radii.
+    ratio = (radius + width_m + far) / (2 * (radius + half))
+    path: list[FloatArray] = []
     for end, base, turn in zip(ends, bases, skin.rotations, strict=True):
         inside = (end - base) @ turn
         across = radius * np.arctan2(inside[0], inside[2])
-        way.append(sensor.turned(round_it * across, float(inside[1]) / 2))
-    return np.array(way)
+        path.append(sensor.turned(ratio * across, float(inside[1]) / 2))
+    return np.array(path)
 
 
-def _mean(
+def _moving_mean(
     values: FloatArray, time_s: FloatArray, width_s: float, *, after_s: float | None = None
 ) -> FloatArray:
-    """Return the mean of values (T, n) over a window about each time (T,), half of it after unless told."""
+    """Return the mean of values (T, n) over a window around each time (T,) [s].
+
+    The window extends ``after_s`` after each time; default: half of its width.
+    """
     after = width_s / 2 if after_s is None else after_s
     low = np.searchsorted(time_s, time_s + after - width_s)
     high = np.searchsorted(time_s, time_s + after, side="right")
@@ -87,7 +94,7 @@ def _mean(
 
 
 def estimate_error_m(record: Record, places_m: FloatArray) -> float | None:
-    """Median distance [m] of estimated from true places while the policy acted; None where nobody knows the truth."""
+    """Return the median error of estimated positions (T, 2) while the policy acted [m]; None without true positions."""
     acting = np.array([phase == "acting" for phase in record.phases])
     apart = np.linalg.norm(places_m - record.places_m, axis=1)[acting]
     apart = apart[np.isfinite(apart)]

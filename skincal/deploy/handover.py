@@ -1,4 +1,4 @@
-"""Handover: a hand takes an object from a person, and lets go of it at the end."""
+"""Handover: a hand takes an object from a person, and releases it at the end."""
 
 from __future__ import annotations
 
@@ -12,14 +12,17 @@ from skincal.hand.driver import HandState
 from skincal.model.arrays import FloatArray, as_floats
 
 _TOUCHED = 3
-"""So many states in a row tell of contact: one may be noise."""
+"""Number of successive states with contact that confirm it: a single one may be noise."""
 
 
 class PinchForces:
-    """Normal forces of both fingers on an object between them, from joint angles and torques.
+    """Estimator of both fingers' forces on an object between them, from joint angles and torques.
 
     Each finger has three joints: J^T f = tau is solved for the force f at the middle of the skin, and at the centre of
     the thumb's round end.
+
+    Attributes:
+        tare_nm: (n,) joint torques without an object, which are subtracted [N m].
     """
 
     def __init__(self, pinch: Pinch) -> None:
@@ -28,7 +31,10 @@ class PinchForces:
         self.tare_nm = np.zeros(pinch.joints)
 
     def vectors_n(self, state: HandState) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Forces (3,) that the finger with the skin and the thumb exert, and the skin's normal (3,), root frame."""
+        """Return the forces (3,) [N] of the finger with the skin and of the thumb, and the skin's normal (3,).
+
+        All are in the root frame.
+        """
         torque, chains = state.tau_nm - self.tare_nm, self._kinematics
         skin, thumb = chains.frames(chains.link_angles(state.q_rad, torque))
         on_skin = chains.skin.jacobian(skin, skin.to_root(self._foot))[0]
@@ -38,35 +44,35 @@ class PinchForces:
         return by_skin, by_thumb, skin.rotations[0] @ self._out
 
     def normal_n(self, state: HandState) -> tuple[float, float]:
-        """Normal forces of the finger with the skin and of the thumb [N], positive when they press."""
+        """Return the normal forces of the finger with the skin and of the thumb [N], positive when they press."""
         skin, thumb, out = self.vectors_n(state)
         return float(skin @ out), float(-thumb @ out)
 
     def largest_n(self, state: HandState) -> float:
-        """Return the larger of both forces, tangential parts included [N]: for the guard."""
+        """Return the larger magnitude of both forces, with their tangential components, for the guard [N]."""
         skin, thumb, _ = self.vectors_n(state)
         return float(max(np.linalg.norm(skin), np.linalg.norm(thumb)))
 
     def torques_nm(self, state: HandState, force_n: float) -> FloatArray:
-        """Return torques (n,) with which both fingers press on each other along the skin's normal [N m]."""
+        """Return joint torques (n,) [N m] that press both fingers on each other along the skin's normal."""
         q_rad = self._kinematics.link_angles(state.q_rad, state.tau_nm - self.tare_nm)
         return self._pinch.torques_nm(q_rad, force_n)
 
 
 def _force(jacobian: FloatArray, torque_nm: FloatArray) -> FloatArray:
-    """Return the force (3,) that torques (3,) exert [N]; the smallest one where a finger is stretched out."""
+    """Return the force (3,) that torques (3,) exert [N]; for a stretched finger, the one of smallest magnitude."""
     square = jacobian @ jacobian.T
     return as_floats(np.linalg.solve(square + 1e-12 * np.eye(3), jacobian @ torque_nm))
 
 
 class Handover:
-    """The taking of an object, and the letting go of it.
+    """Motions that take an object from a person and release it.
 
     Args:
         motion: the hand.
-        pinch: how it holds.
-        postures: over the distance of the tips.
-        forces: of the fingers.
+        pinch: the pinch grasp of the hand.
+        postures: joint angles over the distance of the fingertips.
+        forces: estimator of the fingers' forces.
         width_m: width of the object [m].
         options: speeds and forces.
     """
@@ -84,13 +90,13 @@ class Handover:
         self._forces, self._width_m, self._options = forces, width_m, options
 
     def take(self) -> FloatArray:
-        """Open the fingers, close them about an object until both touch it, and squeeze.
+        """Open the fingers, close them on an object until both touch it, and squeeze.
 
         Returns:
-            (n,) commanded angles at which the object is held [rad].
+            (n,) commanded angles that hold the object [rad].
 
         Raises:
-            WorkError: the fingers met without touching anything.
+            WorkError: the fingers closed without touching an object.
         """
         motion = self._motion
         states = motion.hold(self._open("opening"), self._options.rest_s)
@@ -113,7 +119,11 @@ class Handover:
         return goal
 
     def _close(self) -> FloatArray:
-        """Close each finger until it touches: whoever holds the object does not hold it exactly in the middle."""
+        """Close each finger until it touches, independently: the object is not held exactly in the middle.
+
+        Returns:
+            (n,) commanded angles at contact [rad].
+        """
         motion, options, width_m = self._motion, self._options, self._width_m
         thumb = np.isin(self._description.joints, self._description.indenter_finger.joints)
         widths = np.full(2, width_m + options.open_m)
@@ -121,8 +131,7 @@ class Handover:
         while touched < _TOUCHED:
             free = np.array(self._forces.normal_n(motion.now)) < options.contact_n
             widths -= free * options.closing_m_per_s * motion.period_s
-            # Fingers without an object meet each other at a width of zero; errors of the joints feign a few
-            # millimetres.
+            # Fingers without an object meet at a width of zero; joint errors can shift this by a few millimetres.
             if widths.mean() < width_m / 3:
                 raise WorkError(
                     f"pinch: expected an object about {1e3 * width_m:.0f} mm wide between the fingertips; got none: "
@@ -135,9 +144,13 @@ class Handover:
         return command
 
     def _squeeze(self, command_rad: FloatArray) -> FloatArray:
-        """Let the normal force come up: commands beyond the angles by the torques over the joints' stiffness."""
+        """Raise the normal force: command angles that exceed the measured ones by torque over joint stiffness.
+
+        Returns:
+            (n,) commanded angles that hold the object [rad].
+        """
         motion, options = self._motion, self._options
-        # The mean of some states: noise of one would be a torque of its own, and push the object aside.
+        # Average some states: noise in a single one would act as a torque that pushes the object aside.
         still = motion.hold(command_rad, options.squeeze_s)
         measured = np.mean([state.q_rad for state in still], axis=0)
         torque = self._forces.torques_nm(still[-1], options.squeeze_n) + self._forces.tare_nm

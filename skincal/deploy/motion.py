@@ -1,4 +1,4 @@
-"""Options of a policy's run, and the guarded hand that is moved period by period, with everything stored."""
+"""Options of a policy's run, and the control loop that moves the guarded hand and stores all states."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from skincal.model.arrays import FloatArray
 
 @dataclass(frozen=True)
 class DeployOptions:
-    """Times, speeds and forces of a run; all of them assumed, none published.
+    """Times, speeds and forces of a run. All defaults are assumptions; none is published.
 
     Attributes:
-        low_pass_hz: corner frequency of the filter on commanded angles, at the hand's rate [Hz].
-        approach_rad_per_s: joint speed on the way to the open pinch [rad/s].
-        open_m: the tips are so much further apart than the object is wide [m].
-        closing_m_per_s: how fast the tips approach the object [m/s]. The drives lag behind in proportion to it, and by
-            so much they press on what stops them.
-        contact_n: a finger touches from this normal force on [N]; above what friction in the drives feigns.
-        squeeze_n: normal force with which the object is held at first [N].
-        squeeze_s: time over which that force comes up [s].
+        low_pass_hz: corner frequency of the low-pass filter on commanded angles, at the hand's rate [Hz].
+        approach_rad_per_s: joint speed of the motion to the open pinch [rad/s].
+        open_m: distance of the open fingertips beyond the object's width [m].
+        closing_m_per_s: speed at which the tips approach the object [m/s]. The drives lag in proportion to the speed,
+            and this lag becomes a force at contact.
+        contact_n: smallest normal force of a contact [N]; above the apparent force of friction in the drives.
+        squeeze_n: initial normal force on the object [N].
+        squeeze_s: time over which that force rises [s].
         settle_s: time at rest before the policy begins [s].
-        rest_s: time over which torques and taxels at rest are taken [s].
-        lost_s: the object counts as lost when neither finger has pressed on anything for so long [s].
-        late_s: a step of the policy that begins so much too late ends the run: two steps and a half, less than what the
-            guard takes for a hand that is lost [s].
+        rest_s: time over which the rest values of torques and taxels are averaged [s].
+        lost_s: time without force on either finger after which the object counts as lost [s].
+        late_s: delay of a policy step that ends the run: two and a half steps, less than the guard's limit for a lost
+            hand [s].
     """
 
     low_pass_hz: float = 8.0
@@ -47,16 +47,17 @@ class DeployOptions:
 
 
 Watch = Callable[[HandState, str], None]
-"""Called with every state, and with what the hand is doing."""
+"""Callback for every state, with the name of the present phase."""
 
 
 class Motion(ControlLoop[HandState]):
-    """Control loop that keeps all states.
+    """Control loop that stores all states.
 
     Attributes:
-        places_m: where the object was at each of them; NaN where nobody knows.
-        phases: what the hand was doing at each of them.
-        rest_counts: taxels at rest (J,) [counts].
+        doing: name of the present phase.
+        places_m: position (2,) of the object at each state [m]; NaN if unknown.
+        phases: phase of each state.
+        rest_counts: (J,) rest levels of the taxels [counts].
     """
 
     def __init__(self, hand: GuardedHand, watch: Watch | None = None) -> None:
@@ -72,7 +73,7 @@ class Motion(ControlLoop[HandState]):
         return state
 
     def go(self, goal_rad: FloatArray, speed_rad_per_s: float) -> None:
-        """Go straight to commanded angles (n,) [rad], no joint faster than a speed [rad/s]."""
+        """Move along a straight line in joint space to commanded angles (n,) [rad], with a largest speed [rad/s]."""
         start = self.now.q_desired_rad
         far = float(np.abs(goal_rad - start).max())
         count = max(1, int(np.ceil(far / (speed_rad_per_s * self.period_s))))

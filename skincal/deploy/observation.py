@@ -1,4 +1,4 @@
-"""Observations of a policy, assembled by its own description."""
+"""Observations of a policy, assembled as its description specifies."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from skincal.errors import InputError, Problem
 
 
 class PolicyObservation:
-    """The stack of what a policy sees, in the order that its description names.
+    """Observation of a policy: present and past quantities, concatenated in the order of its description.
 
     Args:
-        parts: of the description: ``name``, ``size``, ``steps_ago``, in their order.
-        sizes: what the hand and the task have, by name.
-        file: of the policy, for errors.
+        parts: parts of the observation from the description: ``name``, ``size``, ``steps_ago``.
+        sizes: sizes of the quantities that the hand and the task provide, by name.
+        file: file of the policy, for errors.
 
     Raises:
-        InputError: a part that is not known, or of another size: the policy is for another hand or task.
+        InputError: a part is unknown or has another size: the policy is for another hand or task.
     """
 
     def __init__(self, parts: Sequence[Mapping[str, Any]], sizes: Mapping[str, int], file: str) -> None:
@@ -39,14 +39,14 @@ class PolicyObservation:
 
     @property
     def sees_image(self) -> bool:
-        """Return whether the policy has touch."""
+        """True if the policy observes the tactile image."""
         return any(name == "image" for name, _ in self._order)
 
     def next(self, values: Mapping[str, ArrayLike]) -> NDArray[np.float32]:
-        """Return the next observation; at first the first one stands for those before it.
+        """Return the next observation. At the first step, the present values also fill the past.
 
         Args:
-            values: the present ones by name; NaN counts as 0.
+            values: present quantities by name; NaN is replaced by 0.
         """
         now = {name: np.nan_to_num(np.asarray(value, dtype=np.float64)) for name, value in values.items()}
         self._past.append(now)

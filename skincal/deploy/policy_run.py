@@ -1,4 +1,4 @@
-"""A policy's run on a hand: take the object, act at 10 Hz, let go; stop on anything odd."""
+"""A policy's run on a hand: take the object, act at 10 Hz, release it; stop on any fault."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ class Deployed:
     """Result of a run.
 
     Attributes:
-        record: states, and where the object was.
-        targets: (T, d) what was asked at each step of the policy [m].
-        steps: steps of the targets that have passed.
-        missed: those of them at which the policy did not act, as no state came in time.
+        record: states of the hand, and positions of the object.
+        targets: (T, d) target at each step of the policy [m].
+        steps: number of steps that have passed.
+        missed: number of these steps at which the policy did not act, because no state came in time.
         lost_s: time at which the object was lost [s]; None: it was held to the end.
-        error_m: (T,) distance of the object from the target, where the hand knows it; else NaN.
-        period_s: (T,) time between steps of the policy, on the hand's clock [s].
-        own_period_s: the same on this computer's clock.
-        inference_s: (T,) time that the policy took [s].
+        error_m: (steps,) distance of the object from the target [m]; NaN if the hand does not know it.
+        period_s: times between steps of the policy, on the hand's clock [s].
+        own_period_s: the same on this computer's clock [s].
+        inference_s: computing time of the policy at each step [s].
     """
 
     record: Record
@@ -73,25 +73,27 @@ def deploy(
     """Let a policy move an object between the fingers of a hand.
 
     Args:
-        policy: acts without noise.
+        policy: the policy, evaluated without exploration noise.
         driver: the hand; not connected.
-        pinch: how it holds small objects.
-        targets: (T, d) at 10 Hz: patch coordinates of the marble, or the bolt's way along its normal [m].
-        object_width_m: what lies between the tips [m].
+        pinch: the hand's grasp of small objects.
+        targets: (T, d) targets at 10 Hz: patch coordinates of the marble, or the bolt's displacement along its normal
+            [m].
+        object_width_m: width of the object between the fingertips [m].
         speed_rad_per_s: joint velocity that an action of 1 commands, as in training [rad/s].
         options: times, speeds, forces.
-        guard: limits.
-        watch: called with every state.
-        cut_short: where an error or an interrupt ends the policy's acting, called with what returns the run so far.
-        clock: ours [s].
+        guard: limits of the guard.
+        watch: callback for every state.
+        cut_short: callback if an error or an interrupt ends the policy's acting; its argument is a function that
+            returns the run so far.
+        clock: clock of this computer [s].
 
     Returns:
-        What happened, also where the object was lost on the way.
+        Result of the run, also if the object was lost.
 
     Raises:
-        InputError: the policy is of another hand or task, or needs taxels that the hand does not have.
-        HandError: something was wrong with the hand, which has been stopped.
-        WorkError: nothing lay between the fingers; the policy gave no action; the loop fell behind.
+        InputError: the policy is for another hand or task, or needs taxels that the hand does not have.
+        HandError: the hand had a fault, and has been stopped.
+        WorkError: there was no object between the fingers, the policy gave no finite action, or the loop fell behind.
     """
     options = options or DeployOptions()
     joints, taxels = pinch.joints, pinch.description.meta.sensor.taxels
@@ -117,16 +119,16 @@ def deploy(
                 handover.let_go()
     except BaseException:
         if loop is not None and loop.acting and cut_short is not None:
-            cut_short(loop.found)
+            cut_short(loop.result)
         raise
-    return loop.found()
+    return loop.result()
 
 
 class _PolicyLoop:
-    """The 10 Hz loop inside the hand's faster one.
+    """The policy's 10 Hz loop within the hand's faster control loop.
 
-    Steps begin on a grid of the hand's clock; those that no state came for in time are missed, and the hand goes on to
-    where it was sent. Between steps the commanded angles approach the policy's through a first-order low-pass.
+    Steps begin on a regular grid of the hand's clock. A step without a state in time is missed, and the hand continues
+    to its last command. Between steps, the commanded angles follow the policy's through a first-order low-pass.
     """
 
     def __init__(
@@ -152,7 +154,7 @@ class _PolicyLoop:
         self._inference: list[float] = []
 
     def run(self, command_rad: FloatArray) -> None:
-        """Act until the targets are at their end, or the object is lost."""
+        """Act until the end of the targets, or until the object is lost."""
         motion = self._motion
         motion.doing = "acting"
         desired, sent = command_rad.copy(), command_rad.copy()
@@ -163,12 +165,12 @@ class _PolicyLoop:
             desired = np.clip(wanted, self._limits.lower_rad, self._limits.upper_rad)
             end_s = start_s + (k + 1) / POLICY_HZ
             while motion.now.time_s < end_s - 0.5 * motion.period_s:
-                # A slow link takes longer than a period.
+                # Use the measured time step: with a slow link it exceeds the period.
                 passed_s, sent_s = motion.now.time_s - sent_s, motion.now.time_s
-                passed = -math.expm1(-2 * math.pi * self._options.low_pass_hz * passed_s)
-                sent = sent + passed * (desired - sent)
+                fraction = -math.expm1(-2 * math.pi * self._options.low_pass_hz * passed_s)
+                sent = sent + fraction * (desired - sent)
                 motion.step(sent)
-                empty_s = 0.0 if self._held() else empty_s + motion.now.time_s - sent_s
+                empty_s = 0.0 if self._is_held() else empty_s + motion.now.time_s - sent_s
             late_s = motion.now.time_s - end_s
             if late_s > self._options.late_s:
                 raise WorkError(
@@ -186,10 +188,10 @@ class _PolicyLoop:
 
     @property
     def acting(self) -> bool:
-        """Whether the policy has acted."""
+        """True if the policy has acted."""
         return "acting" in self._motion.phases
 
-    def found(self) -> Deployed:
+    def result(self) -> Deployed:
         """Return the result of the run so far."""
         return Deployed(
             Record.of(self._motion, self._first, self._forces), self._targets, len(self._errors),
@@ -198,6 +200,7 @@ class _PolicyLoop:
         )  # fmt: skip
 
     def _action(self, k: int, desired_rad: FloatArray) -> FloatArray:
+        """Return the policy's action (n,) at step k, within ±1."""
         state, target = self._motion.now, self._targets[k]
         self._begun.append(state.time_s)
         self._own.append(time.monotonic())
@@ -217,11 +220,11 @@ class _PolicyLoop:
             raise WorkError(f"{self._policy.file}: expected finite actions; got NaN at step {k}")
         return np.clip(action, -1.0, 1.0)
 
-    def _held(self) -> bool:
-        """Return whether a finger still presses on something."""
+    def _is_held(self) -> bool:
+        """Return whether a finger still exerts a force."""
         return max(self._forces.normal_n(self._motion.now)) > self._options.contact_n / 2
 
     def _error(self, k: int) -> float:
-        """Return the distance of a marble from its target [m], where the hand knows it."""
+        """Return the distance of a marble from its target at step k [m]; NaN for a bolt or an unknown position."""
         target, place = self._targets[k], self._motion.places_m[-1]
         return float(np.linalg.norm(place - target)) if len(target) == 2 else float("nan")

@@ -1,4 +1,4 @@
-"""A run as a session: a dataset that ``dataset show`` draws and the driver ``replay`` plays."""
+"""A run as a session: a dataset that ``dataset show`` plots and the driver ``replay`` plays back."""
 
 from __future__ import annotations
 
@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skincal.dataset import HOLD, IDLE, Dataset, Frames, IndenterSpec, Presses, write_dataset
-from skincal.dataset.model_objects import layout_of, surface_of
+from skincal.dataset.model_objects import layout_of, pose_of, surface_of
 from skincal.hand.driver import HandState
-from skincal.model import SensorPose
 from skincal.model.arrays import FloatArray
 from skincal.robot.description import JOINT_FIELDS, joint_columns
-from skincal.units import rad
 
 if TYPE_CHECKING:
     from skincal.deploy.handover import PinchForces
@@ -25,15 +23,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Record:
-    """States of a run, and where the object was.
+    """States of a run, and positions of the object.
 
     Attributes:
-        states: all of them.
-        phases: what the hand was doing at each.
-        places_m: (T, 2) true place of the object on the sensor, NaN where nobody knows it [m].
+        states: the T states of the hand.
+        phases: (T,) phase of each state.
+        places_m: (T, 2) true position of the object on the sensor [m]; NaN if unknown.
         acting: index of the state at which the policy began.
-        rest_counts: (J,) taxels at rest [counts].
-        grip_n: (T,) normal force on the object by the joints' torques, mean of both fingers [N]; not below zero.
+        rest_counts: (J,) rest levels of the taxels [counts].
+        grip_n: (T,) normal force on the object from joint torques, mean of both fingers, zero or more [N].
     """
 
     states: tuple[HandState, ...]
@@ -46,7 +44,7 @@ class Record:
     @classmethod
     def of(cls, motion: Motion, acting: int, forces: PinchForces) -> Record:
         """Return the record of a motion so far."""
-        # An interrupt may have come while the last state was being noted, which is noted last.
+        # An interrupt may have come while the last state was stored; the list of samples is extended last.
         states, count = tuple(motion.samples), len(motion.samples)
         normal = np.array([np.mean(forces.normal_n(state)) for state in states])
         return cls(
@@ -56,29 +54,29 @@ class Record:
 
     @property
     def images_counts(self) -> FloatArray:
-        """(T, J) images above rest; a taxel that does not answer is at rest."""
+        """(T, J) images above rest [counts]; a taxel without a reading is 0."""
         return np.nan_to_num(np.array([state.taxels for state in self.states]) - self.rest_counts)
 
     @property
     def centroids_m(self) -> FloatArray:
-        """(T, J) images above rest, for centroids; negative values are nothing."""
+        """(T, J) images above rest with negative values set to 0, as weights of centroids [counts]."""
         return np.maximum(self.images_counts, 0.0)
 
 
 def write_record(
     record: Record, description: HandDescription, path: Path, *, radius_m: float, source: str
 ) -> None:
-    """Write a run as a dataset of one press: the time in which the policy acted.
+    """Write a run as a dataset with one press, which lasts while the policy acts.
 
-    Contact points are the centroids of the images on the sensor's nominal pose, which is listed as assumed; forces
-    come from the joints' torques.
+    Contact points are the centroids of the images at the sensor's nominal pose, and are listed as assumed. Forces come
+    from the joint torques.
 
     Args:
-        record: of the run.
+        record: record of the run.
         description: the hand.
-        path: folder to make.
-        radius_m: of the object [m].
-        source: for ``dataset.toml``.
+        path: folder to create.
+        radius_m: radius of the object [m].
+        source: text for ``source`` in ``dataset.toml``.
     """
     meta = replace(
         description.meta,
@@ -113,11 +111,10 @@ def _tables(record: Record, description: HandDescription) -> tuple[Presses, Fram
 
 
 def _points(record: Record, description: HandDescription) -> FloatArray:
-    """Return contact points (T, 3): centroids of the images, on the sensor's nominal pose."""
+    """Return contact points (T, 3) [m]: centroids of the images at the sensor's nominal pose."""
     meta = description.meta
-    layout, surface, mount = layout_of(meta.sensor, None), surface_of(meta.surface, {}), meta.mount
+    layout, surface = layout_of(meta.sensor, None), surface_of(meta.surface, {})
     images = record.centroids_m
     total = images.sum(axis=1, keepdims=True)
     uv = np.where(total > 0, images @ layout.centres_m / np.maximum(total, 1e-12), 0.0)
-    pose = SensorPose(mount.y_m, rad(mount.alpha_deg), rad(mount.beta_deg or 0.0), mount.x_m or 0.0)
-    return surface.wrap(pose, uv)[0]
+    return surface.wrap(pose_of(meta.mount), uv)[0]

@@ -1,4 +1,4 @@
-"""What the skin felt in a run on a hand, and in the same run on simulated hands that are drawn from a calibration."""
+"""Sensitivity of the skin in a run on a hand, and in the same run on simulated hands drawn from a calibration."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skincal.dataset import HOLD, read_dataset
 from skincal.deploy.policy_run import deploy
 from skincal.deploy.run_file import SESSION, RunFile
 from skincal.deploy.targets import targets_of
-from skincal.deploy.wear import Feel, feel
+from skincal.deploy.wear import Sensitivity, measure_sensitivity
 from skincal.envs.pinch import read_pinch
 from skincal.envs.reference_hand import ReferenceHand
 from skincal.errors import WorkError, input_error
@@ -21,12 +21,12 @@ from skincal.train.policy_file import policy_path, read_policy
 from skincal.train.settings import part_seed
 
 
-def felt(folder: Path, run: RunFile) -> Feel:
-    """Return what the skin felt in the run of a folder.
+def recorded_sensitivity(folder: Path, run: RunFile) -> Sensitivity:
+    """Return the sensitivity of the skin in the recorded run of a folder.
 
     Raises:
-        InputError: the session has no frames, or of another number of taxels.
-        WorkError: too little of it pressed on the skin.
+        InputError: the session has no frames, or frames with another number of taxels.
+        WorkError: the run has too few images under force.
     """
     frames = read_dataset(folder / SESSION).frames
     if frames is None:
@@ -35,42 +35,44 @@ def felt(folder: Path, run: RunFile) -> Feel:
     images = np.asarray(frames.counts, dtype=np.float64)[acting]
     if images.shape[1] != len(run.rest_counts):
         raise input_error(str(folder), f"rest_counts of {images.shape[1]} taxels", len(run.rest_counts))
-    return feel(images - np.array(run.rest_counts), np.asarray(frames.force_n)[acting])
+    return measure_sensitivity(images - np.array(run.rest_counts), np.asarray(frames.force_n)[acting])
 
 
-def felt_in_simulation(
+def simulated_sensitivities(
     calibration: Calibration, run: RunFile, hands: int, seed: int, progress: Callable[[str, int, int], None]
-) -> list[Feel]:
-    """Return what the skins of hands drawn from the calibration feel in the same run, those that hold the object.
+) -> list[Sensitivity]:
+    """Repeat a run on hands drawn from a calibration; return the sensitivity of those that hold the object.
 
     Args:
-        calibration: of the hand before it wore.
-        run: what is repeated.
-        hands: how many are drawn.
-        seed: of the hands.
+        calibration: calibration of the hand before wear.
+        run: the run to repeat.
+        hands: number of hands.
+        seed: seed of the hands.
         progress: callback (stage, done, total).
     """
     ranges = from_calibration(calibration, joint=calibration.draws is not None)
-    policy, pinch, asked = read_policy(policy_path(run.policy)), read_pinch(None), run.asked
-    way = targets_of(run.task, asked.trajectory, asked.write, asked.frequency_hz, asked.duration_s)
-    found: list[Feel] = []
+    policy, pinch, options = read_policy(policy_path(run.policy)), read_pinch(None), run.asked
+    targets = targets_of(
+        run.task, options.trajectory, options.write, options.frequency_hz, options.duration_s
+    )
+    found: list[Sensitivity] = []
     for number in range(hands):
         progress("simulated hands", number, hands)
         hand = ReferenceHand(
             task=run.task.value,
             seed=part_seed(seed, number),
             ranges=ranges,
-            orientation_deg=asked.orientation_deg,
+            orientation_deg=options.orientation_deg,
         )
-        width, speed = hand.object_width_m, asked.speed_rad_per_s
+        width, speed = hand.object_width_m, options.speed_rad_per_s
         try:
             done = deploy(
-                policy, hand, pinch, way[: run.steps + 1], object_width_m=width, speed_rad_per_s=speed
+                policy, hand, pinch, targets[: run.steps + 1], object_width_m=width, speed_rad_per_s=speed
             )
         except WorkError:
-            continue  # A hand that the guard stops has rolled nothing.
+            continue  # The guard stopped the hand: the run is not comparable.
         if done.lost_s is None:
             record = done.record
             acting = np.array([phase == "acting" for phase in record.phases])
-            found.append(feel(record.centroids_m[acting], record.grip_n[acting]))
+            found.append(measure_sensitivity(record.centroids_m[acting], record.grip_n[acting]))
     return found

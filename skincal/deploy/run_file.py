@@ -1,4 +1,4 @@
-"""What a run on a hand was and gave: ``deploy.json``, which `rescale` reads again."""
+"""Options and results of a run on a hand: ``deploy.json``, which `rescale` reads."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ SESSION = "session"
 
 
 @dataclass(frozen=True)
-class Asked(Table, unknown="keep"):
+class RunOptions(Table, unknown="keep"):
     """Options of a run.
 
     Attributes:
-        trajectory: of the marble: ``circle``, ``still``, or a CSV file.
-        write: letters that the marble draws.
-        frequency_hz: of the bolt's sine [Hz].
-        duration_s: length [s]; None: as usual for the task.
+        trajectory: trajectory of the marble: ``circle``, ``still``, or a CSV file.
+        write: letters that the marble draws; None: it follows ``trajectory``.
+        frequency_hz: frequency of the bolt's sine [Hz].
+        duration_s: duration [s]; None: the task's default.
         speed_rad_per_s: joint velocity that an action of 1 commands [rad/s].
-        orientation_deg: how the bolt lies on a simulated hand [°].
+        orientation_deg: orientation of the bolt on a simulated hand [°].
     """
 
     trajectory: Annotated[str, Key("circle, still, or a CSV file of the working folder")]
@@ -46,35 +46,35 @@ class Asked(Table, unknown="keep"):
 
 @dataclass(frozen=True)
 class RunFile(Table, unknown="keep"):
-    """What `rescale` needs to know of a run to repeat it on simulated hands.
+    """Data that `rescale` needs to repeat a run on simulated hands.
 
     Attributes:
-        task: what was rolled.
+        task: the task.
         policy: file of the policy, or the name of a bundled one.
-        steps: steps of the policy that have passed.
-        rest_counts: taxels at rest (J,) [counts].
-        asked: its options.
-        finished: whether it came to its end.
+        steps: number of steps that have passed.
+        rest_counts: (J,) rest levels of the taxels [counts].
+        asked: options of the run.
+        finished: True if the run was not interrupted.
     """
 
     task: Annotated[Task, Word(options=Task)]
     policy: str
     steps: Annotated[int, Key("1 to 100000", 1, 100_000)]
     rest_counts: tuple[float, ...]
-    asked: Asked
+    asked: RunOptions
     finished: bool = True
 
     def violations(self) -> Iterator[Violation]:
-        """Yield why the run cannot be repeated."""
+        """Yield the reason if the run cannot be repeated."""
         if not self.finished:
-            yield "finished", "a run that came to its end, as the simulated ones do", "one that ended early"
+            yield "finished", "a complete run, like the simulated ones", "one that ended early"
 
 
 def read_run_file(folder: Path) -> RunFile:
-    """Return what a run was.
+    """Read ``deploy.json`` of a run's folder.
 
     Raises:
-        InputError: it is no run that `deploy` can have made, or its trajectory lies outside the working folder.
+        InputError: the file is not an output of `deploy`, or the trajectory lies outside the working folder.
     """
     file, findings = folder / MARKER, Findings()
     expected = "the output of `skincal deploy` of this version or a later one"
@@ -93,7 +93,7 @@ def read_run_file(folder: Path) -> RunFile:
 
 
 def results(found: Deployed) -> dict[str, Any]:
-    """Return the numbers of a run: its steps, whether it held the object, errors [m], times [s], force [N]."""
+    """Return the results of a run for ``deploy.json``: steps, loss of the object, errors [m], times [s], force [N]."""
     error, record = found.error_m[np.isfinite(found.error_m)], found.record
     return {
         "steps": found.steps,

@@ -13,8 +13,9 @@ from skincal.model.arrays import FloatArray, as_floats
 from skincal.tasks import DURATION_S, Task
 
 WRITING_M_PER_S = 2.5e-3
-"""Speed at which letters are drawn: half of that of the evaluated circle [m/s]."""
-# One stroke a letter, as a marble cannot be lifted: corners in a box 0.7 wide and 1 high, from the left below.
+"""Speed at which letters are drawn: half the speed of the evaluation circle [m/s]."""
+# One stroke per letter, since a marble cannot be lifted. Each pair of digits is a corner (x, y) in eighths of the
+# letter's height, from the lower left; a letter is at most 7/8 wide.
 _STROKES = {
     "A": "00 38 70 52 22", "B": "00 08 58 77 75 54 04 54 73 71 50 00", "C": "77 68 28 06 02 20 60 71",
     "D": "00 08 48 76 72 40 00", "E": "70 00 04 54 04 08 78", "F": "00 04 54 04 08 78",
@@ -30,38 +31,38 @@ _STROKES = {
 def targets_of(
     task: Task, trajectory: str, write: str | None, frequency_hz: float, duration_s: float | None
 ) -> FloatArray:
-    """Return the targets of a run at 10 Hz: of the marble (T, 2), or the bolt's way along its normal (T, 1) [m].
+    """Return the targets of a run at 10 Hz: positions of the marble (T, 2), or the bolt's displacement (T, 1) [m].
 
     Args:
-        task: what is rolled.
-        trajectory: of the marble: ``circle``, ``still``, or a CSV file.
+        task: the task.
+        trajectory: trajectory of the marble: ``circle``, ``still``, or a CSV file.
         write: letters that the marble draws instead.
-        frequency_hz: of the bolt's sine.
-        duration_s: length of the run; None: that of the letters, or as usual for the task.
+        frequency_hz: frequency of the bolt's sine [Hz].
+        duration_s: duration of the run [s]; None: that of the letters, or the task's default.
 
     Raises:
-        InputError: letters for the bolt, a text without letters, a trajectory that cannot be read.
+        InputError: letters were given for the bolt, the text has no letters, or the trajectory cannot be read.
     """
     if task is Task.bolt:
         if write is not None:
             raise input_error("--write", "the task marble", "bolt")
         return sine(round((duration_s or DURATION_S[task]) * POLICY_HZ) + 1, frequency_hz)
     if write is not None:
-        way = letters(write)
-        return way if duration_s is None else marble_targets(way, duration_s)
-    way = trajectory if trajectory in FIXED else read_targets(Path(trajectory))
-    return marble_targets(way, duration_s or DURATION_S[task])
+        path = letters(write)
+        return path if duration_s is None else marble_targets(path, duration_s)
+    path = trajectory if trajectory in FIXED else read_targets(Path(trajectory))
+    return marble_targets(path, duration_s or DURATION_S[task])
 
 
 def marble_targets(trajectory: str | ArrayLike, duration_s: float) -> FloatArray:
     """Return targets of the marble (T + 1, 2) at 10 Hz [m].
 
     Args:
-        trajectory: ``circle``, ``still``, or targets (N, 2) whose last one stays.
-        duration_s: length of the run.
+        trajectory: ``circle``, ``still``, or targets (N, 2) [m], of which the last one is held.
+        duration_s: duration of the run [s].
 
     Raises:
-        InputError: no such trajectory.
+        InputError: the trajectory is unknown.
     """
     steps = max(1, round(duration_s * POLICY_HZ)) + 1
     if isinstance(trajectory, str) and trajectory not in FIXED:
@@ -73,12 +74,17 @@ def marble_targets(trajectory: str | ArrayLike, duration_s: float) -> FloatArray
 def letters(
     text: str, size_m: float = 2 * CIRCLE_RADIUS_M, speed_m_per_s: float = WRITING_M_PER_S
 ) -> FloatArray:
-    """Return a way (N, 2) at 10 Hz that writes a text, each letter over the middle of the sensor [m].
+    """Return targets (N, 2) at 10 Hz that write a text, each letter centred on the sensor [m].
 
-    A letter is one stroke; from its end the marble goes straight to the beginning of the next.
+    A letter is one stroke; from its end the marble moves straight to the start of the next.
+
+    Args:
+        text: the text; only letters A to Z are drawn.
+        size_m: height of a letter [m].
+        speed_m_per_s: speed of the marble [m/s].
 
     Raises:
-        InputError: no letter in the text.
+        InputError: the text has no letter.
     """
     corners = [np.zeros((1, 2))]
     for letter in text.upper():
@@ -93,7 +99,7 @@ def letters(
 def polyline(corners_m: FloatArray, speed_m_per_s: float) -> FloatArray:
     """Return points (N, 2) at 10 Hz along straight lines between corners (K, 2), at constant speed [m]."""
     lengths = np.linalg.norm(np.diff(corners_m, axis=0), axis=1)
-    way = as_floats(np.concatenate([[0.0], np.cumsum(lengths)]))
-    count = int(np.ceil(way[-1] / speed_m_per_s * POLICY_HZ)) + 1
-    at = as_floats(np.linspace(0.0, float(way[-1]), count))
-    return np.stack([np.interp(at, way, corners_m[:, axis]) for axis in (0, 1)], axis=1)
+    arc = as_floats(np.concatenate([[0.0], np.cumsum(lengths)]))
+    count = int(np.ceil(arc[-1] / speed_m_per_s * POLICY_HZ)) + 1
+    at = as_floats(np.linspace(0.0, float(arc[-1]), count))
+    return np.stack([np.interp(at, arc, corners_m[:, axis]) for axis in (0, 1)], axis=1)

@@ -1,4 +1,4 @@
-"""A policy's trial on reference hands: each run on another hand with a hidden truth, through its driver."""
+"""Evaluation of a policy on reference hands: each run uses another hand with hidden parameters, through its driver."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from skincal.train.scores import Runs
 
 
 def check_trial(trial: Trial) -> None:
-    """Check that a trial can be had on reference hands.
+    """Check that a trial can run on reference hands.
 
     Raises:
-        InputError: it is of the bolt, or asks for what a hand with a hidden truth cannot give.
+        InputError: the task is not the marble, or the trial sets options that a reference hand does not have.
     """
     problems: list[Problem] = []
     if trial.task is not Task.marble:
@@ -38,15 +38,15 @@ def check_trial(trial: Trial) -> None:
         problems.append(Problem("--set, --environment", "nothing, with --on reference", given))
     if trial.randomize is not None and tuple(trial.randomize) != JOINT_OFFSETS:
         given = ", ".join(trial.randomize) or "none"
-        problems.append(Problem("--randomize", "nothing: all is drawn with --on reference", given))
+        problems.append(Problem("--randomize", "nothing: --on reference draws everything", given))
     if problems:
         raise InputError(problems)
 
 
-def runs_on(
+def run_trial(
     where: str, policy: Policy, trial: Trial, ranges: Ranges | None, progress: Callable[[int], None]
 ) -> Runs:
-    """Run a trial of a policy in a physics engine, or on ``reference`` hands."""
+    """Run a trial of a policy; ``where`` is a physics engine, or ``reference`` for reference hands."""
     if where == "reference":
         return reference_runs(policy, trial, ranges=ranges or "iros24", progress=progress)
     environment = environment_for(policy, trial, ranges, engine=where)
@@ -64,9 +64,16 @@ def reference_runs(
     engine: str = "pybullet",
     progress: Callable[[int], None] = lambda _: None,
 ) -> Runs:
-    """Run of a policy on reference hands, one on each; the marble.
+    """Run a policy for the marble on reference hands, one run per hand.
 
-    Everything is drawn but the object's radius. A run that stops on what is odd counts as a drop.
+    All parameters but the object's radius are drawn. A run that a fault stops counts as a drop.
+
+    Args:
+        policy: the policy.
+        trial: episodes, steps, trajectory and seeds.
+        ranges: ranges of the hands' parameters.
+        engine: physics engine.
+        progress: callback with the number of finished runs.
     """
     check_trial(trial)
     pinch = read_pinch(None)
@@ -94,7 +101,7 @@ def _places(found: Deployed) -> FloatArray:
     """Return the object's position at the end of each step of the policy (steps, 2) [m]."""
     record = found.record
     time_s = [state.time_s for state in record.states]
-    begun = time_s[record.acting]
-    ends = (begun + (k + 1) / POLICY_HZ for k in range(found.steps))
+    start_s = time_s[record.acting]
+    ends = (start_s + (k + 1) / POLICY_HZ for k in range(found.steps))
     rows = [min(bisect_left(time_s, end - 1e-6), len(time_s) - 1) for end in ends]
     return record.places_m[rows]

@@ -1,8 +1,8 @@
 """Wear: one overall factor for lost sensitivity, from rolling an object on the hand and in simulation.
 
-What the skin answers while a policy rolls an object (counts for each newton, the taxels' shares of it, and how it grows
-with force) is compared with what it answers on simulated hands drawn from the calibration, which roll the same object
-with the same policy through the same driver interface. Were nothing worn, the hand would be one more of them.
+The skin's sensitivity while a policy rolls an object (counts per newton, fractions of the taxels, and growth with
+force) is compared with that of simulated hands drawn from the calibration. These roll the same object with the same
+policy through the same driver interface. Under the null hypothesis of no wear, the hand is exchangeable with them.
 """
 
 from __future__ import annotations
@@ -17,22 +17,23 @@ from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray
 
 HANDS = 19
-"""Simulated hands: with 19 a rank among them tells something at 10 %, one in twenty at each end."""
+"""Number of simulated hands: the fewest for a two-sided rank test at 10 %, one in twenty at each end."""
 ALARM = 0.1
-"""One factor is told not to be enough at this p-value or below."""
+"""p-value at or below which one common factor is rejected."""
 _LEAST_N = 0.5
-"""States with less force tell nothing of the sensitivity [N]."""
+"""Smallest force of a state that is used [N]."""
 _FEWEST = 20
+"""Smallest number of states."""
 
 
 @dataclass(frozen=True, eq=False)
-class Feel:
-    """Tactile images recorded while an object was rolled on a skin.
+class Sensitivity:
+    """Sensitivity of a skin while an object was rolled on it.
 
     Attributes:
-        counts_per_n: all taxels' counts above rest over the force.
-        shares: (J,) of each taxel.
-        growth: sensitivity at forces above the median over that below it.
+        counts_per_n: sum of all taxels' counts above rest over the sum of the forces [counts/N].
+        shares: (J,) fraction of each taxel in the sum of counts.
+        growth: counts per newton at forces above the median over those below it.
     """
 
     counts_per_n: float
@@ -45,13 +46,13 @@ class Wear:
     """Estimate of the remaining sensitivity.
 
     Attributes:
-        factor: of the scale; 1 is none lost.
-        interval: of it.
-        level: of the interval: 95 %, or what so few hands allow, (n - 1) / (n + 1).
-        hands: simulated hands that held the object.
-        p_shares: chance of shares of the taxels as unlike the simulated ones', were one factor enough.
-        p_growth: the same of the growth with force.
-        worst_taxel: whose share is off by most.
+        factor: factor of the scale; 1: no loss.
+        interval: confidence interval of the factor.
+        level: confidence level of the interval: about 95 %, or with few hands (n - 1) / (n + 1).
+        hands: number n of simulated hands that held the object.
+        p_shares: p-value of the taxels' fractions under the null hypothesis of one common factor.
+        p_growth: p-value of the growth with force.
+        worst_taxel: taxel whose fraction deviates most.
     """
 
     factor: float
@@ -63,49 +64,49 @@ class Wear:
     worst_taxel: int
 
     @property
-    def enough(self) -> bool:
-        """Return whether the data do not reject one common factor. Two tests are made, so each p-value counts twice."""
+    def is_one_factor_enough(self) -> bool:
+        """True if the data do not reject one common factor (two tests, Bonferroni corrected)."""
         return 2 * min(self.p_shares, self.p_growth) > ALARM
 
 
-def feel(images_counts: FloatArray, force_n: FloatArray) -> Feel:
-    """Sum up a run.
+def measure_sensitivity(images_counts: FloatArray, force_n: FloatArray) -> Sensitivity:
+    """Return the sensitivity of the skin in a run.
 
     Args:
-        images_counts: (T, J) above rest; what is negative or not a number is nothing.
-        force_n: (T,) normal force [N].
+        images_counts: (T, J) images above rest [counts]; negative values and NaN count as 0.
+        force_n: (T,) normal forces [N].
 
     Raises:
-        WorkError: too little of it pressed on the skin.
+        WorkError: there are too few images under force.
     """
     counts = np.maximum(np.nan_to_num(images_counts), 0.0)
     pressed = np.nan_to_num(force_n) >= _LEAST_N
     if pressed.sum() < _FEWEST or not counts[pressed].sum() > 0:
         raise WorkError(
             f"rolling: expected {_FEWEST} images or more under {_LEAST_N:g} N or more; got {int(pressed.sum())}. "
-            "Roll for longer, or look at the force in run.png."
+            "Roll for longer, or check the force in run.png."
         )
     counts, force = counts[pressed], force_n[pressed]
     total = counts.sum(axis=1)
     hard = force > np.median(force)
     growth = (total[hard].sum() / force[hard].sum()) / max(total[~hard].sum() / force[~hard].sum(), 1e-9)
     shares = counts.sum(axis=0) / total.sum()
-    return Feel(float(total.sum() / force.sum()), shares, float(growth))
+    return Sensitivity(float(total.sum() / force.sum()), shares, float(growth))
 
 
-def wear(hand: Feel, simulated: Sequence[Feel]) -> Wear:
-    """Compare a hand with simulated ones.
+def estimate_wear(hand: Sensitivity, simulated: Sequence[Sensitivity]) -> Wear:
+    """Estimate the wear of a hand by comparison with n simulated ones.
 
     Raises:
-        WorkError: too few of them.
+        WorkError: there are fewer than three simulated hands.
     """
     count = len(simulated)
     if count < 3:
         raise WorkError(
-            f"rescale: expected three simulated hands or more that hold the object; got {count}. Take another policy."
+            f"rescale: expected at least three simulated hands that hold the object; got {count}. Use another policy."
         )
     ratios = np.sort(np.array([hand.counts_per_n / one.counts_per_n for one in simulated]))
-    # Unworn, the hand would have each rank among them alike: order statistics of the ratios bound the factor.
+    # Without wear, all ranks of the hand are equally likely: order statistics of the ratios bound the factor.
     rank = max(1, int(0.025 * (count + 1)))
     shares = np.array([one.shares for one in (*simulated, hand)])
     growths = np.log(np.maximum([one.growth for one in (*simulated, hand)], 1e-9))[:, None]
@@ -121,11 +122,11 @@ def wear(hand: Feel, simulated: Sequence[Feel]) -> Wear:
     )
 
 
-def rescaled(calibration: Calibration, factor: float) -> Calibration:
-    """Return a calibration with a factor of lost sensitivity in its scale.
+def rescale_calibration(calibration: Calibration, factor: float) -> Calibration:
+    """Return a calibration whose scale, its interval and its draws are multiplied by a factor of remaining sensitivity.
 
-    The factor says how the hand answers relative to what the draws say of it, so that it is known about as well as the
-    scale itself: the interval of the scale is multiplied, not widened.
+    The factor is relative to the draws of the calibration, so that its uncertainty already contains that of the scale:
+    the interval is multiplied, not widened.
     """
     model, draws = calibration.model, calibration.draws
     each = model.scale_per_taxel_per_n
@@ -142,7 +143,7 @@ def rescaled(calibration: Calibration, factor: float) -> Calibration:
 
 
 def _rank_p(rows: FloatArray) -> float:
-    """Return the share of rows (N, D) that lie at least as far from the mean of all others as the last one does."""
+    """Return the rank p-value of the last row of (N, D): the fraction of rows that are as far from the others' mean."""
     others = (rows.sum(axis=0) - rows) / (len(rows) - 1)
     far: list[float] = np.linalg.norm(rows - others, axis=1).tolist()
     return sum(one >= far[-1] for one in far) / len(far)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from skincal.calibration import MARGIN_M
 from skincal.dataset import HOLD, IDLE, Dataset
 from skincal.dataset.refusal import refusal
-from skincal.dataset.uniform_pressure import at_centre
+from skincal.dataset.uniform_pressure import centre_contacts
 from skincal.diagnosis.position_smoothing import smooth_positions
 from skincal.effects import Samples, hold_session, hold_times
 from skincal.inference.session import Binning, GapSession, binned, of_holds
@@ -41,7 +41,7 @@ def gap_session(dataset: Dataset, binning: Binning | None = None) -> GapSession:
     The observations leave out presses without a known position or force (uniform pressure needs no position), and
     frames between presses whose force shows contact.
     """
-    dataset = at_centre(dataset, MARGIN_M)
+    dataset = centre_contacts(dataset, MARGIN_M)
     return _of_presses(dataset) if dataset.frames is None else _of_frames(dataset, binning)
 
 

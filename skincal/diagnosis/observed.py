@@ -11,7 +11,7 @@ from skincal.calibration import MARGIN_M, Calibration
 from skincal.calibration.skin import effects_of
 from skincal.dataset import IDLE, Dataset, idle_means
 from skincal.dataset.refusal import refusal
-from skincal.dataset.uniform_pressure import levels_by_lines, uniform_pressure
+from skincal.dataset.uniform_pressure import uniform_pressure, zero_load_levels
 from skincal.diagnosis.dataset_session import check_phases, gap_session, hold_groups, pose_names, press_rows
 from skincal.diagnosis.taxel_faults import TaxelFault, remove_faults
 from skincal.effects import COVARIATES, EFFECTS
@@ -411,7 +411,7 @@ def _scatter_of_neighbours(dataset: Dataset) -> float:
 
 def _rest_by_lines(dataset: Dataset) -> tuple[float, float]:
     """Return the median level at rest of the lines of all taxels, and its spread between taxels [counts]."""
-    levels = levels_by_lines(dataset)
+    levels = zero_load_levels(dataset)
     levels = levels[np.isfinite(levels)]
     return float(np.median(levels)), float(np.ptp(np.quantile(levels, [0.16, 0.84])) / 2)
 

@@ -24,7 +24,7 @@ from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model import Pressures, Skin, Surface
 from skincal.model.arrays import FloatArray, IntArray
-from skincal.model.spreading import little_spread
+from skincal.model.spreading import spread_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,9 @@ class EffectSkin:
                 variance = 0.0 if self.skin.contact is None else self.skin.contact.spread_m2
                 # Both are small beside the contact: what the contact law adds is what it adds alone.
                 return (
-                    found + little_spread(patch, variance) - little_spread(patch, 0.0) if variance else found
+                    found + spread_weights(patch, variance) - spread_weights(patch, 0.0)
+                    if variance
+                    else found
                 )
         return None
 

@@ -24,8 +24,8 @@ class Loop:
 
     @cached_property
     def _compiled(self) -> Any:
-        from skincal.model.press.jit import cached, telling
+        from skincal.model.press.jit import cached, reporting_compilation
 
         settings = {"nogil": True, "error_model": "numpy"}
-        with telling():
+        with reporting_compilation():
             return cached(self._function, self._function.__name__, settings, self._signature)

@@ -13,7 +13,7 @@ from skincal.fitting.micro import MicroSettings
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.slab import place
 from skincal.fitting.types import Floats, Ints
-from skincal.model.press.jit import telling
+from skincal.model.press.jit import reporting_compilation
 
 _SEARCH_STEP_M = 0.25e-3
 """Lattice on which the slack's square is searched before Gauss-Newton takes over."""
@@ -141,7 +141,7 @@ def place_presses(
     room_of_one = np.empty((3, taxels)), np.empty(taxels, dtype=np.int64)
     room = np.empty((len(rows), len(cols))), *np.empty((2, len(grid.y_m), len(rows))), room_of_one
     how = 1.0 / settings.sigma_counts**2, settings.stiffness, settings.slack_m
-    with telling():
+    with reporting_compilation():
         place(
             # Centres are read-only in one process and not in another: two types to compile.
             (planes, size_of, problem.rig.layout.centres_m.copy(), lattice),

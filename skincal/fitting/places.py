@@ -16,7 +16,7 @@ from skincal.fitting.lookup import compiled
 from skincal.fitting.presses import Places, PressModel, PressStates
 from skincal.fitting.types import Bools, Floats, Ints
 from skincal.fitting.volume import MERGED, Fold, fold_of
-from skincal.model.press.jit import telling
+from skincal.model.press.jit import reporting_compilation
 
 SAME_M = 0.03e-3
 """Places that are no further apart are one."""
@@ -126,7 +126,7 @@ def _on_lattice(model: PressModel, macro: Floats, sigmas: Floats) -> PressStates
 def _distinct(state: PressStates, most: int) -> PressStates:
     """Each place once, best first, ``most`` a press."""
     kept, order = np.empty_like(state.press), np.lexsort((state.objective, state.press))
-    with telling():
+    with reporting_compilation():
         count = _keep_distinct(order, state.press, state.objective, state.uv_m, most, kept)
     return state.some(kept[:count])
 

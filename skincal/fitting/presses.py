@@ -22,7 +22,7 @@ from skincal.fitting.lookup import Tables
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.residuals import Presses, room_to_search, search
 from skincal.fitting.types import Floats, Ints
-from skincal.model.press.jit import telling
+from skincal.model.press.jit import reporting_compilation
 
 MACRO = ("across_m", "y_m", "alpha_rad", "log_elasticity", "log_scale")
 HYPER = (
@@ -170,7 +170,7 @@ class PressModel:
         empty = (np.empty((0 if brief and n > 2 else count, *shape)) for n, shape in enumerate(shapes))
         found = PressStates(press, macro, sigmas, *empty)
         room_for_work = room_to_search(self.tables, taxels)
-        with telling():
+        with reporting_compilation():
             search(
                 self.tables, known, own, start, bound, _MAX_STEP, iterations, to_rest, found, room_for_work
             )

@@ -19,7 +19,7 @@ import numpy as np
 from skincal.fitting.observe import Observed, Readout, clipped_share, expected_counts
 from skincal.fitting.types import Bools, Floats
 from skincal.model import TaxelLayout
-from skincal.model.rest import quantum
+from skincal.model.rest import rounding_step
 
 NEIGHBOUR = 0.3
 """Part of a neighbour's signal by which a reading may be off as by its own: pressure that lies across an edge."""
@@ -173,7 +173,9 @@ class Readings:
         typical = float(np.median(positive.max(axis=1))) if len(rows) else 0.0
         whole = float(np.median(positive.sum(axis=1))) if len(rows) else 0.0
         floor = max(
-            quantum(counts[np.isfinite(counts)]) / np.sqrt(12.0), MODEL_PART * whole, np.finfo(float).tiny
+            rounding_step(counts[np.isfinite(counts)]) / np.sqrt(12.0),
+            MODEL_PART * whole,
+            np.finfo(float).tiny,
         )
         noise = _noise(seen, readout, typical)
         dark = np.where(values < _DARK * noise, offset, above)

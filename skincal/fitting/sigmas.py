@@ -15,7 +15,7 @@ from skincal.fitting.lookup import allocating
 from skincal.fitting.presses import PressStates, half_inverse
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Floats
-from skincal.model.press.jit import telling
+from skincal.model.press.jit import reporting_compilation
 
 FORCE_SIGMA, MISFIT, GAIN_SIGMA, FIELD_PART = 0.005, 0.01, 0.015, 0.03
 """Middles of the priors of sigma_f, tau and sigma_g, and that of sigma_b as a part of the position's sigma."""
@@ -115,7 +115,7 @@ def _estimated_noise(
     grown_only = 0.5 * float(np.log(squares.sum() / max(float(grown.sum()), 1e-300)))
     parts = np.array([own, grown])
     starts = np.log(sigmas[2:4]), np.array([centres[0], max(float(centres[1]), grown_only)])
-    with telling():
+    with reporting_compilation():
         start = min(starts, key=lambda x: _scatter_loss(squares, parts, centres, x)[0])
         noise, misfit = np.exp(_scored(squares, parts, centres, start))
     return max(float(noise), model.floor_counts * 1.05), float(misfit)

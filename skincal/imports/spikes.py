@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from skincal.imports.recording import BoolArray, Cut, FloatArray, runs
-from skincal.model.rest import quantum
+from skincal.model.rest import rounding_step
 
 TIMES: Final = 10.0
 """A spike is so many standard deviations of its stretch, and of all, from both neighbours: chance makes none."""
@@ -37,7 +37,7 @@ def find_spikes(counts: FloatArray, cut: Cut) -> BoolArray:
     idle = np.ones(len(counts), dtype=bool)
     for one in (*cut.spans, *cut.rejected):
         idle[one.start : one.stop] = False
-    least = STEPS * quantum(counts[np.isfinite(counts)])
+    least = STEPS * rounding_step(counts[np.isfinite(counts)])
     usual = _noise(np.diff(counts, axis=0))
     edges = [(span.start, span.hold, span.hold_stop, span.stop) for span in cut.spans]
     for start, end in (*(ends for four in edges for ends in pairwise(four)), *runs(idle)):

@@ -210,7 +210,7 @@ def _loads(
     on = _on_taxels(patch, weights)
     for number, indenter in enumerate(indenters):
         rows = np.flatnonzero(presses.indenter == number)
-        stiff, indenter = contact.stiffness(indenter, law), contact.pressed_by(indenter)
+        stiff, indenter = contact.stiffness(indenter, law), contact.equivalent_indenter(indenter)
         if isinstance(indenter, Sphere):
 
             def balls(rows: IntArray, radius: float = indenter.radius_m, stiff: float = stiff) -> None:

@@ -1,4 +1,4 @@
-"""Checked, read-only arrays: what the frozen objects of the model hold."""
+"""Checked, read-only arrays for the frozen objects of the model."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ def floats(name: str, value: ArrayLike, shape: Sequence[int | None], *, finite: 
     Args:
         name: what the array is called, for the error.
         value: anything numpy can turn into an array; it is copied.
-        shape: length of each axis; ``None`` where any length is good.
+        shape: length of each axis; ``None`` where any length is allowed.
         finite: refuse NaN and infinity.
 
     Raises:
-        ValueError: another shape, or a value that is not finite.
+        ValueError: the shape differs, or a value is not finite.
     """
     array = np.array(value, dtype=np.float64)
     check_shape(name, array, shape)
@@ -38,7 +38,7 @@ def floats(name: str, value: ArrayLike, shape: Sequence[int | None], *, finite: 
 
 
 def as_floats(value: ArrayLike) -> FloatArray:
-    """Return the value as a float array, not copied where it is one already."""
+    """Return the value as a float array, without a copy if it is one already."""
     return np.asarray(value, dtype=np.float64)
 
 
@@ -59,10 +59,10 @@ def frozen(array: NDArray[_Item]) -> NDArray[_Item]:
 
 
 def positive(name: str, value: float) -> float:
-    """Return the value as a float, if it is finite and greater than zero.
+    """Return the value as a float.
 
     Raises:
-        ValueError: it is not.
+        ValueError: the value is not finite, or not greater than zero.
     """
     number = float(value)
     if not (np.isfinite(number) and number > 0):
@@ -71,10 +71,10 @@ def positive(name: str, value: float) -> float:
 
 
 def unit_rows(name: str, value: ArrayLike, *, finite: bool = True) -> FloatArray:
-    """Return read-only unit vectors (K, 3), normalised to the last bit.
+    """Return read-only unit vectors (K, 3), normalised to double precision.
 
     Raises:
-        ValueError: a row whose length is not 1 to within 1e-6; rows with NaN pass if ``finite`` is false.
+        ValueError: the length of a row differs from 1 by more than 1e-6. Rows with NaN pass if ``finite`` is false.
     """
     rows = floats(name, value, (None, 3), finite=finite)
     length = np.linalg.norm(rows, axis=1)

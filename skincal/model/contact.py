@@ -1,4 +1,4 @@
-"""Contacts: where an indenter touches the fingertip, how it is turned and how hard it presses."""
+"""Contacts: point, normal and force of a press, and the pose of its indenter."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from numpy.typing import ArrayLike
 from skincal.model.arrays import BoolArray, FloatArray, IntArray, check_shape, floats, frozen, unit_rows
 
 _DEGENERATE = 1e-6
-"""Below this length the part of an axis that lies in the tangent plane has no direction."""
+"""Shortest projection of an axis onto the tangent plane that still has a direction: a numerical tolerance."""
 
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
     """A batch of K contacts, in the fingertip frame.
 
-    The indenter's frame is turned by ``rotations`` and moved to ``origins_m``. Left out, the indenter touches at
-    ``points_m`` with its +z along the normal and its +y along the fingertip's +y as far as the tangent plane
-    allows (its +x along the fingertip's +x where the normal is parallel to y). A free object (a marble, a bolt)
-    gives both; then ``points_m`` only says where the press is.
+    ``rotations`` and ``origins_m`` give the pose of the indenter's frame. Without ``origins_m`` the origin is the
+    contact point. Without ``rotations`` the indenter's +z is the contact normal and its +y is the fingertip's +y,
+    projected onto the tangent plane; where the normal is parallel to y, its +x is the fingertip's +x. A free object
+    (a marble, a bolt) needs both; ``points_m`` then only reports the position of the press.
 
-    A row with NaN in its point, normal or origin is a press whose place is not known.
+    NaN in the point, normal or origin of a row marks a press at an unknown position.
 
     Attributes:
         points_m: (K, 3) contact points [m].
@@ -63,9 +63,9 @@ class Contacts:
         rotation: FloatArray | None = None,
         origin_m: FloatArray | None = None,
     ) -> Contacts:
-        """Make one contact, unchecked: for a simulation, whose vectors have the length they should have.
+        """Make one contact without checks, for a simulation whose vectors are known to be valid.
 
-        The arrays are not copied; they must not be changed afterwards.
+        The arrays are not copied and must not be changed afterwards.
 
         Args:
             point_m: (3,) [m].
@@ -99,8 +99,8 @@ class Contacts:
 
     @property
     def known(self) -> BoolArray:
-        """(K,) True where the force and all that says where it acts are finite."""
-        # Rotations that are left out are those of the normals.
+        """(K,) True where the force, point, normal, origin and rotation are finite."""
+        # Default rotations follow from the normals and need no check.
         places = [self.points_m, self.normals]
         places += [] if self.origins_m is None else [self.origins_m]
         places += [] if self.rotations is None else [self.rotations.reshape(-1, 9)]
@@ -108,7 +108,7 @@ class Contacts:
         return np.logical_and.reduce(finite, axis=1)
 
     def __getitem__(self, rows: slice | IntArray | BoolArray) -> Contacts:
-        """Return some of the contacts."""
+        """Return a subset of the contacts."""
         return Contacts(
             self.points_m[rows],
             self.normals[rows],
@@ -119,14 +119,14 @@ class Contacts:
 
 
 def contact_rotations(normals: ArrayLike) -> FloatArray:
-    """Return rotations whose columns are the axes of the indenter's frame, +z along the contact normal.
+    """Return the default rotations of indenters, with +z along the contact normal.
 
     Args:
         normals: (K, 3) unit contact normals.
 
     Returns:
-        (K, 3, 3), right-handed. +y is the fingertip's +y less its part along the normal; where nothing is left of
-        it (a normal along y), +x is the fingertip's +x.
+        (K, 3, 3) right-handed rotations; their columns are the axes of the indenter's frame. +y is the fingertip's
+        +y projected onto the tangent plane. Where the normal is parallel to y, +x is the fingertip's +x.
     """
     z = np.asarray(normals, dtype=np.float64)
     y = -z[:, 1:2] * z
@@ -145,7 +145,7 @@ def contact_rotations(normals: ArrayLike) -> FloatArray:
 
 
 def _checked_rotations(rotations: ArrayLike, count: int) -> FloatArray:
-    """Check rotations (K, 3, 3); rows with NaN pass."""
+    """Return checked rotations (K, 3, 3); rows with NaN pass."""
     matrices = floats("contact rotations", rotations, (count, 3, 3), finite=False)
     skew = np.abs(np.swapaxes(matrices, 1, 2) @ matrices - np.eye(3)).max(axis=(1, 2), initial=0.0)
     bad = np.flatnonzero((skew > 1e-6) | (np.linalg.det(matrices) < 0))

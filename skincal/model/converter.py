@@ -1,4 +1,4 @@
-"""From taxel values to counts: the range, rounding and clipping of the sensor's converter."""
+"""The sensor's converter: rounding and clipping of taxel values to counts."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class Converter:
     """The last stage of the skin: round, then clip (the paper's sensor: whole numbers from 0 to 255).
 
     Attributes:
-        value_min: lowest value [counts]; ``None`` if it does not clip below.
-        value_max: highest value [counts]; ``None`` if it does not clip above.
+        value_min: lowest value [counts]; ``None`` for no clipping below.
+        value_max: highest value [counts]; ``None`` for no clipping above.
         integer: round to the nearest whole number (halves to the even one, as numpy does).
     """
 

@@ -1,4 +1,4 @@
-"""Laws of stress over local penetration that are not linear."""
+"""Nonlinear laws of stress over local penetration."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ from skincal.model.indenters import Indenter, Sphere
 class StressLaw:
     """A power law: sigma = E eps_0 (eps / eps_0)^n.
 
-    With n = 1 the paper's elastic foundation (equation 3); n > 1 stiffens, as a foam or a rubber that is nearly
-    pressed through (Johnson, Contact Mechanics, 1985, section 4.3, on the foundation; the power law is the usual
-    first step beyond it).
+    n = 1 is the paper's elastic foundation (equation 3; Johnson, Contact Mechanics, 1985, section 4.3). n > 1 stiffens,
+    like a foam or rubber near full compression. The power law is the usual first extension of the foundation.
 
     Attributes:
         exponent: n.
@@ -32,22 +31,22 @@ class StressLaw:
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """Difference of the contact of a real skin from the elastic foundation, in three small numbers.
+    """Deviation of a real skin's contact from the elastic foundation, in three parameters.
 
-    Stress grows as a power of the penetration, the pressure reaches taxels spread sideways (or sharper, where the
-    variance is negative), and a ball presses as one of another radius does. These are the ways in which images of an
+    Stress is a power of the penetration; the pressure is spread sideways before it reaches the taxels (or sharpened,
+    with a negative variance); and a ball acts like one of another radius. These are the ways in which images of an
     elastic layer differ from those of a foundation (Johnson, Contact Mechanics, 1985, 4.3 and 5.8).
 
-    How stiff a layer is depends on the size a of the contact, as a^(2 (n - 1)): not at all for a thin one (n = 1), as
-    1 / a for a half-space (n = 1/2, Hertz). As a² grows as penetration times radius, stress grows with the radius of
-    the ball to the power n - 1 besides.
+    The stiffness of a layer depends on the contact radius a as a^(2 (n - 1)): it is constant for a thin layer (n = 1)
+    and proportional to 1 / a for a half-space (n = 1/2, Hertz). a² is proportional to penetration times radius, so
+    stress also scales with the radius of the ball to the power n - 1.
 
     Attributes:
         exponent: n of the :class:`StressLaw`.
         spread_m2: variance of the spreading along each axis [m²].
-        radius_scale: radius that a ball seems to have, over its own.
+        radius_scale: effective radius of a ball over its true radius.
         reference_m: eps_0 of the :class:`StressLaw` [m].
-        reference_radius_m: radius of the ball that E belongs to [m]; 0: stress does not depend on what presses.
+        reference_radius_m: radius of the ball for which E holds [m]; 0: stress does not depend on the radius.
     """
 
     exponent: float = 1.0
@@ -67,9 +66,9 @@ class ContactLaw:
             raise ValueError(f"contact law spread_m2: expected a finite number; got {self.spread_m2}")
 
     def stress(self, law: StressLaw | None) -> StressLaw | None:
-        """Return the law of stress, combined with that of an effect if there is one.
+        """Return the stress law, combined with that of an effect if there is one.
 
-        A material whose stress is a power m of its strain, and strain a power n of the penetration: m times n.
+        If stress is a power m of strain, and strain a power n of penetration, the exponents multiply.
         """
         if self.exponent == 1.0:
             return law
@@ -78,14 +77,14 @@ class ContactLaw:
         return StressLaw(law.exponent * self.exponent, law.reference_m)
 
     def stiffness(self, indenter: Indenter, law: StressLaw | None = None) -> float:
-        """Return E under an indenter over that under the ball that it belongs to, with the law of an effect."""
+        """Return E for an indenter over E for the reference ball, given the stress law of an effect."""
         if not self.reference_radius_m or not isinstance(indenter, Sphere):
             return 1.0
         power = (self.exponent - 1) * (1.0 if law is None else law.exponent)
         return (indenter.radius_m / self.reference_radius_m) ** power
 
-    def pressed_by(self, indenter: Indenter) -> Indenter:
-        """Return the indenter that presses on the foundation as this one does on the skin."""
+    def equivalent_indenter(self, indenter: Indenter) -> Indenter:
+        """Return the indenter that acts on the foundation as the given one does on the skin."""
         if self.radius_scale == 1.0 or not isinstance(indenter, Sphere):
             return indenter
         return Sphere(self.radius_scale * indenter.radius_m)

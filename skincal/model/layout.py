@@ -17,9 +17,10 @@ Pair = float | tuple[float, float]
 class TaxelLayout:
     """Taxels as rectangles on the patch, ``j = r * cols + c`` (the sets T_j of the paper, equation 2).
 
-    ``c`` grows with u and ``r`` with v. Use :meth:`grid` for the usual layout, the constructor for any other.
+    ``c`` grows with u and ``r`` with v. Use :meth:`grid` for a regular layout, the constructor for any other.
 
     Attributes:
+        rows: number of rows of the image.
         cols: number of columns of the image.
         centres_m: (J, 2) centres (u, v) [m], J = rows * cols.
         sizes_m: (J, 2) edge lengths along u and v [m]; one pair (2,) stands for all.
@@ -47,6 +48,12 @@ class TaxelLayout:
     def grid(cls, rows: int, cols: int, *, taxel_size_m: Pair, pitch_m: Pair) -> TaxelLayout:
         """Return a regular grid, centred on the patch.
 
+        Args:
+            rows: number of rows.
+            cols: number of columns.
+            taxel_size_m: edge lengths of a taxel [m].
+            pitch_m: distance of neighbouring centres [m].
+
         Raises:
             ValueError: no taxels, lengths that are not positive, or taxels that overlap.
         """
@@ -63,13 +70,13 @@ class TaxelLayout:
 
     @property
     def bounds_m(self) -> FloatArray:
-        """(2, 2): lowest and highest (u, v) [m] that a taxel reaches."""
+        """(2, 2): lowest and highest (u, v) [m] of all taxels."""
         half = self.sizes_m / 2
         return np.stack([(self.centres_m - half).min(axis=0), (self.centres_m + half).max(axis=0)])
 
     @property
     def apart_m(self) -> FloatArray:
-        """(J, J): distances of the centres [m]; infinite from a taxel to itself."""
+        """(J, J): distances between the centres [m]; infinite on the diagonal."""
         apart = np.linalg.norm(self.centres_m[:, None] - self.centres_m, axis=-1)
         np.fill_diagonal(apart, np.inf)
         return apart
@@ -89,7 +96,7 @@ class TaxelLayout:
         return taxel
 
     def _check_apart(self) -> None:
-        """Raise ``ValueError`` if two taxels share area, as they would count the same stress twice."""
+        """Raise ``ValueError`` if two taxels overlap: the shared stress would count twice."""
         low, high = self.centres_m - self.sizes_m / 2, self.centres_m + self.sizes_m / 2
         tolerance = 1e-9 * self.sizes_m.min()
         for j in range(self.taxels - 1):

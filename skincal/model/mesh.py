@@ -1,4 +1,4 @@
-"""Triangle meshes: checked once, then asked for the first triangle on a ray (embree)."""
+"""Triangle meshes: checks, and the first triangle on a ray (embree)."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 from skincal.model.arrays import FloatArray, IntArray, check_shape, floats, frozen
 
 _SIZE = 100.0
-"""Meshes are scaled to this diagonal, as embree's tolerances are absolute lengths."""
+"""Length of the diagonal that meshes are scaled to: embree's tolerances are absolute lengths."""
 
 
 class RayScene:
-    """Triangles that rays are cast at, in single precision. The structure is built at the first ray.
+    """Triangles for ray casting, in single precision. The acceleration structure is built at the first ray.
 
     Args:
-        vertices: (V, 3) about the origin, so that digits are spent on the shape and not on where it lies.
+        vertices: (V, 3) centred on the origin, so that single precision resolves the shape [m].
         faces: (F, 3) indices of vertices.
 
     Attributes:
-        scale: of the scene: lengths in it over lengths outside.
+        scale: lengths in the scene over lengths in metres.
     """
 
     def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
@@ -33,7 +33,7 @@ class RayScene:
 
     @cached_property
     def _scene(self) -> Any:
-        # It says nothing of its types.
+        # embreex has no type annotations.
         embree: Any = importlib.import_module("embreex.rtcore_scene")
         meshes: Any = importlib.import_module("embreex.mesh_construction")
         scene = embree.EmbreeScene()
@@ -53,42 +53,44 @@ class RayScene:
         return self.run(starts, ways).astype(np.int64)
 
     def run(self, starts: NDArray[np.float32], ways: NDArray[np.float32]) -> NDArray[np.int32]:
-        """Return what :meth:`first` does, for rays (N, 3) in the scene's own scale and precision."""
+        """Return the first triangle (N,) on each ray, -1 without a hit; rays (N, 3) are in the scene's scale."""
         if not len(starts):
             return np.zeros(0, dtype=np.int32)
         return np.asarray(self._scene.run(starts, ways), dtype=np.int32)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out embree's structure, which cannot be sent to another process and is soon built."""
+        """Return the state without embree's structure: it cannot be pickled, and rebuilding it is fast."""
         return {name: value for name, value in self.__dict__.items() if name != "_scene"}
 
 
 _FLAT = 1e-12
-"""A face with less area than this part of the mesh's size squared has no normal."""
+"""Smallest area of a face with a normal, over the mesh's size squared: a numerical tolerance."""
 
 
 class TriangleMesh:
     """A mesh and its ray structure, which is built once.
 
-    Equal vertices are merged, as STL files repeat them for every face; faces without an area are left out, as
-    no ray can meet them. Embree works in single precision and only says *which* triangle is met: where on it is
-    then computed in double precision, so distances are good to some 1e-16 of the mesh's size, not 1e-7.
+    Equal vertices are merged, since STL files repeat them for every face. Faces without an area are dropped, since no
+    ray can hit them. Embree works in single precision and only reports *which* triangle is hit; the hit point is
+    computed in double precision. Distances are therefore accurate to about 1e-16 of the mesh's size, not 1e-7.
 
     Attributes:
+        name: name of the mesh, for errors.
         vertices_m: (V, 3) [m].
         faces: (F, 3) indices of vertices.
-        normals: (F, 3) unit normals, right-handed about the order of the vertices.
+        normals: (F, 3) unit normals, right-handed with respect to the order of the vertices.
+        areas_m2: (F,) areas of the faces [m²].
         centre_m: (3,) centre of the bounding box [m].
-        radius_m: the mesh lies within this distance of ``centre_m`` [m].
-        heights: (F,) of the faces' planes above the origin, along their normals [m].
-        rays: the ray structure, about ``centre_m``.
+        radius_m: largest distance of a vertex from ``centre_m`` [m].
+        heights: (F,) signed distances of the faces' planes from the origin, along their normals [m].
+        rays: ray structure, centred on ``centre_m``.
     """
 
     def __init__(self, name: str, vertices_m: ArrayLike, faces: ArrayLike) -> None:
         """Check a mesh and build its ray structure.
 
         Args:
-            name: what the mesh is, for errors.
+            name: name of the mesh, for errors.
             vertices_m: (V, 3) vertices [m].
             faces: (F, 3) indices of vertices.
 
@@ -97,7 +99,7 @@ class TriangleMesh:
         """
         self.name = name
         vertices = floats(f"{name} vertices_m", vertices_m, (None, 3))
-        vertices, corners = _merged(vertices, _checked_faces(name, faces, len(vertices)))
+        vertices, corners = _merge_vertices(vertices, _checked_faces(name, faces, len(vertices)))
         self._edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
         size = float(np.ptp(vertices, axis=0).max()) if len(corners) else 0.0
         cross = _face_cross(vertices, corners)
@@ -136,21 +138,21 @@ class TriangleMesh:
         return np.where(hit, face, -1), distance
 
     def check_closed(self) -> None:
-        """Raise ``ValueError`` unless every edge belongs to two faces: through a hole a ray would meet the inside."""
+        """Raise ``ValueError`` unless every edge belongs to two faces: through a hole a ray would hit the inside."""
         _, count = np.unique(np.sort(self._edges, axis=1), axis=0, return_counts=True)
         if np.any(count != 2):
             raise ValueError(
                 f"{self.name}: expected a closed mesh, two faces at every edge; got {np.sum(count != 2)} edges "
-                f"with another number of faces. Close it, or say closed=False if the rays cannot see the holes"
+                f"with another number of faces. Close it, or pass closed=False if no hole faces the skin"
             )
 
     def check_winding(self) -> None:
-        """Raise ``ValueError`` unless neighbouring faces are wound alike, so that "outward" means something."""
+        """Raise ``ValueError`` unless neighbouring faces have consistent winding, so that "outward" is defined."""
         _, count = np.unique(self._edges, axis=0, return_counts=True)
         if np.any(count > 1):
             raise ValueError(
-                f"{self.name}: expected neighbouring faces to be wound alike; got {np.sum(count > 1)} edges that two "
-                "faces run along the same way. Repair it, with trimesh.repair.fix_winding for example"
+                f"{self.name}: expected neighbouring faces with consistent winding; got {np.sum(count > 1)} edges that "
+                "two faces traverse in the same direction. Repair it, with trimesh.repair.fix_winding for example"
             )
 
 
@@ -166,8 +168,8 @@ def _checked_faces(name: str, faces: ArrayLike, vertices: int) -> IntArray:
     return array.astype(np.int64)
 
 
-def _merged(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Return the same mesh with equal vertices made one, and without the faces that this collapses."""
+def _merge_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Merge equal vertices, and drop the faces that collapse."""
     unique, index = np.unique(vertices, axis=0, return_inverse=True)
     faces = index.reshape(-1)[faces]
     a, b, c = faces.T

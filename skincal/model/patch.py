@@ -24,16 +24,18 @@ from skincal.model.press.points import TiledPoints
 from skincal.model.surfaces.surface import SensorPose, Surface
 
 Rule = Literal["midpoint", "gauss"]
-"""How a sum over points stands for an integral over a taxel: ``midpoint``, the centres of even cells, which is the
-paper's; ``gauss``, as many points where Gauss's rule has them, so that a pressure that is smooth over a taxel is summed
-up exactly to third order. Then the sum of half a millimetre is off by half as much. An axis that is cut evenly, across
-the edges of taxels, keeps to the midpoint."""
+"""Quadrature rule for the integral over a taxel.
+
+``midpoint`` uses the centres of even cells, as in the paper. ``gauss`` uses as many points at the nodes of Gaussian
+quadrature, which integrates a cubic pressure over a taxel exactly; at a resolution of half a millimetre its error is
+half that of the midpoints. An axis whose cells do not end at the edges of taxels keeps the midpoints.
+"""
 
 _SNAP_M = 1e-9
-"""Edges of taxels nearer than this are the same edge [m]."""
+"""Largest distance of two edges of taxels that count as one edge [m]: a numerical tolerance."""
 
-_NODES = {many: np.polynomial.legendre.leggauss(many) for many in (1, 2, 3)}
-"""Places in [-1, 1] and weights of Gauss's rule with so many points."""
+_NODES = {order: np.polynomial.legendre.leggauss(order) for order in (1, 2, 3)}
+"""Nodes in [-1, 1] and weights of Gaussian quadrature, by the number of points."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +47,11 @@ class Patch:
         normals: (N, 3) outward unit normals n_t.
         areas_m2: (N,) areas a_t [m²].
         taxel: (N,) flat taxel index; -1 in the gaps and the margin.
-        border: (N,) True where the patch ends; a press that reaches such a point is not wholly on the patch. Left
-            out, no point counts as border.
-        uv_m: (N, 2) patch coordinates [m]; None for points that no patch was cut into.
-        depth_m: penetration from which on a press is through the finger [m].
+        layout: the taxels.
+        border: (N,) True at the edge of the patch; a press that touches such a point is not wholly on the patch.
+            Default: no point is a border point.
+        uv_m: (N, 2) patch coordinates [m]; None for points that were not cut from a surface.
+        depth_m: largest penetration that the finger allows [m].
     """
 
     points_m: FloatArray
@@ -86,13 +89,13 @@ class Patch:
 
     @cached_property
     def tiled(self) -> TiledPoints:
-        """The points as the compiled routine takes them, cut at first use."""
+        """The points in tiles for the compiled routine, computed at first use."""
         return TiledPoints.of(self.points_m, self.normals, self.areas_m2, self.taxel, self.border)
 
     def moved(self, points_m: FloatArray, normals: FloatArray) -> Patch:
-        """Return the same cells at other places (N, 3) with other normals (N, 3), in the same tiles."""
+        """Return the same cells at new positions (N, 3) [m] with new normals (N, 3), in the same tiles."""
         patch = replace(self, points_m=points_m, normals=normals)
-        # A cached property, filled before it is asked for.
+        # Fill the cached property, so that the points are not tiled anew.
         patch.__dict__["tiled"] = self.tiled.moved(patch.points_m, patch.normals, patch.areas_m2)
         return patch
 
@@ -106,25 +109,26 @@ class Patch:
         margin_m: float = 8e-3,
         rule: Rule = "midpoint",
     ) -> Patch:
-        """Cut the patch into cells and lay them on the surface.
+        """Cut the patch into cells and map them onto the surface.
 
-        Cells are at most ``resolution_m`` long (on average, with Gauss's rule) and end at the edges of the taxels, so
-        that every taxel has its exact area; the paper's layout gives 122 x 122 of 0.25 mm. Where the taxels have so
-        many different edges that this would more than double the cells of an axis, the axis is cut evenly.
+        Cells are at most ``resolution_m`` long (on average, with Gaussian quadrature). They end at the edges of the
+        taxels, so that every taxel has its exact area; the paper's layout gives 122 x 122 cells of 0.25 mm. If the
+        taxels have so many different edges that this would more than double the cells of an axis, the axis is divided
+        evenly.
 
         Args:
             surface: the fingertip.
             layout: the taxels.
-            pose: where the patch is.
+            pose: pose of the patch on the surface.
             resolution_m: longest edge of a cell [m].
-            margin_m: how far the skin goes on around the taxels [m]. It carries force and is not sensed.
-            rule: where in its cells a point lies: see :data:`Rule`.
+            margin_m: width of the skin around the taxels [m]. It carries force but has no taxels.
+            rule: positions of the points in their cells: see :data:`Rule`.
 
         Returns:
-            The patch; points of margin and gaps that have no place on the surface are left out.
+            The patch, without those points of margin and gaps that lie beyond the surface.
 
         Raises:
-            ValueError: lengths that make no sense, or a taxel that has no place on the surface.
+            ValueError: a length is out of range, or a taxel lies beyond the surface.
         """
         uv, size = patch_cells(layout, resolution_m, margin_m, rule)
         points, normals = surface.wrap(pose, uv)
@@ -135,7 +139,7 @@ class Patch:
         if lost.size:
             raise ValueError(
                 f"patch: expected every taxel to lie on the surface; got {lost.size} taxels beyond its edge or "
-                f"wrapped round by more than half a turn (first: {lost[0]}). Check the pose and the pitch"
+                f"wrapped around by more than half a turn (first: {lost[0]}). Check the pose and the pitch"
             )
         border = _border(on, columns=len(np.unique(uv[:, 0])))
         return cls(points[on], normals[on], areas[on], taxel[on], layout, border[on], uv[on], surface.depth_m)
@@ -144,7 +148,7 @@ class Patch:
 def patch_cells(
     layout: TaxelLayout, resolution_m: float, margin_m: float, rule: Rule = "midpoint"
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the cells that a patch is cut into, row by row (u runs fastest).
+    """Return the cells of a patch, row by row (u varies fastest).
 
     Args:
         layout: the taxels.
@@ -153,21 +157,22 @@ def patch_cells(
         rule: see :data:`Rule`.
 
     Returns:
-        Points (N, 2) and the lengths (N, 2) along u and v that they stand for [m]: with the rule of the midpoint the
-        centres and edges of cells.
+        Points (N, 2) and their quadrature weights (N, 2) along u and v [m]; with the midpoint rule these are the
+        centres and edge lengths of the cells.
 
     Raises:
-        ValueError: a resolution that is not positive or a negative margin.
+        ValueError: the resolution is not positive, or the margin is negative.
     """
     positive("resolution_m", resolution_m)
     if not (np.isfinite(margin_m) and margin_m >= 0):
         raise ValueError(f"margin_m: expected a finite length >= 0; got {margin_m!r}")
     edges = np.concatenate([layout.centres_m - layout.sizes_m / 2, layout.centres_m + layout.sizes_m / 2])
     span = layout.bounds_m + np.array([[-margin_m], [margin_m]])
-    stops = [_stops(edges[:, k], span[:, k], resolution_m) for k in (0, 1)]
-    # Pairs of nodes that lie astride the edges of taxels would share the areas out wrongly.
+    stops = [_cell_boundaries(edges[:, k], span[:, k], resolution_m) for k in (0, 1)]
+    # Gaussian nodes of a cell that contains the edge of a taxel would assign wrong areas to the taxels.
     (point_u, size_u), (point_v, size_v) = (
-        (_gauss if rule == "gauss" and len(ends) > 2 else _midpoints)(ends, resolution_m) for ends in stops
+        (_gauss_nodes if rule == "gauss" and len(ends) > 2 else _midpoints)(ends, resolution_m)
+        for ends in stops
     )
     points = np.stack(np.meshgrid(point_u, point_v), axis=-1).reshape(-1, 2)
     sizes = np.stack(np.meshgrid(size_u, size_v), axis=-1).reshape(-1, 2)
@@ -175,14 +180,14 @@ def patch_cells(
 
 
 def _border(placed: BoolArray, columns: int) -> BoolArray:
-    """Mark the cells (N,), row by row, that have fewer than four neighbours on the surface."""
+    """Return which cells (N,), row by row, have fewer than four neighbours on the surface."""
     inside: BoolArray = np.pad(placed.reshape(-1, columns), 1)
     whole = inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
     return ~whole.ravel()
 
 
-def _stops(taxel_edges: FloatArray, span: FloatArray, resolution_m: float) -> FloatArray:
-    """Return the ends of cells along one axis: the taxels' edges, or only the two ends where those are too many."""
+def _cell_boundaries(taxel_edges: FloatArray, span: FloatArray, resolution_m: float) -> FloatArray:
+    """Return cell boundaries along one axis: the edges of the taxels, or only the two ends if those are too many."""
     stops = np.unique(np.concatenate([span, taxel_edges]))
     stops = stops[np.concatenate([[True], np.diff(stops) > _SNAP_M])]
     ends: list[float] = stops.tolist()
@@ -201,10 +206,11 @@ def _midpoints(stops: FloatArray, resolution_m: float) -> tuple[FloatArray, Floa
     return (edges[1:] + edges[:-1]) / 2, np.diff(edges)
 
 
-def _gauss(stops: FloatArray, resolution_m: float) -> tuple[FloatArray, FloatArray]:
-    """Return nodes and weights of Gauss's rule between stops: two by two, and three where their number is odd.
+def _gauss_nodes(stops: FloatArray, resolution_m: float) -> tuple[FloatArray, FloatArray]:
+    """Return nodes and weights of Gaussian quadrature between stops.
 
-    As many as there would be cells; where that is one, its centre.
+    There are as many nodes as there would be cells, in groups of two, with one group of three if the number is odd. A
+    single node is the centre.
     """
     nodes, weights = list[FloatArray](), list[FloatArray]()
     ends: list[float] = stops.tolist()
@@ -215,15 +221,15 @@ def _gauss(stops: FloatArray, resolution_m: float) -> tuple[FloatArray, FloatArr
             groups = groups[1:]
             groups.insert(len(groups) // 2, min(count, 3))
         length, at = (high - low) / count, low
-        for many in groups:
-            place, weight = _NODES[many]
-            half = many * length / 2
-            nodes.append(at + half * (1 + place))
+        for order in groups:
+            node, weight = _NODES[order]
+            half = order * length / 2
+            nodes.append(at + half * (1 + node))
             weights.append(half * weight)
             at += 2 * half
     return np.concatenate(nodes), np.concatenate(weights)
 
 
 def _cells_in(length_m: float, resolution_m: float) -> int:
-    """Count the cells that a length needs; a hair's breadth too much does not cost another cell."""
+    """Return the number of cells for a length; an excess within rounding does not add a cell."""
     return max(1, int(np.ceil(length_m / resolution_m - 1e-6)))

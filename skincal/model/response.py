@@ -1,4 +1,4 @@
-"""Responses of a skin to presses, loads of single points, and presses that the model has no answer for."""
+"""Responses of a skin to presses, loads of single points, and invalid presses."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from skincal.model.press.status import Status
 
 _INVALID = {
     Status.FINER_THAN_POINTS: (
-        "an indenter that is not finer than the tactile points, so that it does not fall between them",
+        "an indenter that is not finer than the tactile points and does not fall between them",
         "Build the patch with a smaller resolution_m, or check the radius.",
     ),
     Status.THROUGH_FINGER: (
-        "a penetration that indenter and finger allow",
+        "a penetration within the depth of indenter and finger",
         "Check force, elasticity and their units.",
     ),
 }
 
 _FIRST_INVALID = int(min(_INVALID))
-"""A plain number: numpy compares with members of an enumeration slowly."""
+"""A plain integer: numpy is slow to compare with members of an enumeration."""
 
 
 class InvalidPressError(InputError, ValueError):
-    """A press that the model has no answer for."""
+    """A press that the model cannot simulate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +36,11 @@ class SkinResponse:
     """Response of the skin to a batch of K contacts.
 
     Attributes:
-        loads_n: (K, J) loads that the taxels feel [N], before the scale.
-        penetration_m: (K,) eps_max [m], from the first point touched.
-        force_n: (K,) normal force that all points together carry [N]: F_n again, or 0.
-        centroid_m: (K, 3) centre of that force [m]; NaN where there is none.
-        points: (K,) number of points touched.
+        loads_n: (K, J) loads on the taxels [N], before the scale.
+        penetration_m: (K,) eps_max [m], measured from first touch.
+        force_n: (K,) normal force carried by all points together [N]: F_n, or 0 without contact.
+        centroid_m: (K, 3) centre of that force [m]; NaN without contact.
+        points: (K,) number of points in contact.
         status: (K,) a :class:`Status` for each press.
     """
 
@@ -53,22 +53,22 @@ class SkinResponse:
 
 
 def refuse(indenter: Indenter, contacts: Contacts, info: FloatArray, *statuses: Status) -> None:
-    """Raise an error if presses have a status that is refused.
+    """Raise an error if a press has one of the given statuses.
 
     Args:
-        indenter: what presses.
+        indenter: the indenter.
         contacts: K contacts.
-        info: (K, 7) of :func:`skincal.model.press.call.press`.
-        statuses: the refused ones.
+        info: (K, 7) from :func:`skincal.model.press.call.press`.
+        statuses: statuses to refuse.
 
     Raises:
-        InvalidPressError: one of the presses has such a status.
+        InvalidPressError: a press has such a status.
     """
-    found = info[:, 6]
-    if not len(found) or found.max() < _FIRST_INVALID:
+    status_of = info[:, 6]
+    if not len(status_of) or status_of.max() < _FIRST_INVALID:
         return
     for status in statuses:
-        bad = np.flatnonzero(found == status)
+        bad = np.flatnonzero(status_of == status)
         if len(bad):
             k = bad[0]
             expected, fix = _INVALID[status]
@@ -78,13 +78,14 @@ def refuse(indenter: Indenter, contacts: Contacts, info: FloatArray, *statuses: 
 
 @dataclass(frozen=True, eq=False)
 class Pressures:
-    """Loads on the tactile points that K contacts touch, one contact after the other.
+    """Loads on the tactile points that K contacts touch, as the entries of a sparse matrix (K, N) in CSR form.
 
     Attributes:
         starts: (K + 1,) contact k has the entries from ``starts[k]`` to ``starts[k + 1]``.
         points: (P,) index of the tactile point of each entry.
-        load_n: (P,) what it adds to its taxel [N]: E eps_i a_i max(n_c . n_t,i, 0) max(-n_s,i . n_c, 0).
-        known: (K,) False where the force or the place is NaN or infinite.
+        load_n: (P,) contribution to the load of its taxel [N]: E eps_i a_i max(n_c . n_t,i, 0) max(-n_s,i . n_c, 0).
+        known: (K,) False where the force or position is NaN or infinite.
+        patch_points: number N of points of the patch.
     """
 
     starts: IntArray
@@ -97,10 +98,10 @@ class Pressures:
         return len(self.known)
 
     def loads(self, weights: FloatArray) -> FloatArray:
-        """Return loads on regions (K, J) [N], NaN where a contact is not known.
+        """Return loads on regions (K, J) [N]; NaN where a contact is not known.
 
         Args:
-            weights: (N, J) how much of a tactile point belongs to each region; 0 and 1 for taxels as they are.
+            weights: (N, J) fraction of each tactile point that belongs to each region; 0 or 1 for the taxels.
         """
         from scipy.sparse import csr_array  # takes a moment, and few need the loads of points
 

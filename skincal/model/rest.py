@@ -1,4 +1,4 @@
-"""The level at rest of taxels, from presses most of which leave a given taxel alone."""
+"""The rest level of taxels, estimated from presses, most of which do not touch a given taxel."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from numpy.typing import ArrayLike, NDArray
 from skincal.model.arrays import FloatArray
 
 _UNSTEADY = 6.0
-"""A taxel whose lower readings scatter so many times more than those of the others is never at rest."""
+"""Scatter of a taxel's rest readings over the median of all taxels, above which the taxel is never at rest."""
 
 _ROUNDED = 0.01
-"""Steps between readings that are larger than this part of their range are no rounding."""
+"""Largest rounding step of readings, as a fraction of their range."""
 
 _FINEST = 1e-4
-"""Readings are told apart down to this part of their whole range: a numerical tolerance."""
+"""Smallest resolved difference of readings, as a fraction of their range: a numerical tolerance."""
 
 
 _EVIDENCE = 10.0
-"""Half of the noise is clipped where that is so many nats likelier than that low readings are signals."""
+"""Log-likelihood ratio [nats] of clipped noise over evenly spread signals, above which noise counts as clipped."""
 
 _FINE = 4.0
-"""Noise of so many steps or more has the shape of a half normal distribution; smaller noise has that of its steps."""
+"""Smallest noise, in rounding steps, that has the shape of a half normal distribution; below, the steps dominate."""
 
 _NOISY = 0.25
-"""Beside readings on the bound, noise that the bound cuts in half leaves this part as many above it at least."""
+"""Smallest number of noise readings above the bound over readings on it, if the bound clips half of the noise."""
 
 
-def quantum(values: ArrayLike) -> float:
-    """Return smallest step between different values (…), as rounding makes it; 0 where there is none.
+def rounding_step(values: ArrayLike) -> float:
+    """Return the smallest step between different values of any shape: the rounding step; 0 if all are equal.
 
-    Steps below a millionth of the range are errors of arithmetic.
+    Steps below a millionth of the range count as rounding errors of the arithmetic.
     """
     flat = np.unique(np.asarray(values, dtype=np.float64))
     if len(flat) < 2:
@@ -44,14 +44,14 @@ def quantum(values: ArrayLike) -> float:
 
 @dataclass(frozen=True, eq=False)
 class RestLevels:
-    """Levels of taxels at rest, from presses that leave them alone.
+    """Rest levels of taxels, from presses that do not touch them.
 
     Attributes:
-        level: (J,) [counts]; NaN for a taxel that was never read.
-        known: (J,) True if the taxel was seen at rest; else its level is the median of the others.
-        scatter: of one reading at rest [counts]; NaN where there is none.
-        scatters: (J,) the same of each taxel.
-        dark: (J,) how many readings leave the taxel alone.
+        level: (J,) rest level [counts]; NaN for a taxel that was never read.
+        known: (J,) True if the taxel was read at rest; otherwise its level is the median of the others.
+        scatter: standard deviation of one reading at rest, median over the taxels [counts]; NaN without readings.
+        scatters: (J,) standard deviation of each taxel [counts].
+        dark: (J,) number of readings at rest.
     """
 
     level: FloatArray
@@ -62,22 +62,22 @@ class RestLevels:
 
 
 def levels_from_presses(counts: ArrayLike) -> RestLevels:
-    """Estimate the level of each taxel at rest, and the scatter of a reading at rest.
+    """Estimate the rest level of each taxel, and the scatter of a reading at rest.
 
-    Dark are the readings that lie within four sigmas of the lower two thirds' median, so that the presses that leave a
-    taxel alone count and those that touch it do not. Where readings lie on a bound that cuts off the lower half of the
-    noise, the upper half tells sigma (:func:`half_scatter`). A taxel that every press touches has no dark reading; its
-    lower readings scatter with the force, and it is given the level of the others.
+    A reading is at rest ("dark") if it lies within four sigmas of the median of the lower two thirds. This keeps the
+    presses that do not touch the taxel. If the converter's lower bound clips half of the noise, sigma comes from the
+    upper half (:func:`half_scatter`). A taxel that every press touches has no reading at rest: its lower readings
+    scatter with the force, and it gets the median level of the others.
 
     Args:
         counts: (K, J) mean counts of presses; NaN where not read.
     """
     readings = np.asarray(counts, dtype=np.float64)
     rest = np.full(readings.shape[1], np.nan)
-    scatter, many = np.full(readings.shape[1], np.nan), np.zeros(readings.shape[1], dtype=np.intp)
+    scatter, number = np.full(readings.shape[1], np.nan), np.zeros(readings.shape[1], dtype=np.intp)
     finite = readings[np.isfinite(readings)]
     span = float(np.ptp(finite)) if finite.size else 0.0
-    step = quantum(finite)
+    step = rounding_step(finite)
     finest = max(_FINEST * span, min(0.5 * step, _ROUNDED * span))
     for j, column in enumerate(readings.T):
         read = np.sort(column[np.isfinite(column)])
@@ -90,22 +90,26 @@ def levels_from_presses(counts: ArrayLike) -> RestLevels:
         if edge == read[0] and (half := half_scatter(read, finest)) > _FINE * step:
             sigma = max(sigma, half)
         dark = read[np.abs(read - middle) <= 4 * sigma]
-        rest[j], scatter[j], many[j] = dark.mean(), dark.std(), len(dark)
+        rest[j], scatter[j], number[j] = dark.mean(), dark.std(), len(dark)
     read = np.isfinite(rest)
     if not np.isfinite(scatter).any():
-        return RestLevels(rest, np.zeros(len(rest), dtype=bool), float("nan"), scatter, many)
+        return RestLevels(rest, np.zeros(len(rest), dtype=bool), float("nan"), scatter, number)
     common = float(np.nanmedian(scatter))
     steady = read & (np.nan_to_num(scatter, nan=np.inf) <= _UNSTEADY * max(common, finest))
     if steady.any():
         rest[read & ~steady] = np.median(rest[steady])
-    return RestLevels(rest, steady, common, scatter, many)
+    return RestLevels(rest, steady, common, scatter, number)
 
 
 def half_scatter(readings: FloatArray, finest: float) -> float:
-    """Standard deviation of noise of which a bound leaves only the upper half; 0 where low readings are no noise.
+    """Return the standard deviation of noise whose lower half is clipped; 0 if low readings are not clipped noise.
 
-    Readings above the lowest one are half of a normal distribution with some even spread signals among them: both
-    parts are found by expectation-maximisation.
+    Readings above the lowest one are modelled as a mixture of a half normal distribution (noise) and a uniform one
+    (signals), fitted by expectation-maximisation.
+
+    Args:
+        readings: (n,) readings of one taxel [counts].
+        finest: lower bound of the standard deviation [counts].
     """
     above = readings[readings > readings.min()] - readings.min()
     on_bound, top = len(readings) - len(above), float(above.max(initial=0.0))
@@ -123,6 +127,6 @@ def half_scatter(readings: FloatArray, finest: float) -> float:
 
 
 def rest_from_presses(counts: ArrayLike) -> tuple[FloatArray, float]:
-    """Return levels at rest (J,) [counts] and the scatter of a reading there; see :func:`levels_from_presses`."""
+    """Return rest levels (J,) and the scatter of a reading at rest [counts]; see :func:`levels_from_presses`."""
     found = levels_from_presses(counts)
     return found.level, found.scatter

@@ -16,7 +16,7 @@ from skincal.model.patch import Patch
 from skincal.model.press.call import Entries, press
 from skincal.model.press.status import Status
 from skincal.model.response import Pressures, SkinResponse, refuse
-from skincal.model.spreading import little_spread
+from skincal.model.spreading import spread_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class SkinParameters:
 
     Attributes:
         elasticity_pa_per_m: E, stress per local penetration [Pa/m].
-        scale_per_n: S, counts per newton on a taxel [1/N]: one number, or one for each taxel (J,).
+        scale_per_n: S, counts per newton on a taxel [1/N]: one number, or one per taxel (J,).
     """
 
     elasticity_pa_per_m: float
@@ -47,8 +47,8 @@ class Skin:
         patch: the tactile points.
         parameters: E and S.
         converter: stage after the scale.
-        law: stress as a function of penetration; None: in proportion, which is the paper's.
-        contact: further differences of the contact from an elastic foundation; None: there are none.
+        law: stress as a function of penetration; None: proportional, as in the paper.
+        contact: deviation of the contact from an elastic foundation; None: no deviation.
     """
 
     patch: Patch
@@ -67,9 +67,9 @@ class Skin:
     def respond(self, indenter: Indenter, contacts: Contacts) -> SkinResponse:
         """Return loads, penetration and force of every contact.
 
-        A force of zero or less, and a press that touches no point, give no load; a force that is NaN or
-        infinite, or a place with NaN, gives NaN; :attr:`SkinResponse.status` says which. A press that reaches the
-        border of the patch or lies outside it, but touches it, is carried by the points it touches.
+        The load is zero for a force of zero or less and for a press that touches no point. It is NaN for a force that
+        is NaN or infinite and for a position with NaN. :attr:`SkinResponse.status` distinguishes these cases. If a
+        press reaches beyond the border of the patch, the points that it touches carry the whole force.
         """
         loads, info = self._press(indenter, contacts)
         points, status = info[:, 5:7].astype(np.int64).T
@@ -78,17 +78,17 @@ class Skin:
         )
 
     def prepare(self, indenter: Indenter) -> None:
-        """Compile what a press by an indenter needs, or load it from the cache, so that the first one is not late."""
+        """Compile the routine for an indenter, or load it from the cache, so that the first press is not delayed."""
         self.respond(indenter, Contacts(self.patch.points_m[:1], self.patch.normals[:1], np.ones(1)))
 
     def loads(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
         """Return the loads on the taxels (K, J) [N], before the scale.
 
-        The sum over T_j of E eps_i a_i max(n_c . n_t,i, 0) max(-n_s,i . n_c, 0) (paper, equation 4). A press that
-        goes through the finger has the loads of the formula; ask :meth:`respond` for its status, or :meth:`image`.
+        The load is the sum over T_j of E eps_i a_i max(n_c . n_t,i, 0) max(-n_s,i . n_c, 0) (paper, equation 4). This
+        also holds for a press that goes through the finger: :meth:`respond` reports it, and :meth:`image` refuses it.
 
         Raises:
-            ValueError: an indenter that falls between the tactile points.
+            ValueError: an indenter falls between the tactile points.
         """
         return self._loads(indenter, contacts, Status.FINER_THAN_POINTS)
 
@@ -97,17 +97,17 @@ class Skin:
         return self.loads(indenter, contacts) * self.parameters.scale_per_n
 
     def image(self, indenter: Indenter, contacts: Contacts) -> FloatArray:
-        """Return tactile images (K, J) [counts], through the converter. Reshape to (K, rows, cols) to look at them.
+        """Return tactile images (K, J) [counts], through the converter. Reshape to (K, rows, cols) to plot them.
 
         Raises:
-            ValueError: an indenter that falls between the tactile points, or a force that pushes it through the finger.
+            ValueError: an indenter falls between the tactile points, or is pushed through the finger.
         """
         loads = self._loads(indenter, contacts, Status.FINER_THAN_POINTS, Status.THROUGH_FINGER)
         return self.converter.apply(loads * self.parameters.scale_per_n)
 
     def pressures(self, indenter: Indenter, contacts: Contacts) -> Pressures:
         """Return the load of each contact on each tactile point: the terms of the sums of :meth:`loads`."""
-        # Counted first, then filled: how many points there will be is not known before.
+        # The first pass counts the points in contact, the second fills the arrays.
         _, info = self._press(indenter, contacts)
         starts = np.cumsum(np.append(0, info[:, 5])).astype(np.int64)
         points, load_n = np.zeros(starts[-1], dtype=np.int64), np.zeros(starts[-1])
@@ -117,9 +117,9 @@ class Skin:
 
     @cached_property
     def spreading(self) -> FloatArray | None:
-        """Weights (N, J) of points in taxels by the contact law; None: each counts where it lies."""
+        """Weights (N, J) of points in taxels by the contact law; None without spreading."""
         variance = 0.0 if self.contact is None else self.contact.spread_m2
-        return little_spread(self.patch, variance) if variance else None
+        return spread_weights(self.patch, variance) if variance else None
 
     def _press(
         self, indenter: Indenter, contacts: Contacts, entries: Entries | None = None
@@ -128,7 +128,7 @@ class Skin:
         law, elasticity = self.law, self.parameters.elasticity_pa_per_m
         if self.contact is not None:
             elasticity *= self.contact.stiffness(indenter, law)
-            indenter, law = self.contact.pressed_by(indenter), self.contact.stress(law)
+            indenter, law = self.contact.equivalent_indenter(indenter), self.contact.stress(law)
         return press(self.patch, elasticity, indenter, contacts, law, entries)
 
     def _loads(self, indenter: Indenter, contacts: Contacts, *refused: Status) -> FloatArray:

@@ -1,8 +1,8 @@
 """Hold images of presses at moved positions, for a skin with effects.
 
-The influence of memory on a hold depends on the course of the press, and on the presses before it. It hardly varies
-within the slack of a press. So with loads x of a hold without memory and y with it, both at the assumed positions of
-the presses, the loads at a nearby position, x' without memory, are
+The influence of memory on a hold depends on the course of the press and on the presses before it, but hardly varies
+within the slack of a press. Let x be the loads of a hold without memory and y those with it, both at the assumed
+positions of the presses. At a nearby position with loads x' without memory, the loads with memory are
 
     y' = g x' + (y - g x),    g = sum y x / sum x²
 
@@ -33,8 +33,8 @@ class HoldModel:
     """Hold images at moved positions.
 
     Attributes:
-        touches: (H) presses at their measured positions, in the order of time.
-        samples: (H) samples in the middle of their holds.
+        touches: H presses at their measured positions, in the order of time.
+        samples: H samples in the middle of their holds.
         skin: skin without its effects with memory.
         gain: (H, 1) gain that memory gives the loads.
         left_n: (H, J) loads that memory adds [N].
@@ -58,7 +58,7 @@ class HoldModel:
             rows: (H,) rows of presses in the order of time.
             slack_m: (P, 2) slacks at which memory is evaluated [m]; None: at the measured positions.
         """
-        touches = Touches.of_presses(on, dataset).taken(rows)
+        touches = Touches.of_presses(on, dataset).select(rows)
         samples = _middles(touches, dataset, rows)
         skin = replace(on.full, effects=tuple(e for e in on.full.effects if not e.effect.has_memory))
         gain, left = _memory(on, dataset, slack_m)
@@ -68,7 +68,7 @@ class HoldModel:
         """Return the values (n, J) above the level at rest [counts] of presses (n,) at slacks (n, 2) [m]."""
         order = np.argsort(press, kind="stable")
         rows = press[order]
-        contacts = self.touches.taken(rows).moved(slack_m[order]).contacts()
+        contacts = self.touches.select(rows).moved(slack_m[order]).contacts()
         contacted = self.skin.contact(replace(self.samples[rows], contacts=contacts))
         loads = self.skin.loads(contacted) * self.gain[rows] + self.left_n[rows]
         out = np.empty_like(loads)
@@ -78,12 +78,12 @@ class HoldModel:
 
 def rest_level(on: CalibratedSkin, dataset: Dataset) -> Floats:
     """Return the mean level of untouched taxels over the session (J,) [counts], with effects, within the range."""
-    rows = in_time(dataset, np.arange(len(dataset.presses)))
-    return _level(on.full, _middles(Touches.of_presses(on, dataset).taken(rows), dataset, rows))
+    rows = order_by_time(dataset, np.arange(len(dataset.presses)))
+    return _level(on.full, _middles(Touches.of_presses(on, dataset).select(rows), dataset, rows))
 
 
-def left_at_rest(on: CalibratedSkin, dataset: Dataset) -> Floats:
-    """Return the mean residual of memory in the idle frames of a session (J,) [counts]."""
+def idle_memory_residual(on: CalibratedSkin, dataset: Dataset) -> Floats:
+    """Return the mean contribution of memory to the idle frames of a session (J,) [counts]."""
     frames = dataset.frames
     if frames is None or not on.full.has_memory or touching(dataset).all():
         return np.zeros(on.skin.patch.layout.taxels)
@@ -94,24 +94,22 @@ def left_at_rest(on: CalibratedSkin, dataset: Dataset) -> Floats:
 
 
 def _level(skin: EffectSkin, samples: Samples) -> Floats:
+    """Return the mean values of untouched taxels over samples (J,) [counts]."""
     if not len(samples):
         return np.zeros(skin.skin.patch.layout.taxels)
-    nothing = np.zeros(len(samples), dtype=np.bool_)
-    level = skin.values(replace(samples, touching=nothing)).mean(axis=0)
-    # A level below the converter's range does not show at rest, but is still missing from every value.
+    untouched = np.zeros(len(samples), dtype=np.bool_)
+    level = skin.values(replace(samples, touching=untouched)).mean(axis=0)
+    # The converter clips a level below its range.
     return level if skin.skin.converter.value_min is None else np.maximum(level, 0.0)
 
 
-def in_time(dataset: Dataset, rows: Ints) -> Ints:
+def order_by_time(dataset: Dataset, rows: Ints) -> Ints:
     """Return the rows of presses in the order of time."""
     rank = np.empty(len(dataset.presses), dtype=np.intp)
-    rank[_order(dataset)] = np.arange(len(rank))
-    return rows[np.argsort(rank[rows], kind="stable")]
-
-
-def _order(dataset: Dataset) -> Ints:
     middle = _middle_times(dataset)
-    return press_order(dataset) if middle is None else np.argsort(middle, kind="stable")
+    order = press_order(dataset) if middle is None else np.argsort(middle, kind="stable")
+    rank[order] = np.arange(len(rank))
+    return rows[np.argsort(rank[rows], kind="stable")]
 
 
 def _middles(touches: Touches, dataset: Dataset, rows: Ints) -> Samples:
@@ -136,9 +134,9 @@ def _middle_times(dataset: Dataset) -> Floats | None:
     owner = np.where(touching(dataset), frame_presses(dataset), -1)
     middle = np.full(len(dataset.presses), np.nan)
     for wanted in (owner >= 0, (owner >= 0) & (frames.phase == HOLD)):
-        many = np.bincount(owner[wanted], minlength=len(middle))
+        number = np.bincount(owner[wanted], minlength=len(middle))
         total = np.bincount(owner[wanted], frames.time_s[wanted], len(middle))
-        middle[many > 0] = total[many > 0] / many[many > 0]
+        middle[number > 0] = total[number > 0] / number[number > 0]
     if clock:
         middle = np.where(np.isfinite(middle), middle, (given[1] + given[2]) / 2)
     # Place a press without frames and times in the middle of the session.
@@ -164,19 +162,19 @@ def _memory(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None) -> tup
 def best_slack(
     on: CalibratedSkin, dataset: Dataset, seen: Observed, progress: Callable[[int, int], None]
 ) -> Floats:
-    """Return the best slack of the presses (P, 2); a press of unknown position or without force stays."""
+    """Return the best slack of the presses (P, 2) [m]; it is 0 for a press of unknown position or without force."""
     progress(0, 1)
     known = np.isfinite(dataset.presses.position_m).all(axis=1) & (dataset.presses.force_n > 0)
     free = np.flatnonzero(known)
     slack = np.zeros((len(known), 2))
     if on.has_effects:
-        free = in_time(dataset, free)
-        found = _found(HoldModel.of(on, dataset, free).values, on, dataset, seen, free)
+        free = order_by_time(dataset, free)
+        found = _estimate_positions(HoldModel.of(on, dataset, free).values, on, dataset, seen, free)
         slack[free] = found.slack_m
         if on.full.has_memory:
-            # The influence of memory at the estimated positions differs slightly from that at the measured ones.
+            # Repeat with memory evaluated at the estimated positions, where it differs slightly.
             again = HoldModel.of(on, dataset, free, slack)
-            slack[free] = _found(again.values, on, dataset, seen, free, found).slack_m
+            slack[free] = _estimate_positions(again.values, on, dataset, seen, free, found).slack_m
     else:
         slack[free] = place_presses(on, dataset, seen, free).slack_m
     progress(1, 1)
@@ -184,16 +182,16 @@ def best_slack(
 
 
 def place_presses(on: CalibratedSkin, dataset: Dataset, seen: Observed, rows: Ints) -> Places:
-    """Return the best positions of presses ``rows`` (n,) of known position, on a skin without effects."""
-    measured = Touches.of_presses(on, dataset).taken(rows)
+    """Estimate the positions of the presses ``rows`` (n,) of known position, on a skin without effects."""
+    measured = Touches.of_presses(on, dataset).select(rows)
 
     def simulate(slack_m: Floats, press: Ints) -> Floats:
-        return measured.taken(press).moved(slack_m).values()
+        return measured.select(press).moved(slack_m).values()
 
-    return _found(simulate, on, dataset, seen, rows)
+    return _estimate_positions(simulate, on, dataset, seen, rows)
 
 
-def _found(
+def _estimate_positions(
     simulate: Simulate,
     on: CalibratedSkin,
     dataset: Dataset,
@@ -201,7 +199,7 @@ def _found(
     free: Ints,
     start: Places | None = None,
 ) -> Places:
-    """Return the best positions of some presses (n,)."""
+    """Estimate the positions of the presses ``free`` (n,), from ``start`` if given."""
     read = np.isfinite(seen.values[free])
     scatter = seen.rest_sigma_counts if np.isfinite(seen.rest_sigma_counts) else 0.0
     values, weight = np.where(read, seen.values[free], 0.0), np.where(read, seen.slope[free], 0.0)
@@ -213,6 +211,6 @@ def _found(
 
 
 def _patch_size_m(on: CalibratedSkin) -> float:
-    """Return half of the patch's longer side: without a bound of the slack, a press still lies on the patch."""
+    """Return half of the patch's longer side, the bound of an unlimited slack: a press lies on the patch [m]."""
     low, high = on.skin.patch.layout.bounds_m
     return float((high - low).max()) / 2

@@ -16,9 +16,9 @@ from skincal.prediction.session_samples import (
     Floats,
     Ints,
     frame_samples,
-    played_presses,
     pose_names,
     press_order,
+    standard_presses,
 )
 from skincal.prediction.touches import CHUNK, CalibratedSkin, Touches, frame_presses, touching
 
@@ -49,15 +49,14 @@ def images_with_effects(
 ) -> tuple[Images, ...]:
     """Return the images of a dataset by a skin with effects.
 
-    Frames follow each other, so that effects with memory know the frames before. A press is the mean over the frames of
-    its hold. A press without frames, and all presses of a dataset without frames, are simulated as standard presses,
-    independent of each other.
+    Frames are simulated in sequence, so that effects with memory carry their state. A press is the mean over the frames
+    of its hold. A press without frames is simulated as a standard press, independent of the others.
 
     Args:
         on: the skin.
         dataset: the presses.
         slack_m: (P, 2) shift of the presses across and along [m]; None: no shift.
-        readout: clips values (N, J) as the converter does; default: no clipping.
+        readout: function that clips values (N, J) to the converter's range; default: no clipping.
         progress: callback with the number of finished samples and of all samples.
         ends: skins for the stages after the contact, each with its own images; default: the skin itself.
     """
@@ -77,7 +76,7 @@ def images_with_effects(
     others = others[~held[others]]
     if len(others):
         touches = Touches.of_presses(on, dataset, slack_m)
-        played = played_presses(touches.taken(others), dataset, others, poses)
+        played = standard_presses(touches.select(others), dataset, others, poses)
         samples = played.samples
         if dataset.frames is not None and len(dataset.frames) and samples.time_s is not None:
             # Drifts count from the beginning of the session.
@@ -93,7 +92,10 @@ def images_with_effects(
 def _values(
     skin: EffectSkin, ends: tuple[EffectSkin, ...], samples: Samples, progress: Progress | None, each: int = 0
 ) -> list[FloatArray]:
-    """Return the values (K, J) of a session for each end, in pieces; memory ends after ``each`` samples, 0: never."""
+    """Return the values (K, J) of a session for each end, computed in chunks.
+
+    The state of memory is reset after every ``each`` samples; 0: never.
+    """
     out = [np.empty((len(samples), skin.skin.patch.layout.taxels)) for _ in ends]
     each = each if any(end.has_memory for end in ends) else 0
     step = each * max(1, CHUNK // each) if each else CHUNK
@@ -117,5 +119,5 @@ def _means(values: Floats, owner: Ints, count: int) -> tuple[Floats, NDArray[np.
     known = np.isfinite(values).all(axis=1)
     total = np.zeros((count, values.shape[1]))
     np.add.at(total, owner[known], values[known])
-    many = np.bincount(owner[known], minlength=count)
-    return total / np.where(many > 0, many, np.nan)[:, None], many > 0
+    number = np.bincount(owner[known], minlength=count)
+    return total / np.where(number > 0, number, np.nan)[:, None], number > 0

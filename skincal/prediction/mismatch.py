@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skincal.dataset import Dataset, idle_means
-from skincal.dataset.uniform_pressure import levels_by_lines, uniform_pressure
+from skincal.dataset.uniform_pressure import uniform_pressure, zero_load_levels
 from skincal.fitting.observe import Observed, Readout, expected_counts, observe
 from skincal.fitting.types import Bools, Floats
 
@@ -17,10 +17,10 @@ class Mismatch:
     """Root mean square difference per taxel between measured and predicted counts, during contact.
 
     Attributes:
-        rmse_counts: of the columns as they are. A prediction has no noise; where the converter clips noise at rest, an
-            untouched taxel reads a little above 0 on average, and this counts as a difference.
-        rmse_with_rest_counts: after adding to the prediction what the session's noise and level at rest add to a mean
-            count: comparable with the loss of a fit, and with the noise.
+        rmse_counts: difference of the columns as they are. A prediction has no noise, but clipped noise lifts the mean
+            of an untouched taxel slightly above 0, which counts as a difference.
+        rmse_with_rest_counts: difference after the contributions of the session's noise and rest level are added to the
+            prediction: comparable with the loss of a fit and with the noise.
     """
 
     rmse_counts: float
@@ -35,12 +35,16 @@ def _readout(dataset: Dataset) -> Readout:
 def observed_images(dataset: Dataset, left_counts: Floats | float = 0.0) -> Observed:
     """Return the measured images as unclipped values above rest.
 
-    The level at rest comes from idle frames if enough, else from presses that leave a taxel alone; uniform pressure
-    leaves none alone, and its lines tell the level.
+    The rest level comes from idle frames if there are enough, else from the presses that do not touch a taxel. Uniform
+    pressure touches all taxels; then the level is extrapolated to zero force.
+
+    Args:
+        dataset: dataset of the presses.
+        left_counts: (J,) contribution of memory to the idle frames, which is subtracted [counts].
     """
     idle = idle_means(dataset)
     if idle is None and uniform_pressure(dataset):
-        idle = levels_by_lines(dataset)
+        idle = zero_load_levels(dataset)
     return observe(dataset.presses.counts, _readout(dataset), None if idle is None else idle - left_counts)
 
 
@@ -63,9 +67,9 @@ def mismatch(
         dataset: dataset of the rows, for its converter.
         measured: (N, J) measured counts.
         predicted: (N, J) predicted counts.
-        contact: (N,) rows that count.
-        seen: images with the session's noise and level at rest.
-        level_counts: (J,) level at rest in the prediction, which the session's replaces [counts].
+        contact: (N,) True for the rows that are compared.
+        seen: images with the session's noise and rest level.
+        level_counts: (J,) rest level in the prediction, which the session's replaces [counts].
     """
     counts, values = measured[contact], predicted[contact]
     above_rest = values - np.maximum(level_counts, 0.0)

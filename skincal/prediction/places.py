@@ -5,8 +5,9 @@ For a press with observed values D and simulated values T the objective is
     Q(delta) = sum_j w_j^2 (T_j(delta) - D_j)^2 / sigma_n^2  +  |delta|^2 / sigma_p^2,    |delta_i| <= slack
 
 (the paper's micro variables, section III-B, on absolute images, with the prior of the rig's positions). Pose, E and
-scale are known here, so that the size of the image is informative as well. A lattice finds the basins, since the
-mirror image on the other side of a row of taxels fits almost as well; damped Gauss-Newton steps refine them.
+scale are known here, so that the size of the image is informative as well. The objective has several local minima: the
+mirrored position on the other side of a row of taxels fits almost as well. A lattice finds their basins, and damped
+Gauss-Newton steps refine them.
 """
 
 from __future__ import annotations
@@ -32,14 +33,16 @@ BLUNT_COUNTS = 4.0
 """Smallest noise assumed for residuals on the lattice, so that basins are as wide as its cells."""
 
 DIFFERENCE_M, LONGEST_STEP_M, SETTLED_M = 1e-5, 0.4e-3, 2e-7
+"""Step of the finite differences, largest step, and step below which a position has converged [m]."""
 STRIDES, ROUNDS = 12, 10
+"""Largest numbers of full and of damped steps."""
 ROOM = 4_000_000
 """Number of simulated values held in memory at once."""
 
 
 @dataclass(frozen=True, eq=False)
 class ObservedImages:
-    """Images that the positions are to explain.
+    """Observed images of K presses whose positions are estimated.
 
     Attributes:
         values: (K, J) observed values above rest [counts].
@@ -80,8 +83,8 @@ def best_places(
 ) -> Places:
     """Find the best slack of every press.
 
-    The noise is estimated from the data: positions are first chosen with a noise of one count, and the median residual
-    over the presses is the noise, so that a few outliers do not count.
+    Positions are first estimated with a noise of one count. The median residual over the presses, which is robust
+    against outliers, is then the noise of the final estimate.
 
     Args:
         simulate: the skin.
@@ -96,11 +99,11 @@ def best_places(
     if not (np.isfinite(slack_m) and slack_m >= 0):
         raise ValueError(f"slack_m: expected a finite length >= 0; got {slack_m!r}")
     count = len(seen.values)
-    nowhere = slack_m == 0 or position_sigma_m == 0
+    is_fixed = slack_m == 0 or position_sigma_m == 0
     problem = _Problem(
-        simulate, seen, 0.0 if nowhere else 1.0 / position_sigma_m**2, 0.0 if nowhere else slack_m
+        simulate, seen, 0.0 if is_fixed else 1.0 / position_sigma_m**2, 0.0 if is_fixed else slack_m
     )
-    if nowhere or count == 0:
+    if is_fixed or count == 0:
         zero, press = np.zeros((count, 2)), np.arange(count)
         noise = max(seen.floor_counts, 1e-3)
         return Places(zero, problem.evaluate(zero, press, noise)[0], noise)
@@ -118,23 +121,25 @@ def best_places(
 
 @dataclass(frozen=True, eq=False)
 class _Best:
-    """The best positions so far: slacks (n, 2), objectives (n,) and residuals (n, J). Its arrays are mutable."""
+    """The best positions so far: slacks (n, 2), objectives (n,) and residuals (n, J), which are updated in place."""
 
     slack_m: Floats
     objective: Floats
     residual: Floats
 
     def keep(self, rows: Ints, slack_m: Floats, objective: Floats, residual: Floats) -> Bools:
-        """Keep what is better than before in some rows; return which rows improved."""
+        """Update the rows whose objective has improved; return which of ``rows`` did."""
         better = objective < self.objective[rows]
-        won = rows[better]
-        self.slack_m[won], self.objective[won] = slack_m[better], objective[better]
-        self.residual[won] = residual[better]
+        improved = rows[better]
+        self.slack_m[improved], self.objective[improved] = slack_m[better], objective[better]
+        self.residual[improved] = residual[better]
         return better
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
+    """The objective of all presses; ``stiffness`` is 1 / sigma_p² [1/m²], ``slack_m`` the bound [m]."""
+
     simulate: Simulate
     seen: ObservedImages
     stiffness: float
@@ -164,21 +169,22 @@ class _Problem:
             some = np.arange(first, min(first + each, count))
             slack, press = np.tile(lattice, (len(some), 1)), np.repeat(some, len(lattice))
             objective = self.evaluate(slack, press, noise)[0].reshape(len(some), len(axis), len(axis))
-            k, node = _low_places(objective)
+            k, node = _lowest_minima(objective)
             found.append((some[k], lattice[node]))
         return np.concatenate([k for k, _ in found]), np.concatenate([at for _, at in found])
 
     def descend(self, start_m: Floats, press: Ints, noise: float) -> tuple[Floats, Floats]:
         """Refine n starts by Gauss-Newton: return slacks (n, 2) and objectives (n,), never worse than at the start."""
         best = _Best(start_m.copy(), *self.evaluate(start_m, press, noise))
-        self._stride(best, press, noise)
-        self._go_down(best, press, noise)
+        self._take_full_steps(best, press, noise)
+        self._descend_damped(best, press, noise)
         return best.slack_m, best.objective
 
-    def _stride(self, best: _Best, press: Ints, noise: float) -> None:
-        """Make full steps and keep the best position.
+    def _take_full_steps(self, best: _Best, press: Ints, noise: float) -> None:
+        """Take undamped steps and keep the best position.
 
-        A press that few taxels feel has a thin curved valley: a step along the valley leaves it, the next one returns.
+        The objective of a press with few active taxels has a narrow curved valley: a step along the valley leaves it,
+        and the next step returns to it.
         """
         rows, now, residual = np.arange(len(press)), best.slack_m, best.residual
         for _ in range(STRIDES):
@@ -190,8 +196,8 @@ class _Problem:
             objective, residual = self.evaluate(now, press[rows], noise)
             best.keep(rows, now, objective, residual)
 
-    def _go_down(self, best: _Best, press: Ints, noise: float) -> None:
-        """Make damped steps that only descend (Levenberg-Marquardt)."""
+    def _descend_damped(self, best: _Best, press: Ints, noise: float) -> None:
+        """Take damped steps that only descend (Levenberg-Marquardt)."""
         rows, damping = np.arange(len(press)), np.full(len(press), 1e-3)
         for _ in range(ROUNDS):
             trial = self._moved(best.slack_m[rows], press[rows], best.residual[rows], damping[rows], noise)
@@ -203,11 +209,13 @@ class _Problem:
             damping[rows] *= np.where(better, 0.2, 10.0)
 
     def _moved(self, slack: Floats, press: Ints, residual: Floats, damping: Floats, noise: float) -> Floats:
+        """Return slacks (n, 2) after a damped Gauss-Newton step, within the bound [m]."""
         step = self._step(slack, press, residual, damping, noise)
         return np.clip(slack + step, -self.slack_m, self.slack_m)
 
     def _step(self, slack: Floats, press: Ints, residual: Floats, damping: Floats, noise: float) -> Floats:
-        # Difference inwards, so as not to leave the square.
+        """Return damped Gauss-Newton steps (n, 2) [m]."""
+        # Finite differences point inwards, to stay within the bound.
         ahead = np.where(slack > 0, -DIFFERENCE_M, DIFFERENCE_M)
         slopes: list[Floats] = []
         for axis in (0, 1):
@@ -222,7 +230,7 @@ class _Problem:
         gradient = np.where(held, 0.0, gradient)
         mixed = np.where(held.any(axis=1), 0.0, hessian[:, 0, 1])
         diagonal = np.einsum("ndd->nd", hessian) + self.stiffness
-        # Where the image is not informative and the prior is off, a floor keeps the step finite.
+        # Without information in the image and without a prior, a floor keeps the step finite.
         diagonal = diagonal * (1.0 + damping[:, None]) + 1e-9 * diagonal.sum(axis=1, keepdims=True) + 1.0
         determinant = diagonal.prod(axis=1) - mixed**2
         step = (mixed[:, None] * gradient[:, ::-1] - diagonal[:, ::-1] * gradient) / determinant[:, None]
@@ -238,8 +246,8 @@ class _Problem:
         return float(np.sqrt(np.median(squares[number > 2] / (number[number > 2] - 2))))
 
 
-def _low_places(objective: Floats) -> tuple[Ints, Ints]:
-    """Return the local minima of lattices, the lowest of each press: presses (n,) and flat nodes (n,).
+def _lowest_minima(objective: Floats) -> tuple[Ints, Ints]:
+    """Return the lowest local minima of each press's lattice: presses (n,) and flat node indices (n,).
 
     Args:
         objective: (K, A, A) objective on the lattices.

@@ -10,11 +10,11 @@ import numpy as np
 
 from skincal.calibration import MARGIN_M, Calibration, Effect, check_same_sensor
 from skincal.dataset import IDLE, Dataset, DatasetMeta, Frames, Presses
-from skincal.dataset.uniform_pressure import at_centre
+from skincal.dataset.uniform_pressure import centre_contacts
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import Problem
 from skincal.fitting.types import Floats
-from skincal.prediction.holds import best_slack, left_at_rest, rest_level
+from skincal.prediction.holds import best_slack, idle_memory_residual, rest_level
 from skincal.prediction.images import Images, images_with_effects
 from skincal.prediction.mismatch import Mismatch, mismatch, observed_images, rms, within_range
 from skincal.prediction.session_samples import pose_names, session_samples
@@ -38,9 +38,10 @@ class Prediction:
     Attributes:
         dataset: the given dataset with predicted values in the taxel columns.
         frames: mismatch of the frames with contact; None without frames.
-        slack_m: (K, 2) chosen slack of the presses, across and along [m]; None with measured positions.
+        presses: mismatch of the presses.
+        slack_m: (K, 2) estimated slack of the presses, across and along [m]; None with measured positions.
         abstaining: effects that are left out, with the covariates that the dataset lacks.
-        warnings: warnings about these and other problems.
+        warnings: warnings about these effects and other problems.
     """
 
     dataset: Dataset
@@ -65,16 +66,14 @@ def predict_dataset(
     without a level at rest: an untouched taxel is 0. The indenter is the dataset's, with a press's own radius if given;
     force is the measured one. A frame has its own position and force; an idle one has no load.
 
-    Effects of the calibration act on frames in the order of time. A press is then the mean over the frames of its hold.
-    Without frames a standard press is simulated. An effect without its covariates is left out, which the result
-    reports.
+    Effects of the calibration act on frames in the order of time, and a press is the mean over the frames of its hold.
+    Without frames a standard press is simulated. An effect whose covariates are missing is left out and reported.
 
     Args:
         calibration: the calibration.
         dataset: dataset with the contacts.
-        slack: whether to move each press, with all its frames, to the best position within its slack: least
-            squares of the absolute hold image, plus the prior of the measured position. The result then has the
-            moved positions.
+        slack: True to move each press, with all its frames, to the best position within its slack: least squares of
+            the absolute hold image, plus the prior of the measured position. The result has the moved positions.
         progress: progress callback.
 
     Returns:
@@ -85,12 +84,12 @@ def predict_dataset(
         WorkError: the calibration cannot be simulated.
     """
     check_same_sensor(calibration, dataset)
-    given, dataset = dataset, at_centre(dataset, MARGIN_M)
+    given, dataset = dataset, centre_contacts(dataset, MARGIN_M)
     on = CalibratedSkin.of(calibration, dataset, pose_names(dataset))
-    seen = observed_images(dataset, left_at_rest(on, dataset))
-    slack = slack and dataset is given  # under uniform pressure all places are as good
-    slack_m = best_slack(on, dataset, seen, _of("slack", progress)) if slack else None
-    images = (_with_effects if on.has_effects else _base)(on, dataset, slack_m, progress)
+    seen = observed_images(dataset, idle_memory_residual(on, dataset))
+    slack = slack and dataset is given  # under uniform pressure the image does not depend on the position
+    slack_m = best_slack(on, dataset, seen, _stage_progress("slack", progress)) if slack else None
+    images = (_effect_images if on.has_effects else _base_images)(on, dataset, slack_m, progress)
     level = rest_level(on, dataset) if on.has_effects else 0.0
     presses = replace(given.presses, counts=images.presses)
     if slack_m is not None:
@@ -113,35 +112,38 @@ def predict_dataset(
     return Prediction(new, of_presses, of_frames, slack_m, lacking, warnings)
 
 
-def _of(stage: str, progress: Progress) -> Callable[[int, int], None]:
+def _stage_progress(stage: str, progress: Progress) -> Callable[[int, int], None]:
     return lambda done, total: progress(stage, done, total)
 
 
-def _with_effects(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress: Progress) -> Images:
+def _effect_images(
+    on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress: Progress
+) -> Images:
     stage = "presses" if dataset.frames is None else "frames"
 
     def readout(values: Floats) -> Floats:
         return within_range(dataset, values)
 
-    return images_with_effects(on, dataset, slack_m, readout, _of(stage, progress))[0]
+    return images_with_effects(on, dataset, slack_m, readout, _stage_progress(stage, progress))[0]
 
 
-def _base(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress: Progress) -> Images:
+def _base_images(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress: Progress) -> Images:
     """Return images by the base model, each press and each frame independently."""
-    presses = Touches.of_presses(on, dataset, slack_m).values(_of("presses", progress))
+    presses = Touches.of_presses(on, dataset, slack_m).values(_stage_progress("presses", progress))
     if dataset.frames is None:
         return Images(within_range(dataset, presses), None)
-    frames = Touches.of_frames(on, dataset, slack_m).values(_of("frames", progress))
+    frames = Touches.of_frames(on, dataset, slack_m).values(_stage_progress("frames", progress))
     return Images(within_range(dataset, presses), within_range(dataset, frames))
 
 
 def _moved(table: Table, touches: Touches, slack_m: Floats) -> Table:
-    """Return a table of presses or frames whose rows with slack (N, 2) [m] are where they touch."""
+    """Return a table of presses or frames with the contact positions of ``touches`` in rows with slack (N, 2) [m]."""
     moved = (slack_m != 0).any(axis=1)[:, None]
     return replace(table, position_m=np.where(moved, touches.points_m, table.position_m))
 
 
 def _meta(calibration: Calibration, dataset: Dataset, added: list[str], slack: bool) -> DatasetMeta:
+    """Return the metadata of the predicted dataset; ``added`` are the names of the effects that act."""
     meta, origin = dataset.meta, calibration.provenance
     name = "a calibration" if calibration.folder is None else f"the calibration {calibration.folder.name}"
     fitted = f" (fitted to {origin.dataset or 'a dataset'} {origin.dataset_sha256[:12]})".rstrip()
@@ -160,7 +162,7 @@ _LEFT_OUT = "The prediction leaves it out."
 
 
 def abstaining(on: CalibratedSkin, dataset: Dataset) -> dict[str, tuple[str, ...]]:
-    """Return the names of effects that abstain, each with its missing covariates."""
+    """Return the names of effects that are left out, each with its missing covariates."""
     if not on.has_effects:
         return {}
     touches = Touches.of_presses(on, dataset) if dataset.frames is None else Touches.of_frames(on, dataset)
@@ -176,13 +178,15 @@ def abstaining(on: CalibratedSkin, dataset: Dataset) -> dict[str, tuple[str, ...
 def abstaining_problems(
     calibration: Calibration, dataset: Dataset, lacking: Mapping[str, tuple[str, ...]]
 ) -> tuple[Problem, ...]:
-    """Return warnings about effects that abstain, and about hand poses that the calibration does not know."""
+    """Return warnings about effects that are left out, and about hand poses without parameters in the calibration."""
     place = "the dataset" if dataset.folder is None else str(dataset.folder)
     found = [
         Problem(f"{place}, for the effect {name}", _columns(missing), "none", _LEFT_OUT)
         for name, missing in lacking.items()
     ]
-    found += [problem for one in calibration.effects for problem in _partly(one, dataset, place, lacking)]
+    found += [
+        problem for one in calibration.effects for problem in _partial_columns(one, dataset, place, lacking)
+    ]
     poses = pose_names(dataset)
     for one in calibration.effects:
         several = any(isinstance(v, tuple) and len(v) > 1 for v in one.parameters.values())
@@ -195,21 +199,22 @@ def abstaining_problems(
 
 
 def _columns(missing: tuple[str, ...]) -> str:
-    # Phases come with the times, with or without frames; a site's largest force comes with the count of its touches.
+    """Return the columns that provide missing covariates, as words of a message."""
+    # Phases come with the times, and a site's largest force with the count of its touches: name only the source.
     named = [name for name in missing if COVARIATES[name].comes_with not in missing]
     return " and ".join(sorted({str(COVARIATES[name]) for name in named}))
 
 
-def _partly(
+def _partial_columns(
     effect: Effect, dataset: Dataset, place: str, lacking: Mapping[str, tuple[str, ...]]
 ) -> list[Problem]:
-    """Return problems of covariates of an effect that only a part of the presses have."""
+    """Return warnings about covariates of an effect that are empty in a part of the rows."""
     if effect.name in lacking:
         return []
     found: list[Problem] = []
     frames = dataset.frames
     one = EFFECTS[effect.name]
-    at_work = {p.name for p in one.parameters if _moves(effect, p.name, p.neutral)}
+    at_work = {p.name for p in one.parameters if _is_active(effect, p.name, p.neutral)}
     needs = {*one.covariates, *(need for p in one.parameters if p.name in at_work for need in p.needs)}
     for name in sorted(needs):
         for column in COVARIATES[name].columns:
@@ -229,5 +234,6 @@ def _partly(
     return found
 
 
-def _moves(effect: Effect, name: str, neutral: float) -> bool:
+def _is_active(effect: Effect, name: str, neutral: float) -> bool:
+    """Return whether a parameter of an effect differs from its neutral value."""
     return name in effect.parameters and bool(np.any(np.asarray(effect.parameters[name]) != neutral))

@@ -1,10 +1,10 @@
 """The presses and frames of a dataset as samples of a session, with the covariates that effects may need.
 
-A frame has its own covariates; missing ones come from its press, and at rest from the press before. In a dataset
+A frame has its own covariates; missing ones come from its press, and at rest from the previous press. In a dataset
 without frames a standard press is simulated for each press (:func:`skincal.effects.hold_session`).
 
-Here ``touches`` are the contacts of the rows at hand, ``rows`` (H,) rows of the table of presses, and ``poses`` the
-names of the hand poses in the order of their numbers.
+Throughout, ``touches`` are the contacts of the given rows, ``rows`` (H,) are rows of the table of presses, and
+``poses`` are the names of the hand poses in the order of their numbers.
 """
 
 from __future__ import annotations
@@ -25,30 +25,32 @@ from skincal.model.arrays import FloatArray
 from skincal.prediction.touches import Touches, frame_presses, touching
 
 SAME_SITE_M = 1e-4
-"""Largest distance of two targets of one site [m]."""
+"""Size of the grid cells in which positions count as one site [m]."""
 
 
 def sites(dataset: Dataset) -> Ints:
-    """Return the site of each press (P,): by equal targets, or by equal measured positions without targets."""
+    """Return the index of each press's site (P,): equal targets, or without targets equal measured positions."""
     presses = dataset.presses
     targets = [presses.column(f"target_{axis}_m") for axis in "xyz"]
     given = [t for t in targets if t is not None]
-    points, meant = presses.position_m, np.zeros(len(presses), dtype=np.bool_)
+    points, has_target = presses.position_m, np.zeros(len(presses), dtype=np.bool_)
     if len(given) == 3:
         target = np.stack(given, axis=1)
-        meant = np.asarray(np.isfinite(target).all(axis=1))
-        points = np.where(meant[:, None], target, points)
+        has_target = np.asarray(np.isfinite(target).all(axis=1))
+        points = np.where(has_target[:, None], target, points)
     cells = np.round(np.nan_to_num(points) / SAME_SITE_M).astype(np.int64)
     return (
-        np.unique(np.column_stack([meant, cells]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.intp)
+        np.unique(np.column_stack([has_target, cells]), axis=0, return_inverse=True)[1]
+        .reshape(-1)
+        .astype(np.intp)
     )
 
 
 def met_forces(dataset: Dataset, rows: Ints) -> FloatArray | None:
-    """Return the largest force of earlier touches of the same site (M,) [N], by the holds of their presses.
+    """Return the largest hold force of earlier touches of the same site (H,) [N].
 
-    None if touches are not counted, or if no press has an earlier one at its site: without targets, measured positions
-    mostly all differ.
+    None if touches are not counted, or if the dataset has none of the earlier touches that a press counts: without
+    targets, measured positions mostly all differ.
     """
     cycle = _cycles(dataset)
     if cycle is None:
@@ -59,7 +61,7 @@ def met_forces(dataset: Dataset, rows: Ints) -> FloatArray | None:
 
 
 def _cycles(dataset: Dataset) -> FloatArray | None:
-    """Return the earlier touches of each press's site (P,), from its first frame if the table has no column."""
+    """Return the number of earlier touches of each press's site (P,), from its first frame if there is no column."""
     own, frames = dataset.presses.column("cycle"), dataset.frames
     of_frames = None if frames is None else frames.column("cycle")
     if own is not None or of_frames is None:
@@ -68,7 +70,7 @@ def _cycles(dataset: Dataset) -> FloatArray | None:
 
 
 def _in_time(dataset: Dataset) -> Ints:
-    """Return the rows of presses in the order of their start, as far as it is recorded."""
+    """Return the rows of presses in the order of their start; in the order of the table if it is not recorded."""
     start = dataset.presses.column("t_start_s")
     if start is None or not np.isfinite(start).all():
         if dataset.frames is None:
@@ -78,7 +80,7 @@ def _in_time(dataset: Dataset) -> Ints:
 
 
 def _of_first_frames(dataset: Dataset, values: FloatArray) -> FloatArray:
-    """Return the value, of values of frames (M,), in each press's first touching frame (P,); NaN without a frame."""
+    """Return the values (P,) in each press's first frame with contact, from values of frames (M,); NaN without one."""
     touch = np.flatnonzero(touching(dataset))
     rows, first = np.unique(frame_presses(dataset)[touch], return_index=True)
     found = np.full(len(dataset.presses), np.nan)
@@ -87,6 +89,7 @@ def _of_first_frames(dataset: Dataset, values: FloatArray) -> FloatArray:
 
 
 Column = Callable[[str], NDArray[Any] | None]
+"""Function that returns a column of the samples by its name; None if it is missing."""
 
 
 def pose_names(dataset: Dataset) -> tuple[str, ...]:
@@ -127,7 +130,7 @@ def frame_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) -> S
 
 
 def frame_column(dataset: Dataset, owner: Ints, name: str) -> NDArray[Any] | None:
-    """Return a column of the frames (M,), completed by that of their presses, whose rows :func:`last_press` gives."""
+    """Return a column of the frames (M,), with missing values from their presses; ``owner`` is :func:`last_press`."""
     assert dataset.frames is not None
     own, of = dataset.frames.column(name), dataset.presses.column(name)
     if own is None or of is None:
@@ -137,7 +140,7 @@ def frame_column(dataset: Dataset, owner: Ints, name: str) -> NDArray[Any] | Non
 
 
 def last_press(owner: Ints, touch: NDArray[np.bool_]) -> Ints:
-    """Return the row of each frame's press (M,); at rest that of the press before, and at first that of the next.
+    """Return the row of each frame's press (M,); at rest that of the previous press, initially that of the first.
 
     Args:
         owner: (M,) row of the press, during contact.
@@ -152,7 +155,7 @@ def last_press(owner: Ints, touch: NDArray[np.bool_]) -> Ints:
 def hold_samples(
     touches: Touches, dataset: Dataset, rows: Ints, poses: Sequence[str], **more: Any
 ) -> Samples:
-    """Return one sample per press, in its hold; ``more`` are further columns of :meth:`skincal.effects.Samples.of`."""
+    """Return one sample per press in its hold; ``more`` are further arguments of :meth:`skincal.effects.Samples.of`."""
 
     def column(name: str) -> NDArray[Any] | None:
         of = dataset.presses.column(name)
@@ -169,7 +172,7 @@ def hold_samples(
     )
 
 
-def played_presses(touches: Touches, dataset: Dataset, rows: Ints, poses: Sequence[str]) -> HoldSession:
+def standard_presses(touches: Touches, dataset: Dataset, rows: Ints, poses: Sequence[str]) -> HoldSession:
     """Return standard presses for the holds of a dataset. Without a clock, samples have neither times nor phases."""
     given, clock = press_times(dataset)
     times = hold_times(len(rows), *((g[rows] for g in given) if clock else ()))
@@ -182,7 +185,7 @@ def played_presses(touches: Touches, dataset: Dataset, rows: Ints, poses: Sequen
 
 
 def press_order(dataset: Dataset) -> Ints:
-    """Return the rows of the table of presses in the order of time, or of the table if times are unknown."""
+    """Return the rows of presses in the order of time; in the order of the table if times are unknown."""
     given, clock = press_times(dataset)
     return np.argsort(given[0], kind="stable") if clock else np.arange(len(dataset.presses))
 
@@ -199,16 +202,16 @@ def session_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) ->
     if dataset.frames is not None:
         return frame_samples(touches, dataset, poses)
     rows = press_order(dataset)
-    return played_presses(touches.taken(rows), dataset, rows, poses).samples
+    return standard_presses(touches.select(rows), dataset, rows, poses).samples
 
 
 def covariates(dataset: Dataset, rows: Ints, column: Column, poses: Sequence[str]) -> dict[str, Any]:
-    """Return the covariates of samples (M,), recorded and computed, as :meth:`skincal.effects.Samples.of` takes them.
+    """Return the recorded and computed covariates of M samples, as arguments of :meth:`skincal.effects.Samples.of`.
 
     Args:
         dataset: the dataset.
-        rows: (M,) the press of each sample, by its row.
-        column: gives a column of the samples (M,) by its name, or None.
+        rows: (M,) row of each sample's press.
+        column: function that returns a column of the samples (M,) by its name, or None.
         poses: names of the hand poses.
     """
     met_n = met_forces(dataset, rows)

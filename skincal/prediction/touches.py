@@ -29,9 +29,10 @@ class CalibratedSkin:
 
     Attributes:
         skin: skin of the calibration, without its effects.
-        full: skin with its effects; an effect without its covariates abstains.
-        centre_m: (3,) the centre of its patch [m].
-        indenters: by radius in nanometres; 0 for a mesh.
+        full: skin with its effects; an effect without its covariates is left out.
+        surface: surface of the fingertip.
+        centre_m: (3,) centre of the patch [m].
+        indenters: indenters by radius in nanometres; 0 for a mesh.
     """
 
     skin: Skin
@@ -68,15 +69,16 @@ class CalibratedSkin:
 
 
 def radius_keys(radii_m: Floats) -> Ints:
-    """Return the radii in whole nanometres as keys of indenters, 0 without a radius."""
+    """Return the radii (N,) in whole nanometres as keys of indenters; 0 without a radius."""
     return np.rint(np.nan_to_num(radii_m) * 1e9).astype(np.intp)
 
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """N contacts; a row of unknown position is NaN, one without force gives the level at rest.
+    """N contacts; a row of unknown position is NaN, and one without force gives the rest level.
 
     Attributes:
+        on: the skin.
         points_m: (N, 3) contact points on the surface [m].
         normals: (N, 3) measured normals, NaN where not measured; None: the surface's own everywhere.
         force_n: (N,) normal forces [N].
@@ -91,7 +93,7 @@ class Touches:
 
     @classmethod
     def of_presses(cls, on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None = None) -> Self:
-        """Return the presses of a dataset, moved from their measured positions by slacks (P, 2) [m], None: 0."""
+        """Return the presses of a dataset, moved from their measured positions by slacks (P, 2) [m]; None: 0."""
         presses = dataset.presses
         points = _on_surface(on, presses.position_m, unknown=not np.isfinite(dataset.meta.position.sigma_m))
         made = cls(on, points, presses.normals, presses.force_n, radius_keys(dataset.indenter_radii_m()))
@@ -99,7 +101,7 @@ class Touches:
 
     @classmethod
     def of_frames(cls, on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None = None) -> Self:
-        """Return the frames of a dataset, moved with their presses by slacks (P, 2) [m]; an idle one has no force."""
+        """Return the frames of a dataset, moved with their presses by slacks (P, 2) [m]; idle frames have no force."""
         frames = dataset.frames
         assert frames is not None
         points = _on_surface(on, frames.position_m, unknown=not np.isfinite(dataset.meta.position.sigma_m))
@@ -122,8 +124,8 @@ class Touches:
         points[known] = self.on.surface.offset(points[known], slack_m[known, 0], slack_m[known, 1])
         return replace(self, points_m=points)
 
-    def taken(self, rows: Ints) -> Self:
-        """Return some of the contacts, which may repeat."""
+    def select(self, rows: Ints) -> Self:
+        """Return the contacts of the given rows (n,), which may repeat."""
         return replace(
             self,
             points_m=self.points_m[rows],
@@ -136,13 +138,13 @@ class Touches:
         """Return the values of the taxels (N, J) [counts], neither clipped nor rounded."""
         out = np.zeros((len(self), self.on.skin.patch.layout.taxels))
         pressed = np.flatnonzero(self.force_n > 0)
-        # Group rows by indenter, so that a chunk holds few of them.
+        # Sort rows by indenter, so that a chunk contains few different ones.
         pressed = pressed[np.argsort(self.indenter[pressed], kind="stable")]
         for first in range(0, len(pressed), CHUNK):
             rows = pressed[first : first + CHUNK]
             for key in np.unique(self.indenter[rows]):
                 mine = rows[self.indenter[rows] == key]
-                out[mine] = self.on.skin.values(self.on.indenters[int(key)], self.taken(mine).contacts())
+                out[mine] = self.on.skin.values(self.on.indenters[int(key)], self.select(mine).contacts())
             if progress is not None:
                 progress(min(first + CHUNK, len(pressed)), len(pressed))
         return out
@@ -152,20 +154,20 @@ class Touches:
         points = np.asarray(self.points_m, dtype=np.float64)
         normals = np.full((len(self), 3), np.nan)
         if self.normals is not None:
-            # Measured normals are unit vectors only to the digits of the file.
+            # Measured normals are unit vectors only to the precision of the file.
             normals[:] = self.normals / np.linalg.norm(self.normals, axis=1, keepdims=True)
-        open_ = ~np.isfinite(normals).all(axis=1)
-        known = open_ & np.isfinite(points).all(axis=1)
-        # An unknown position gives NaN, whatever its normal.
-        normals[open_] = [0.0, 0.0, 1.0]
+        missing = ~np.isfinite(normals).all(axis=1)
+        known = missing & np.isfinite(points).all(axis=1)
+        # An unknown position gives NaN for any normal.
+        normals[missing] = [0.0, 0.0, 1.0]
         normals[known] = self.on.surface.normal_at(points[known])
         return Contacts(points, normals, np.asarray(self.force_n, dtype=np.float64))
 
     def indenters(self) -> tuple[tuple[Indenter, ...], Ints]:
         """Return all indenters, and the index (N,) of each contact's."""
         keys = np.array(sorted(self.on.indenters), dtype=np.intp)
-        things = tuple(self.on.indenters[int(key)] for key in keys)
-        return things, np.searchsorted(keys, self.indenter)
+        indenters = tuple(self.on.indenters[int(key)] for key in keys)
+        return indenters, np.searchsorted(keys, self.indenter)
 
 
 def touching(dataset: Dataset) -> NDArray[np.bool_]:
@@ -181,7 +183,7 @@ def frame_presses(dataset: Dataset) -> Ints:
 
 
 def frame_normals(dataset: Dataset) -> Floats | None:
-    """Return the measured normals of the frames (M, 3), completed by those of their presses; None without either."""
+    """Return the measured normals of the frames (M, 3), else those of their presses; None without either."""
     frames = dataset.frames
     assert frames is not None
     parts = [c for name in NORMAL if (c := frames.column(name)) is not None]

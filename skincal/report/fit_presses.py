@@ -99,7 +99,7 @@ def left_out(result: FitResult, dataset: Dataset) -> list[ShownPress]:
     on = CalibratedSkin.of(calibration_of(result, dataset, Provenance("")), dataset)
     values = np.where(result.dead_taxels, np.nan, problem.observed.values)
     slack_m = place_presses(on, dataset, replace(problem.observed, values=values), rows).slack_m
-    simulated = Touches.of_presses(on, dataset).taken(rows).moved(slack_m).values()
+    simulated = Touches.of_presses(on, dataset).select(rows).moved(slack_m).values()
     rmse = np.sqrt(np.nanmean((simulated - values[rows]) ** 2, axis=1))
     found = [
         ShownPress(row, values[row], image, error, f"left out: rmse {error:.2g}")

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 from skincal.model.arrays import FloatArray
-from skincal.model.press.jit import cached, telling
+from skincal.model.press.jit import cached, reporting_compilation
 
 Frame = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """Rotation (3, 3), origin (3,), axes (J, 3) and pivots (J, 3) of one tip, as in TipFrames."""
@@ -282,5 +282,5 @@ class Routine(NamedTuple):
 @cache
 def compiled() -> Routine:
     """Compile the entry points, or load them."""
-    with telling():
+    with reporting_compilation():
         return Routine(*(cached(one, one.__name__, _SETTINGS) for one in (tip_frames, contacts, reach)))

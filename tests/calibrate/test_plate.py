@@ -14,7 +14,7 @@ from skincal.calibrate import calibrate, choose_way
 from skincal.calibrate.checkpoint import Checkpoint
 from skincal.calibration import MARGIN_M
 from skincal.dataset import Dataset, IndenterSpec, SurfaceSpec, read_dataset
-from skincal.dataset.uniform_pressure import at_centre, uniform_pressure
+from skincal.dataset.uniform_pressure import centre_contacts, uniform_pressure
 from skincal.errors import WorkError
 from skincal.fitting.fit_options import FitOptions, GridSteps
 from skincal.model import (
@@ -88,7 +88,7 @@ def test_only_what_is_uniform_is_uniform(chamber: Dataset, rolled: Dataset) -> N
 
 
 def test_pressure_is_even_wherever_the_sensor_is(chamber: Dataset) -> None:
-    placed = at_centre(chamber, MARGIN_M)
+    placed = centre_contacts(chamber, MARGIN_M)
     at, up, force = placed.presses.position_m[:1], np.array([[0.0, 0.0, 1.0]]), placed.presses.force_n[:1]
     for x, y in product(*(getattr(chamber.meta.mount, name) for name in ("x_range_m", "y_range_m"))):
         pose = SensorPose(y, rad(5.0), x_m=x)

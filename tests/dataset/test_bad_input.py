@@ -157,7 +157,7 @@ PRESSES: list[tuple[Edit, list[str]]] = [
         lambda t: t.drop(columns="force_n"),
         ["presses.csv", "the column force_n", "`skincal import`", "of E and S"],
     ),
-    (lambda t: t.assign(force_n=np.nan), ["column force_n, rows 1, 2, 3", "of E and S only their product"]),
+    (lambda t: t.assign(force_n=np.nan), ["column force_n, rows 1, 2, 3", "only the product of E and S"]),
     (lambda t: t.rename(columns={"force_n": "forse_n"}), ['Does "forse_n" stand for force_n?']),
     (lambda t: t.rename(columns={"force_n": "Force_N"}), ['Does "Force_N" stand for force_n?']),
     (

@@ -9,13 +9,13 @@ import pytest
 from diagnosis.diagnose_data import moving
 
 from skincal.dataset import read_dataset, write_dataset
-from skincal.dataset.joined import joined
+from skincal.dataset.joined import join_sessions
 from skincal.errors import InputError
 
 
 def test_presses_are_numbered_on_and_time_goes_on(tmp_path):
     first, second = moving(4), moving(3)
-    both = joined(first, second)
+    both = join_sessions(first, second)
     assert len(both.presses) == 7 and len(set(both.presses.press.tolist())) == 7
     assert both.frames is not None and first.frames is not None and second.frames is not None
     assert len(both.frames) == len(first.frames) + len(second.frames)
@@ -36,7 +36,7 @@ def test_a_later_clock_is_kept():
     assert first.frames is not None and second.frames is not None
     later = replace(second, frames=replace(second.frames, time_s=second.frames.time_s + 1000))
     columns = {k: v + 1000 if k.startswith("t_") else v for k, v in second.presses.columns.items()}
-    both = joined(first, replace(later, presses=replace(second.presses, columns=columns)))
+    both = join_sessions(first, replace(later, presses=replace(second.presses, columns=columns)))
     assert both.frames is not None
     assert both.frames.time_s[-1] == second.frames.time_s[-1] + 1000
 
@@ -48,7 +48,7 @@ def test_a_column_of_one_is_empty_in_the_other():
         "temperature_c": np.full(3, 21.0),
         "note": np.array(["a", "b", "c"], dtype=object),
     }
-    both = joined(first, replace(second, presses=replace(second.presses, columns=more)))
+    both = join_sessions(first, replace(second, presses=replace(second.presses, columns=more)))
     assert np.isnan(both.presses.columns["temperature_c"][:2]).all()
     assert both.presses.columns["temperature_c"][2:].tolist() == [21.0] * 3
     assert both.presses.columns["note"].tolist() == ["", "", "a", "b", "c"]
@@ -58,6 +58,6 @@ def test_another_sensor_is_refused():
     first, second = moving(2), moving(2)
     meta = replace(second.meta, sensor=replace(second.meta.sensor, value_max=77))
     with pytest.raises(InputError, match="sensor"):
-        joined(first, replace(second, meta=meta))
+        join_sessions(first, replace(second, meta=meta))
     with pytest.raises(InputError, match="frames"):
-        joined(first, replace(second, frames=None))
+        join_sessions(first, replace(second, frames=None))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skincal.dataset import PHASES, Frames, Presses
-from skincal.dataset.joined import joined
+from skincal.dataset.joined import join_sessions
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_presses_without_normals_have_none(data):
 
 def test_truth_values_of_one_session_are_numbers_in_both(data):
     other = replace(data, presses=replace(data.presses, columns={}))
-    both = joined(other, data)
+    both = join_sessions(other, data)
     np.testing.assert_array_equal(both.presses.columns["seen"], [*[np.nan] * 4, 0.0, 0.0, 1.0, 1.0])
 
 

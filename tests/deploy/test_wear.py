@@ -11,7 +11,7 @@ from calibrations import make_calibration
 from commands import run
 
 from skincal.calibration import read_calibration, write_calibration
-from skincal.deploy.wear import Feel, feel, wear
+from skincal.deploy.wear import Sensitivity, estimate_wear, measure_sensitivity
 from skincal.errors import InputError, WorkError
 
 TAXELS = 16
@@ -19,7 +19,7 @@ TAXELS = 16
 
 def rolled(
     rng: np.random.Generator, *, factor: float = 1.0, lost: int | None = None, exponent: float = 1.0
-) -> Feel:
+) -> Sensitivity:
     """A hand of its own sensitivity and pose, rolled on: images over a wandering force."""
     force = rng.uniform(0.6, 2.5, 300)
     weight = rng.dirichlet(np.full(TAXELS, 60.0))
@@ -29,16 +29,16 @@ def rolled(
         gain[lost] = 0.05
     exponent += rng.normal(0.0, 0.05)
     images = own * (force**exponent)[:, None] * weight * gain + rng.normal(0.0, 0.3, (300, TAXELS))
-    return feel(images, force)
+    return measure_sensitivity(images, force)
 
 
 def compare(rng: np.random.Generator, hands: int = 19, **now: object) -> object:
-    return wear(rolled(rng, **now), [rolled(rng) for _ in range(hands)])  # type: ignore[arg-type]
+    return estimate_wear(rolled(rng, **now), [rolled(rng) for _ in range(hands)])  # type: ignore[arg-type]
 
 
 def test_wear_factor_and_coverage_of_its_interval() -> None:
     rng = np.random.default_rng(0)
-    found = [wear(rolled(rng, factor=0.7), [rolled(rng) for _ in range(19)]) for _ in range(200)]
+    found = [estimate_wear(rolled(rng, factor=0.7), [rolled(rng) for _ in range(19)]) for _ in range(200)]
     assert np.median([one.factor for one in found]) == pytest.approx(0.7, rel=0.03)
     assert found[0].level == pytest.approx(0.9)
     inside = np.mean([one.interval[0] <= 0.7 <= one.interval[1] for one in found])
@@ -47,7 +47,10 @@ def test_wear_factor_and_coverage_of_its_interval() -> None:
 
 def test_one_factor_is_seldom_doubted_where_it_is_enough() -> None:
     rng = np.random.default_rng(1)
-    doubted = [not wear(rolled(rng, factor=0.7), [rolled(rng) for _ in range(19)]).enough for _ in range(200)]
+    doubted = [
+        not estimate_wear(rolled(rng, factor=0.7), [rolled(rng) for _ in range(19)]).is_one_factor_enough
+        for _ in range(200)
+    ]
     assert np.mean(doubted) < 0.16
 
 
@@ -55,17 +58,17 @@ def test_one_factor_is_seldom_doubted_where_it_is_enough() -> None:
 def test_wear_that_no_factor_explains(now: dict[str, object]) -> None:
     rng = np.random.default_rng(2)
     found = [compare(rng, **now) for _ in range(30)]
-    assert np.mean([not one.enough for one in found]) > 0.9  # type: ignore[attr-defined]
+    assert np.mean([not one.is_one_factor_enough for one in found]) > 0.9  # type: ignore[attr-defined]
     if "lost" in now:
         assert {one.worst_taxel for one in found} == {5}  # type: ignore[attr-defined]
 
 
 def test_too_little_to_tell() -> None:
     with pytest.raises(WorkError, match=r"20 images or more under 0\.5 N"):
-        feel(np.ones((100, TAXELS)), np.full(100, 0.1))
+        measure_sensitivity(np.ones((100, TAXELS)), np.full(100, 0.1))
     rng = np.random.default_rng(0)
     with pytest.raises(WorkError, match="got 2"):
-        wear(rolled(rng), [rolled(rng), rolled(rng)])
+        estimate_wear(rolled(rng), [rolled(rng), rolled(rng)])
 
 
 def test_the_verb_scales_the_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

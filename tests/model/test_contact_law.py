@@ -30,7 +30,7 @@ def test_it_is_the_stress_law_and_the_radius_that_it_says():
         replace(SKIN, law=StressLaw(1.3, 5e-4)).loads(BALL, CONTACTS)
     )
     assert loads(ContactLaw(radius_scale=1.1)) == pytest.approx(SKIN.loads(Sphere(0.0066), CONTACTS))
-    assert ContactLaw(radius_scale=1.1).pressed_by(FlatPunch(0.004)).radius_m == 0.004
+    assert ContactLaw(radius_scale=1.1).equivalent_indenter(FlatPunch(0.004)).radius_m == 0.004
     both = ContactLaw(exponent=1.25).stress(StressLaw(1.5, 1e-4))
     assert both == StressLaw(1.875, 1e-4)
 

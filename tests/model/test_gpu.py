@@ -210,7 +210,7 @@ def test_single_precision_stays_single(module: Any):
 
     frame = numba.types.UniTuple(numba.float32, 12)
     for function, given in ((module.meet, (numba.float32,) * 3), (module.paraboloid, ())):
-        compiled = numba.njit(Target("single").again(function))
+        compiled = numba.njit(Target("single").retarget(function))
         compiled.compile((numba.float32, frame, *given))
         returned = compiled.nopython_signatures[0].return_type
         assert set(returned.types) == {numba.float32}

@@ -121,7 +121,9 @@ def test_faces_wound_both_ways_are_refused():
     mesh = cylinder_mesh(16)
     faces = np.array(mesh.faces)
     faces[::3] = faces[::3, ::-1]
-    with pytest.raises(ValueError, match="surface mesh: expected neighbouring faces to be wound alike; got"):
+    with pytest.raises(
+        ValueError, match="surface mesh: expected neighbouring faces with consistent winding; got"
+    ):
         MeshSurface(mesh.vertices, faces)
 
 

@@ -147,7 +147,7 @@ def test_an_overlapping_patch_loses_its_margin():
     patch = Patch.build(thin, LAYOUT, SensorPose(0.02, 0.0))
     assert np.ptp(np.arctan2(patch.points_m[:, 0], patch.points_m[:, 2])) <= 2 * np.pi
     assert patch.areas_m2.sum() == pytest.approx(2 * np.pi * 0.0035 * 30.5e-3, rel=0.02)
-    with pytest.raises(ValueError, match="wrapped round by more than half a turn"):
+    with pytest.raises(ValueError, match="wrapped around by more than half a turn"):
         Patch.build(Cylinder(0.002), LAYOUT, SensorPose(0.02, 0.0))
 
 

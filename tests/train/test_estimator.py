@@ -14,7 +14,7 @@ import pytest
 from commands import run
 
 from skincal.deploy import deploy, marble_targets
-from skincal.deploy.estimate import estimate_error_m, estimated_places
+from skincal.deploy.estimate import estimate_error_m, estimate_positions
 from skincal.deploy.record import Record
 from skincal.envs.needed import ranges_for
 from skincal.envs.pinch import read_pinch
@@ -137,7 +137,7 @@ def test_a_way_is_estimated_where_something_is_felt(bundled: Estimator) -> None:
         states=states, phases=("closing",) * 5 + ("acting",) * 30, places_m=true, acting=5,
         rest_counts=np.zeros(16), grip_n=np.ones(35),
     )  # fmt: skip
-    places = estimated_places(record, bundled, PINCH, 0.012)
+    places = estimate_positions(record, bundled, PINCH, 0.012)
     assert np.isnan(places[:5]).all() and np.isfinite(places[10:]).any()
     error = estimate_error_m(record, places)
     assert error is not None and error < 4e-3
@@ -151,7 +151,7 @@ def test_a_way_follows_commands_late(bundled: Estimator) -> None:
         policy, ReferenceHand(seed=1), PINCH, marble_targets("circle", 8.0),
         object_width_m=0.012, speed_rad_per_s=0.3,
     )  # fmt: skip
-    error = estimate_error_m(found.record, estimated_places(found.record, bundled, PINCH, 0.012))
+    error = estimate_error_m(found.record, estimate_positions(found.record, bundled, PINCH, 0.012))
     assert error is not None and error < 0.52e-3
 
 

@@ -1,4 +1,4 @@
-"""The skin model on a GPU; needs the extra ``skincal[gpu]``. Nothing of it is imported before a :class:`DeviceSkin`."""
+"""The skin model on a GPU; needs the extra ``skincal[gpu]``, which is imported when a :class:`DeviceSkin` is made."""
 
 from skincal.model.gpu.device_skin import DeviceResponse, DeviceSkin
 

@@ -1,7 +1,7 @@
-"""A press as one block of threads: the routine of :mod:`skincal.model.press.routine`, its sums taken side by side.
+"""The GPU kernel of a press: one block of threads runs the algorithm of :mod:`skincal.model.press.routine` in parallel.
 
-What is computed of a point, a tile or a step is the processor's own device functions. The order of sums is not fixed,
-so results are the same but for rounding.
+Computations for one point, tile or step are the same device functions as on the CPU. The order of sums is not fixed, so
+that results agree up to rounding.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ from skincal.model.press.routine import (
     THROUGH_FINGER,
     UNKNOWN,
     frame_of,
-    over_cell,
-    unknown,
+    is_over_cell,
+    is_unknown,
 )
 
 REAL: Any = numba.float64
 """The type of real numbers."""
 BLOCK = 128
-"""Threads of a press."""
+"""Number of threads per press."""
 POINTS, TILES, TAXELS = 1536, 1024, 256
-"""How many of them fit into the memory of a block; beyond that, global memory is used."""
+"""Numbers of points, tiles and taxels that fit into shared memory; beyond these, global memory is used."""
 _TRIES = 12
-"""Looks at points, each at a higher limit, after which all points are looked at."""
+"""Number of passes over the points, each with a higher limit, before a pass over all points."""
 _WIDER = 1.0 + 1e-5
-"""Sums in another order must not call for another look."""
+"""Widening of the limit, so that rounding in the order of sums does not cause another pass."""
 _PI, _NAN = math.pi, math.nan
 _STEPS = 200
-"""Newton steps at most, as of :mod:`skincal.model.press.balance`."""
+"""Largest number of Newton steps, as in :mod:`skincal.model.press.balance`."""
 
 
 @cooperative
 def _sum(a: Any, b: Any, held: Any, t: int) -> Any:
-    """Return the sums of two numbers over a block; ``held`` (2, BLOCK) is scratch."""
+    """Return the sums of two numbers over the threads of a block; ``held`` (2, BLOCK) is scratch."""
     held[0, t] = a
     held[1, t] = b
     cuda.syncthreads()
@@ -65,7 +65,7 @@ def _sum(a: Any, b: Any, held: Any, t: int) -> Any:
 
 @cooperative
 def _least(a: Any, held: Any, t: int) -> Any:
-    """Return the smallest of a number over a block."""
+    """Return the minimum of a number over the threads of a block; ``held`` (2, BLOCK) is scratch."""
     held[0, t] = a
     cuda.syncthreads()
     half = BLOCK // 2
@@ -81,7 +81,7 @@ def _least(a: Any, held: Any, t: int) -> Any:
 
 @cooperative
 def _read(counts: Any, which: int) -> int:
-    """Return a count that all threads have added to; only when all have read it may one of them set it back."""
+    """Return a count that all threads have added to; after the second barrier a thread may reset it."""
     cuda.syncthreads()
     count = counts[which]
     cuda.syncthreads()
@@ -92,7 +92,7 @@ def _read(counts: Any, which: int) -> int:
 def _nearest_tile(
     tiles: Any, normal: Any, axis: Any, nearest: Any, bend: Any, reach: Any, held: Any, t: int
 ) -> Any:
-    """Return the smallest distance at the middle of a tile [m]; ``FAR`` where none is met."""
+    """Return the smallest distance at the middle of a tile [m]; ``FAR`` if no tile is hit."""
     first = FAR
     for b in range(t, tiles.shape[1], BLOCK):
         _, middle, _ = bound_tile(tiles, b, normal, axis, nearest, bend, reach)
@@ -105,7 +105,7 @@ def _list_tiles(
     tiles: Any, normal: Any, axis: Any, nearest: Any, bend: Any, reach: Any, limit: Any, listed: Any,
     counts: Any, t: int,
 ) -> int:  # fmt: skip
-    """List the tiles that begin before a limit; return how many."""
+    """List the tiles whose lower bound is within a limit; return their number."""
     if t == 0:
         counts[0] = 0
     cuda.syncthreads()
@@ -121,7 +121,7 @@ def _gather(
     kind: int, size: Any, frame: Any, origin: Any, points: Any, each: int, listed: Any, tiles: int, limit: Any,
     found: Any, which: Any, counts: Any, t: int,
 ) -> int:  # fmt: skip
-    """Collect distances, weights and facing of points nearer than a limit; return how many there are."""
+    """Collect distances, weights and facing of points nearer than a limit; return the number of points."""
     if t == 0:
         counts[1] = 0
     cuda.syncthreads()
@@ -147,7 +147,7 @@ def _gather(
 def _depth(
     found: Any, count: int, load: Any, start: Any, exponent: Any, reference: Any, held: Any, t: int
 ) -> Any:
-    """Return the depth at which points carry a load, as :func:`skincal.model.press.balance.depth_of`."""
+    """Return the depth at which points carry a load; see :func:`skincal.model.press.balance.depth_of`."""
     depth = start
     for step in range(_STEPS):
         area = 0.0
@@ -182,11 +182,11 @@ def _depth(
 
 
 @cooperative
-def _settle(
+def _sum_loads(
     found: Any, which: Any, count: int, depth: Any, elasticity: Any, exponent: Any, reference: Any,
     taxel: Any, border: Any, sums: Any, counts: Any, t: int,
 ) -> bool:  # fmt: skip
-    """Sum the loads of the taxels into ``sums`` (J,) [N]; return True if the press reaches the border."""
+    """Sum the loads of the points into ``sums`` (J,) of the taxels [N]; return True if the border is touched."""
     if t == 0:
         counts[0] = 0
     for j in range(t, sums.shape[0], BLOCK):
@@ -206,13 +206,13 @@ def _settle(
 
 
 @cooperative
-def _untouched(points: Any, frame: Any, axis: Any, counts: Any, t: int) -> int:
-    """Return the status of a press that touches no point: see :func:`skincal.model.press.routine.untouched`."""
+def _untouched_status(points: Any, frame: Any, axis: Any, counts: Any, t: int) -> int:
+    """Return the status of a press that touches no point: see :func:`skincal.model.press.routine.set_untouched`."""
     if t == 0:
         counts[0] = 0
     cuda.syncthreads()
     for i in range(t, points.shape[1], BLOCK):
-        if over_cell(points, i, frame, axis):
+        if is_over_cell(points, i, frame, axis):
             cuda.atomic.add(counts, 0, 1)
     return FINER_THAN_POINTS if _read(counts, 0) > 0 else NOT_TOUCHED
 
@@ -223,25 +223,25 @@ def press(  # noqa: D417
     reference: Any, scale: Any, low: Any, high: Any, whole: bool, far_found: Any, far_which: Any, far_listed: Any,
     image: Any, depths: Any, statuses: Any,
 ) -> None:  # fmt: skip
-    """Kernel: images, penetrations and statuses of K presses; a block takes one after the other.
+    """Kernel: compute images, penetrations and statuses of K presses; each block takes one press after the other.
 
-    What is not told of here is as in :func:`skincal.model.press.routine.press`, relative to ``middle``.
+    Arguments that are not listed are those of :func:`skincal.model.press.routine.press`, relative to ``middle``.
 
     Args:
-        middle: (3,) where ``points`` and ``tiles`` have their origin, in double precision [m].
+        middle: (3,) origin of ``points`` and ``tiles``, in double precision [m].
         normals: (K, 3) contact normals.
-        origins: (K, 3) of the indenter's frame [m].
-        rotations: (K, 9) from the indenter's frame to the fingertip's; or (1, 9).
-        scale: (J,) counts per newton.
-        low: lowest value of the converter.
-        high: its highest value.
-        whole: whether it rounds.
-        far_found: (blocks, 3, N) scratch, for presses that do not fit into a block's memory.
+        origins: (K, 3) origins of the indenter's frame [m].
+        rotations: (K, 9) from the indenter's frame to the fingertip's; (1, 9) and unused if not ``turned``.
+        scale: (J,) counts per newton [1/N].
+        low: lowest value of the converter [counts].
+        high: highest value of the converter [counts].
+        whole: True if the converter rounds.
+        far_found: (blocks, 3, N) scratch, for presses that do not fit into shared memory.
         far_which: (blocks, N) the same.
         far_listed: (blocks, B) the same.
-        image: (K, J) filled [counts].
-        depths: (K,) filled with penetrations [m].
-        statuses: (K,) filled with numbers of :class:`skincal.model.Status`.
+        image: (K, J) output: images [counts].
+        depths: (K,) output: penetrations [m].
+        statuses: (K,) output: values of :class:`skincal.model.Status`.
     """
     near_found = cuda.shared.array((3, POINTS), REAL)
     near_which = cuda.shared.array(POINTS, numba.int32)
@@ -271,7 +271,7 @@ def press(  # noqa: D417
         status = OK
         depth = 0.0
         sums = near_sums if taxels <= TAXELS else image[k]
-        if unknown(row, load, turned):
+        if is_unknown(row, load, turned):
             status = UNKNOWN
         elif load <= 0:
             status = NO_FORCE
@@ -318,8 +318,8 @@ def press(  # noqa: D417
                     break
                 limit = first + depth * _WIDER
             if count == 0:
-                status = _untouched(points, frame, axis, counts, t)
-            elif _settle(
+                status = _untouched_status(points, frame, axis, counts, t)
+            elif _sum_loads(
                 found, which, count, depth, elasticity, exponent, reference, taxel, border, sums, counts, t
             ):
                 status = AT_BORDER

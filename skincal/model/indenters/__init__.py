@@ -1,4 +1,4 @@
-"""Indenters: one short file a kind."""
+"""Indenters: one file per kind."""
 
 from skincal.model.indenters.flat import FlatPunch
 from skincal.model.indenters.indenter import ClosedForm, Indenter, RayHits

@@ -12,7 +12,12 @@ from skincal.model.indenters.indenter import MISSED, ClosedForm
 
 @dataclass(frozen=True)
 class FlatPunch(ClosedForm):
-    """A rigid disc in the plane z = 0 of its frame, facing -z; one larger than the patch is a pressure chamber."""
+    """A rigid disc in the plane z = 0 of its frame, facing -z. A disc larger than the patch acts as a pressure chamber.
+
+    Attributes:
+        radius_m: radius of the disc [m].
+        kind: see :class:`ClosedForm`.
+    """
 
     radius_m: float
     kind: ClassVar[int] = 1
@@ -22,7 +27,7 @@ class FlatPunch(ClosedForm):
 
     @property
     def depth_m(self) -> float:
-        """See :attr:`Indenter.depth_m`. Its back is not part of it."""
+        """See :attr:`Indenter.depth_m`; a punch has no back, so that any penetration is valid."""
         return math.inf
 
 
@@ -39,6 +44,6 @@ def meet(radius: float, frame: tuple[float, ...], x: float, y: float, z: float) 
 
 
 def paraboloid(radius: float, frame: tuple[float, ...]) -> tuple[float, float, float, float, float, float]:
-    """See :func:`skincal.model.press.meet.paraboloid`. Tilted by t its edge is radius * sin t before it."""
+    """See :func:`skincal.model.press.meet.paraboloid`. At a tilt t the nearest point lies radius * sin t ahead."""
     rise = frame[0] * frame[9] + frame[1] * frame[10] + frame[2] * frame[11]
     return 0.0, 0.0, 0.0, -radius * math.sqrt(max(1.0 - rise * rise, 1e-15)), 0.0, radius

@@ -1,4 +1,4 @@
-"""Interface of indenters: how far away they are along a ray."""
+"""Interface of indenters: ray casting and the valid depth."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from numpy.typing import ArrayLike
 from skincal.model.arrays import FloatArray, as_floats
 
 MISSED = math.inf
-"""Distance to an indenter that a ray does not meet [m]."""
+"""Distance along a ray that misses the indenter [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class RayHits:
-    """Places where rays meet an indenter.
+    """Hits of N rays on an indenter.
 
     Attributes:
         distance_m: (N,) signed distance [m] from each origin along its ray; inf where the ray misses.
-        facing: (N,) cosine between the ray and the indenter's inward normal there; 0 where it misses.
+        facing: (N,) cosine between the ray and the indenter's inward normal at the hit; 0 where the ray misses.
     """
 
     distance_m: FloatArray
@@ -30,19 +30,18 @@ class RayHits:
 
 
 class Indenter(ABC):
-    """A rigid body that presses on the skin: a closed form, one file each, or a mesh.
+    """A rigid body that presses on the skin: a closed form or a mesh.
 
-    Its own frame: +z is the contact normal n_c (out of the fingertip, into the indenter), the origin is the
-    contact point. A free object may use any other frame (see :class:`skincal.model.Contacts`).
+    In its frame, +z is the contact normal n_c (out of the fingertip, into the indenter) and the origin is the contact
+    point. A free object may use any other frame (see :class:`skincal.model.Contacts`).
     """
 
     @abstractmethod
     def cast(self, origins_m: ArrayLike, direction: ArrayLike) -> RayHits:
         """Cast rays at the indenter, in its own frame (paper, section II-A, on local penetrations).
 
-        The whole line counts, coming from minus infinity: the first surface it meets may lie behind the origin,
-        and the distance is then negative. So the paper's shift by -D n_c is not needed, which serves to start
-        outside.
+        A ray is the whole line, traversed from minus infinity: the first hit may lie behind the origin, at a negative
+        distance. The paper's shift of the origins by -D n_c, to start outside the indenter, is therefore not needed.
 
         Args:
             origins_m: (N, 3) points [m].
@@ -52,15 +51,15 @@ class Indenter(ABC):
     @property
     @abstractmethod
     def depth_m(self) -> float:
-        """The penetration from which on a press makes no sense, as the indenter has sunk in [m]."""
+        """The largest valid penetration [m]; beyond it the indenter has sunk in."""
 
 
 class ClosedForm(Indenter):
-    """An indenter that the compiled routine knows in closed form, by one length.
+    """An indenter with a closed form in the compiled routine, described by one length.
 
     Attributes:
-        radius_m: that length [m].
-        kind: which of the closed forms (``skincal.model.press.meet``).
+        radius_m: the length [m].
+        kind: number of the closed form (``skincal.model.press.meet``).
     """
 
     radius_m: float

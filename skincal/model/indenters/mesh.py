@@ -1,4 +1,4 @@
-"""Any triangle mesh as an indenter."""
+"""A triangle mesh as an indenter."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ from skincal.model.indenters.indenter import Indenter, RayHits
 from skincal.model.mesh import TriangleMesh
 
 _MOST_PARTS = 4
-"""A mesh of more connected parts than this counts as one."""
+"""Largest number of connected parts that are bounded separately; a mesh of more parts is bounded as a whole."""
 _SLENDER = 0.5
-"""A part is long if it spreads less than this across its long axis, in parts of what it does along it."""
+"""Largest ratio of the spread across to the spread along the long axis of a part that counts as long."""
 
 
 class MeshIndenter(Indenter):
     """A rigid body given as triangles, in its own frame.
 
-    Its ray structure is built once; rays are moved into its frame, never the mesh into theirs. The winding of the
-    faces does not matter.
+    The ray structure is built once; rays are transformed into the frame of the mesh. The winding of the faces does not
+    matter.
 
-    How fine it should be: a ball of 6 mm radius as an icosphere of 1280, 5120 and 20480 faces (edges of 0.9, 0.44
-    and 0.22 mm) gives taxel loads that differ from the closed form by 1.5e-4, 4e-5 and 2e-5 of the force (root mean
-    square). The error falls with the square of the edges, and linearly once they are shorter than the patch's cells.
+    Resolution: a ball of 6 mm radius as an icosphere of 1280, 5120 and 20480 faces (edges of 0.9, 0.44 and 0.22 mm)
+    gives taxel loads that differ from the closed form by 1.5e-4, 4e-5 and 2e-5 of the force (root mean square). The
+    error falls with the square of the edge length, and linearly once edges are shorter than the patch's cells.
 
     Attributes:
         mesh: the triangles and their ray structure.
-        ahead: how much deeper than its bound's level points are cast; learned from press to press, as it saves rays.
-        upright: what bounds it in a press without rotations, worked out at first use.
+        ahead: search depth of the next press, over the penetration that the bound of the mesh predicts. It adapts from
+            press to press to save rays, and does not change results.
+        upright: bounds of the mesh for presses without rotations, computed at first use.
     """
 
     def __init__(self, vertices_m: ArrayLike, faces: ArrayLike, *, closed: bool = True) -> None:
@@ -40,11 +41,11 @@ class MeshIndenter(Indenter):
             vertices_m: (V, 3) vertices [m]. To press with the default contact frame, the mesh must touch
                 z = 0 at the origin from above.
             faces: (F, 3) indices of vertices.
-            closed: refuse a mesh with holes, through which rays would meet its inside. Say False for a scan
-                whose open side never faces the skin.
+            closed: refuse a mesh with holes, through which rays would hit the inside. Pass False for a scan whose
+                open side never faces the skin.
 
         Raises:
-            ValueError: a mesh without any area, with NaN, with indices out of range, or with holes.
+            ValueError: the mesh has no area, NaN, indices out of range, or holes.
         """
         self.mesh = TriangleMesh("indenter mesh", vertices_m, faces)
         if closed:
@@ -60,7 +61,7 @@ class MeshIndenter(Indenter):
 
     @property
     def depth_m(self) -> float:
-        """Half the shortest side of the box round it [m]."""
+        """Half the shortest side of the bounding box [m]."""
         return self._depth_m
 
     def cast(self, origins_m: ArrayLike, direction: ArrayLike) -> RayHits:
@@ -72,8 +73,8 @@ class MeshIndenter(Indenter):
 
     @cached_property
     def hulls(self) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
-        """Its connected parts as ``skincal.model.press.casting.enclose`` takes them."""
-        from scipy.sparse import csr_array  # scipy takes a moment, and few indenters are meshes
+        """Convex hulls of the connected parts, as the arguments of ``skincal.model.press.casting.enclose``."""
+        from scipy.sparse import csr_array  # slow import, and few indenters are meshes
         from scipy.sparse.csgraph import connected_components
 
         vertices, edges = self.mesh.vertices_m, self.mesh.faces[:, [0, 1, 2]]
@@ -90,7 +91,7 @@ class MeshIndenter(Indenter):
 
 
 def _hull(vertices: FloatArray) -> FloatArray:
-    """Return the vertices of the convex hull; all of them where there is none, as the mesh is flat."""
+    """Return the vertices of the convex hull; all vertices if the mesh is flat and has no hull."""
     from scipy.spatial import ConvexHull, QhullError
 
     try:
@@ -100,7 +101,7 @@ def _hull(vertices: FloatArray) -> FloatArray:
 
 
 def _long_axis(vertices: FloatArray) -> FloatArray:
-    """Return the direction in which vertices (V, 3) spread furthest, and 1 if much further than in others (4,)."""
+    """Return the principal axis of vertices (V, 3), and 1 if the part is long, else 0: (4,)."""
     spread = np.linalg.eigh(np.cov(vertices.T))
     slender = spread.eigenvalues[1] < _SLENDER**2 * spread.eigenvalues[2]
     return np.append(spread.eigenvectors[:, -1], float(slender))

@@ -12,7 +12,12 @@ from skincal.model.indenters.indenter import MISSED, ClosedForm
 
 @dataclass(frozen=True)
 class Sphere(ClosedForm):
-    """A ball that touches its frame's origin from above: its centre is (0, 0, radius)."""
+    """A ball with its centre at (0, 0, radius): it touches the origin of its frame from above.
+
+    Attributes:
+        radius_m: radius [m].
+        kind: see :class:`ClosedForm`.
+    """
 
     radius_m: float
     kind: ClassVar[int] = 0
@@ -26,12 +31,19 @@ class Sphere(ClosedForm):
 
 
 def meet(radius: float, frame: tuple[float, ...], x: float, y: float, z: float) -> tuple[float, float]:
-    """Return the distance along the contact normal at which a point meets the indenter, and how far that faces it.
+    """Cast a ray along the contact normal from a point, and return the distance and facing of the hit.
 
-    Compiled: scalar code, no numpy.
+    Scalar code without numpy, for compilation.
+
+    Args:
+        radius: radius of the indenter [m].
+        frame: contact normal and the axes of the indenter's frame: 12 numbers.
+        x: the point, relative to the origin of the indenter's frame, in the axes of the fingertip frame [m].
+        y: the same.
+        z: the same.
 
     Returns:
-        Distance [m], inf where it misses, and max(-n_s . n_c, 0).
+        Distance [m], inf without a hit, and facing max(-n_s . n_c, 0).
     """
     x -= radius * frame[9]
     y -= radius * frame[10]
@@ -43,5 +55,5 @@ def meet(radius: float, frame: tuple[float, ...], x: float, y: float, z: float) 
 
 
 def paraboloid(radius: float, frame: tuple[float, ...]) -> tuple[float, float, float, float, float, float]:
-    """See :func:`skincal.model.press.meet.paraboloid`. About its own centre: -sqrt(R² - r²) >= -R + r² / 2R."""
+    """See :func:`skincal.model.press.meet.paraboloid`. Relative to the centre, -sqrt(R² - r²) >= -R + r² / 2R."""
     return radius * frame[9], radius * frame[10], radius * frame[11], -radius, 0.5 / radius, radius

@@ -1,5 +1,5 @@
-"""One press, compiled: distances, equilibrium and sums as one scalar loop (paper, section II-A).
+"""Compiled presses: distances, equilibrium and sums in one scalar loop (paper, section II-A).
 
-:mod:`~skincal.model.press.call` is the door; it imports nothing slow. The other modules are compiled by numba when the
-first press is computed, and the result is kept for later processes.
+:mod:`~skincal.model.press.call` is the interface and imports nothing slow. numba compiles the other modules at the
+first press, and caches the result for later processes.
 """

@@ -1,4 +1,4 @@
-"""The force equilibrium as scalar code: how deep an indenter goes in (paper, equation 5)."""
+"""The force equilibrium as scalar code: the penetration of an indenter (paper, equation 5)."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ from skincal.model.arrays import FloatArray
 from skincal.model.press.jit import device
 
 _STEPS = 200
-"""Newton steps at most. Ten are usual; every step drops a point, and all but a few of the last drop many."""
+"""Largest number of Newton steps. Ten are usual: every step drops at least one point, early ones many."""
 _LAW_STEPS = 60
-"""Newton steps of a power law at most; three to six are usual."""
+"""Largest number of Newton steps for a power law; three to six are usual."""
 _ENOUGH = 1e-12
-"""Relative change of the depth in a step below which it is found."""
+"""Relative change of the depth in a step, below which the iteration has converged."""
 _CLOSED = 1e-14
-"""Relative width of a bracket that rounding no longer lets shrink."""
+"""Relative width of a bracket that rounding prevents from shrinking further."""
 Law = tuple[float, float, float]
-"""E [Pa/m], the exponent (1: linear) and the reference [m] of the law."""
+"""E [Pa/m], exponent (1: linear) and reference penetration [m] of the stress law."""
 NO_END = math.inf
-"""No upper end of the bracket yet."""
+"""Upper end of a bracket that has none yet."""
 
 
 @device
 def linear_depth(gap: FloatArray, weight: FloatArray, count: int, load: float, start: float) -> float:
-    """Return the depth with sum_i w_i max(depth - g_i, 0) = load > 0, exact.
+    """Return the exact depth with sum_i w_i max(depth - g_i, 0) = load > 0.
 
-    The carried load is convex and piecewise linear in the depth, with a kink at every gap. Newton's method takes one
-    linear piece after the other: from anywhere its first step leads to the solution or above it, from there on it never
-    goes below, drops at least one point in every step, and ends where the set of points that carry no longer changes.
+    The carried load is convex and piecewise linear in the depth, with a kink at every gap. Newton's method visits one
+    linear piece after the other. Its first step leads to the solution or above it; later steps never go below, drop at
+    least one point each, and end when the set of carrying points no longer changes.
 
     Args:
         gap: (count,) distances beyond the smallest, one of them 0 [m].
         weight: (count,) areas along the contact normal, positive [m²].
         count: number of points, one or more.
         load: F / E [m³].
-        start: a depth that the solution is thought to lie near, zero or more [m].
+        start: initial guess of the depth, zero or more [m].
     """
     depth = start
     for step in range(_STEPS):
@@ -55,16 +55,16 @@ def linear_depth(gap: FloatArray, weight: FloatArray, count: int, load: float, s
 def power_step(
     depth: float, low: float, high: float, total: float, slope: float, load: float, exponent: float
 ) -> tuple[float, float, float, bool]:
-    """Take a step of :func:`depth_of`: the next depth, its bracket, and whether the depth is found.
+    """Take a Newton step of :func:`depth_of`; return the next depth, its bracket, and whether it has converged.
 
     Args:
-        depth: so far [m].
-        low: the bracket's lower end [m].
-        high: its upper end [m].
-        total: sum of the points' loads at that depth [m³].
-        slope: sum of each load over its own penetration [m²].
+        depth: present depth [m].
+        low: lower end of the bracket [m].
+        high: upper end of the bracket [m].
+        total: sum of the points' loads over E at that depth [m³].
+        slope: sum of each load over its local penetration [m²].
         load: F / E [m³].
-        exponent: of the law.
+        exponent: exponent of the law.
     """
     if total < load:
         low = depth
@@ -76,7 +76,7 @@ def power_step(
     new = depth * math.exp(step)
     found = abs(new - depth) <= _ENOUGH * depth
     if not found and not low < new < high:
-        # From the ends of the bracket a step may lead to and fro between them, where the law is steep at 0.
+        # Where the law is steep at 0, Newton steps may alternate between the ends of the bracket: bisect.
         new = (low + high) / 2.0 if high < NO_END else 2.0 * depth
         if high - low <= _CLOSED * depth:
             new = depth
@@ -86,11 +86,10 @@ def power_step(
 
 @device
 def depth_of(gap: FloatArray, weight: FloatArray, count: int, load: float, start: float, law: Law) -> float:
-    """Return the depth at which points carry a load under a law (:class:`skincal.model.StressLaw`).
+    """Return the depth at which points carry a load under a stress law (:class:`skincal.model.StressLaw`).
 
-    The other arguments are those of :func:`linear_depth`. Under a power law the carried load grows nearly as a power of
-    the depth, so Newton's method is used on its logarithm against the logarithm of the depth, with a bracket that it
-    cannot leave.
+    The other arguments are those of :func:`linear_depth`. Under a power law the carried load is nearly a power of the
+    depth, so Newton's method works on the logarithms of load and depth, within a bracket.
     """
     _, exponent, reference = law
     depth = linear_depth(gap, weight, count, load, start)

@@ -1,6 +1,6 @@
-"""From contacts to the compiled routine and back; the force equilibrium by itself.
+"""The interface of the compiled routine: presses of contacts, and the force equilibrium by itself.
 
-numba is imported when the first press is computed.
+numba is imported at the first press.
 """
 
 from __future__ import annotations
@@ -20,20 +20,21 @@ if TYPE_CHECKING:
     from skincal.model.patch import Patch
 
 INFO = 7
-"""Numbers that the routine tells of a press: penetration, force, centroid (3), points touched, status."""
-_MARGIN, _ENOUGH, _FORGET, _MOST_AHEAD = 1.01, 0.9, 0.2, 4.0
-"""How far a mesh is looked at beyond what was needed, for which part of the presses, how soon a press that needed more
-is forgotten, and the most. Tuned by eye on the meshes of ``benchmarks/model_speed.py``; results do not depend on it."""
+"""Number of values per press in ``info``: penetration, force, centroid (3), points in contact, status."""
+_MARGIN, _QUANTILE, _DECAY, _MOST_AHEAD = 1.01, 0.9, 0.2, 4.0
+"""Adaptation of ``MeshIndenter.ahead``: safety margin over the depth that was needed, quantile of the presses that it
+covers, decay rate after a press that needed more, and upper bound. Tuned by eye on the meshes of
+``benchmarks/model_speed.py``; results do not depend on them."""
 _SHALLOW_M = 1e-6
-"""Presses that are less deep say nothing of how far to look [m]."""
+"""Smallest penetration from which ``MeshIndenter.ahead`` adapts [m]."""
 _AT_ONCE = 256
-"""Places of a mesh that are cast at once, to bound memory."""
-_NOTHING = np.zeros(0, dtype=np.int64), np.zeros(0)
+"""Number of places of a mesh whose rays are cast at once, to bound memory."""
+_NO_ENTRIES = np.zeros(0, dtype=np.int64), np.zeros(0)
 _routine: Any = None
 
 
 def routine() -> Any:
-    """Return the compiled routine, made or fetched from the cache at first use."""
+    """Return the compiled routine, which is compiled or loaded from the cache at first use."""
     global _routine
     if _routine is None:
         from skincal.model.press import compiled
@@ -43,7 +44,7 @@ def routine() -> Any:
 
 
 Entries = tuple[IntArray, IntArray, FloatArray]
-"""Where each press begins in the others (K,), and arrays to be filled: tiled points (n,) and loads on them (n,) [N]."""
+"""Start of each press (K,) in the two output arrays, which are filled: tiled points (n,) and their loads (n,) [N]."""
 
 
 def press(
@@ -54,42 +55,43 @@ def press(
     law: StressLaw | None,
     entries: Entries | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return loads (K, J) [N] of contacts, and what else there is to tell of them (K, 7).
+    """Return loads (K, J) [N] of contacts, and further results (K, 7), see :data:`INFO`.
 
     Args:
         patch: the tactile points.
         elasticity_pa_per_m: E [Pa/m].
-        indenter: what presses.
+        indenter: the indenter.
         contacts: K contacts.
-        law: how stress grows with penetration; None: in proportion.
-        entries: filled with the points that each press touches, if given.
+        law: stress law; None: proportional.
+        entries: if given, output arrays for the points that each press touches.
     """
     count = len(contacts)
     tiled, compiled = patch.tiled, _routine or routine()
     loads, info = np.zeros((count, patch.layout.taxels)), np.zeros((count, INFO))
     where = _rows(contacts)
     exponent, reference = (1.0, 1.0) if law is None else (law.exponent, law.reference_m)
-    how = elasticity_pa_per_m, exponent, reference
-    told = (np.zeros(count, dtype=np.int64), *_NOTHING) if entries is None else entries
+    stress = elasticity_pa_per_m, exponent, reference
+    points_out = (np.zeros(count, dtype=np.int64), *_NO_ENTRIES) if entries is None else entries
     through = min(indenter.depth_m, patch.depth_m)
     ground = tiled.points, tiled.taxel, tiled.border
     if isinstance(indenter, ClosedForm):
         compiled.press(
-            *ground, tiled.tiles, indenter.kind, indenter.radius_m, through, *where, *how, loads, info, *told
-        )
+            *ground, tiled.tiles, indenter.kind, indenter.radius_m, through, *where, *stress, loads, info,
+            *points_out,
+        )  # fmt: skip
         return loads, info
     assert isinstance(indenter, MeshIndenter)
     starts, at = np.empty(count + 1, dtype=np.int64), np.empty(count, dtype=np.int64)
     places = compiled.group(*where, loads, info, starts, at)
-    given = (*ground, through, *where, *how, loads, info, *told)
+    given = (*ground, through, *where, *stress, loads, info, *points_out)
     for k in range(0, places, _AT_ONCE):
         end = min(k + _AT_ONCE, places)
-        _cast(indenter, tiled.tiles, given, starts[k : end + 1], at[k:end])
+        _press_mesh(indenter, tiled.tiles, given, starts[k : end + 1], at[k:end])
     return loads, info
 
 
 def _rows(contacts: Contacts) -> tuple[FloatArray, bool, FloatArray]:
-    """Return contacts as the routine takes them: rows (K, 18), whether they are turned, and forces (K,)."""
+    """Return contacts as arguments of the routine: rows (K, 18), whether rotations are given, and forces (K,) [N]."""
     rows = np.empty((len(contacts), 18))
     rows[:, :3] = contacts.normals
     rows[:, 3:6] = contacts.indenter_origins_m
@@ -100,10 +102,18 @@ def _rows(contacts: Contacts) -> tuple[FloatArray, bool, FloatArray]:
     return rows, rotations is not None, contacts.force_n.copy()
 
 
-def _cast(
+def _press_mesh(
     indenter: MeshIndenter, tiles: FloatArray, given: tuple[Any, ...], starts: IntArray, at: IntArray
 ) -> None:
-    """Press a mesh at some places: cast what may be nearer than a limit, and again where the limit was too low."""
+    """Press a mesh at P places: cast rays at the points nearer than a limit, and repeat where the limit was too low.
+
+    Args:
+        indenter: the mesh.
+        tiles: (11, B) tiles of the patch.
+        given: the first arguments of :func:`skincal.model.press.casting.press_cast`, up to the entries.
+        starts: (P + 1,) first sample of each place.
+        at: (P,) row of each place.
+    """
     mesh, compiled = indenter.mesh, routine()
     points, rows, turned, force, elasticity, exponent, reference, info = (
         given[0], *given[4:10], given[11]
@@ -120,24 +130,30 @@ def _cast(
             *given, starts, at, which, begins, mesh.rays.run(origins, ways), mesh.normals, mesh.heights,
             mesh.centre_m, limits, again,
         )  # fmt: skip
-    _look_as_far_as_needed(indenter, limits, guesses)
+    _adapt_ahead(indenter, limits, guesses)
 
 
-def _look_as_far_as_needed(indenter: MeshIndenter, levels: FloatArray, guesses: FloatArray) -> None:
-    """Let the next press of a mesh look as deep as nine of ten of these needed: it saves rays, no more."""
+def _adapt_ahead(indenter: MeshIndenter, levels: FloatArray, guesses: FloatArray) -> None:
+    """Set the search depth of the mesh's next press to what most of these presses needed, to save rays.
+
+    Args:
+        indenter: the mesh; its ``ahead`` is changed.
+        levels: (P,) levels that were found [m].
+        guesses: (2, P) predicted levels, and distances of first touch [m].
+    """
     needed = sorted(
         (level - first) / (guess - first)
         for level, guess, first in zip(levels.tolist(), *guesses.tolist(), strict=True)
         if level < np.inf and guess < np.inf and guess - first > _SHALLOW_M
     )
     if needed:
-        most = _MARGIN * needed[int(_ENOUGH * (len(needed) - 1))]
-        kept = max(most, indenter.ahead + _FORGET * (most - indenter.ahead))
-        indenter.ahead = min(max(kept, 1.0), _MOST_AHEAD)
+        target = _MARGIN * needed[int(_QUANTILE * (len(needed) - 1))]
+        decayed = max(target, indenter.ahead + _DECAY * (target - indenter.ahead))
+        indenter.ahead = min(max(decayed, 1.0), _MOST_AHEAD)
 
 
 def _bounds(indenter: MeshIndenter, rows: FloatArray, turned: bool, at: IntArray) -> FloatArray:
-    """Bound the parts of the mesh (P, Q, 13), or (1, Q, 13) where that is the same for all presses."""
+    """Return bounds of the mesh's parts (P, Q, 13), or (1, Q, 13) if they are the same for all presses."""
     upright = not turned and bool((rows[at, 3:6] == rows[at, 15:]).all())
     if upright and indenter.upright is not None:
         return indenter.upright
@@ -151,12 +167,11 @@ def _bounds(indenter: MeshIndenter, rows: FloatArray, turned: bool, at: IntArray
 
 
 def solve_penetration(gap_m: ArrayLike, weight_m2: ArrayLike, force_over_elasticity: ArrayLike) -> FloatArray:
-    """Return the penetration at which the stresses carry the force: sum_i w_i max(p - g_i, 0) = F / E.
+    """Solve the force equilibrium for the penetration p: sum_i w_i max(p - g_i, 0) = F / E.
 
     This is the paper's equation 5, with eps_i = max(eps_max - (d_i - delta), 0) (equation 7) and
-    w_i = a_i max(n_t,i . n_c, 0).
-    Any constant may be added to a press's gaps (as from d_i - delta to d_i): it is added to the result, and the
-    local penetrations stay what they are.
+    w_i = a_i max(n_t,i . n_c, 0). A constant added to all gaps of a press (such as delta) is added to the result; the
+    local penetrations do not change.
 
     Args:
         gap_m: (K, N) gap of every point at first touch [m]; inf where the indenter cannot touch.
@@ -164,11 +179,11 @@ def solve_penetration(gap_m: ArrayLike, weight_m2: ArrayLike, force_over_elastic
         force_over_elasticity: (K,) force over elasticity F / E [m³].
 
     Returns:
-        (K,) penetration [m]. A force of zero or less gives the smallest gap (first touch: no point is
-        penetrated); NaN or infinity gives NaN. Where no point can be touched it is 0, and no point is penetrated.
+        (K,) penetration [m]. A force of zero or less gives the smallest gap (first touch); a force that is NaN or
+        infinite gives NaN. If no point can be touched, the penetration is 0.
 
     Raises:
-        ValueError: shapes that do not fit.
+        ValueError: shapes do not match.
     """
     load = np.array(force_over_elasticity, dtype=np.float64)
     gap = np.array(gap_m, dtype=np.float64)

@@ -1,7 +1,7 @@
-"""Presses of meshes: which points are worth a ray, and what the rays say. Between the two embree is asked.
+"""Presses of meshes: selection of the points that need a ray, and the loads from the rays' hits (embree).
 
-A mesh lies behind paraboloids, one for each of its connected parts. They never change a result: a point that no
-paraboloid puts nearer than the limit is not nearer.
+Each connected part of a mesh is bounded by a paraboloid: a point for which all paraboloids are farther than a limit has
+no hit within that limit. Results therefore do not depend on the bounds.
 """
 
 from __future__ import annotations
@@ -14,29 +14,40 @@ from numpy.typing import NDArray
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 from skincal.model.press.jit import device
 from skincal.model.press.meet import FAR, ROUNDING, Frame
-from skincal.model.press.routine import Ground, Told, carry, frame_of, guess, largest, room_for, untouched
+from skincal.model.press.routine import (
+    Ground,
+    PressOutput,
+    allocate_scratch,
+    frame_of,
+    guess_level,
+    largest_force,
+    set_untouched,
+    solve_place,
+)
 
 BOUND = 13
-"""Numbers of a paraboloid: a point of its axis (3), a side (3), ``slope``, ``nearest``, three ``bend``, two ``reach``.
+"""Number of values of a paraboloid: point on its axis (3), side direction (3), ``slope``, ``nearest``, three ``bend``,
+two ``reach``.
 
-Seen along the direction, at s along the side, w across it and r beside the axis, no point of the part is nearer than
-``nearest`` + ``slope`` s + max(bend_0 r², bend_1 s², bend_2 w²), and none has r or \\|s\\| greater than its ``reach``.
+The axis runs along the contact normal. Let r be the distance of a point of the part from the axis, s its component
+along the side direction and w the one across it. The point lies at least ``nearest`` + ``slope`` s + max(bend_0 r²,
+bend_1 s², bend_2 w²) along the normal; r and \\|s\\| are at most the two ``reach``.
 """
 _WIDER = 1.0 + 1e-9
-"""Rounding must not leave out a point at the very rim."""
+"""Widening of ``reach``, so that rounding does not exclude a point on the rim."""
 _SLACKS_M = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
-"""How far before the nearest vertex a paraboloid may start: the further, the more it may bend."""
+"""Candidate distances of a paraboloid's apex ahead of the nearest vertex; a larger one allows a larger curvature."""
 _DEPTH_M, _FLAT = 2e-4, 20.0
-"""A usual penetration [m] and a curvature of the skin over two [1/m]: of the ways to bend, the best for these."""
+"""Typical penetration [m] and half the curvature of the skin [1/m], for which the best paraboloid is chosen."""
 _LEAST_ACROSS = 0.1
-"""Seen more along its long axis than this (sine), a part has no slope."""
+"""Smallest sine of the angle between the normal and a part's long axis at which the bound has a slope."""
 
 
 @device
 def _across(
     x: float, y: float, z: float, dx: float, dy: float, dz: float
 ) -> tuple[float, float, float, float]:
-    """The part of a vector across a unit vector, as a unit vector, and its length."""
+    """Return the component of a vector perpendicular to a unit vector, as a unit vector and its length."""
     along = x * dx + y * dy + z * dz
     x -= along * dx
     y -= along * dy
@@ -47,8 +58,8 @@ def _across(
 
 
 @device
-def local(frame: Frame, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A vector of the fingertip frame in the indenter's."""
+def to_indenter(frame: Frame, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Rotate a vector from the fingertip frame to the indenter's frame."""
     return (
         x * frame[3] + y * frame[4] + z * frame[5],
         x * frame[6] + y * frame[7] + z * frame[8],
@@ -57,8 +68,8 @@ def local(frame: Frame, x: float, y: float, z: float) -> tuple[float, float, flo
 
 
 @device
-def outside(frame: Frame, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A vector of the indenter's frame in the fingertip's."""
+def to_fingertip(frame: Frame, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Rotate a vector from the indenter's frame to the fingertip frame."""
     return (
         x * frame[3] + y * frame[6] + z * frame[9],
         x * frame[4] + y * frame[7] + z * frame[10],
@@ -70,21 +81,21 @@ def enclose(
     vertices: FloatArray, parts: IntArray, axes: FloatArray, middles: FloatArray, rows: FloatArray,
     turned: bool, at: IntArray, bounds: FloatArray,
 ) -> None:  # fmt: skip
-    """Paraboloids behind which the parts of a mesh lie, in its own frame.
+    """Bound the parts of a mesh by paraboloids, in its own frame.
 
-    What lies behind a paraboloid is a convex set: where all vertices are in it, so are the faces. Of those about the
-    part's middle and about the contact, that start a little before the nearest vertex, the one is taken that leaves
-    the fewest points.
+    The set behind a paraboloid is convex: if it contains all vertices of a part, it contains its faces. Candidates have
+    their axis through the part's middle or the contact point, and their apex slightly ahead of the nearest vertex. The
+    one that is expected to leave the fewest points is chosen.
 
     Args:
-        vertices: (V, 3) of convex hulls, part by part [m].
-        parts: (Q + 1,) where each part begins.
-        axes: (Q, 4) long axis of each part, and 1 if it is much longer than wide.
+        vertices: (V, 3) vertices of convex hulls, part by part [m].
+        parts: (Q + 1,) first vertex of each part.
+        axes: (Q, 4) long axis of each part, and 1 if it is much longer than wide, else 0.
         middles: (Q, 3) middle of each part [m].
-        rows: see :func:`skincal.model.press.routine.press`.
+        rows: (K, 18) see :func:`skincal.model.press.routine.press`.
         turned: the same.
         at: (P,) rows of places.
-        bounds: (P, Q, 13) filled: see :data:`BOUND`.
+        bounds: (P, Q, 13) output: see :data:`BOUND`.
     """
     most = 0
     for q in range(parts.shape[0] - 1):
@@ -93,8 +104,8 @@ def enclose(
     for k in range(at.shape[0]):
         row = rows[at[k]]
         frame = frame_of(row, turned)
-        dx, dy, dz = local(frame, frame[0], frame[1], frame[2])
-        tx, ty, tz = local(frame, row[15] - row[3], row[16] - row[4], row[17] - row[5])
+        dx, dy, dz = to_indenter(frame, frame[0], frame[1], frame[2])
+        tx, ty, tz = to_indenter(frame, row[15] - row[3], row[16] - row[4], row[17] - row[5])
         for q in range(parts.shape[0] - 1):
             sx, sy, sz, across = _across(axes[q, 0], axes[q, 1], axes[q, 2], dx, dy, dz)
             slope = 0.0
@@ -114,9 +125,9 @@ def enclose(
                     y = vertices[first + i, 1] - cy
                     z = vertices[first + i, 2] - cz
                     ahead = x * dx + y * dy + z * dz
-                    beside = x * sx + y * sy + z * sz
-                    height[i] = ahead - slope * beside
-                    along_2[i] = beside * beside
+                    side = x * sx + y * sy + z * sz
+                    height[i] = ahead - slope * side
+                    along_2[i] = side * side
                     aside_2[i] = max(x * x + y * y + z * z - ahead * ahead, 0.0)
                     nearest = min(nearest, height[i])
                     furthest_s, furthest_r = max(furthest_s, along_2[i]), max(furthest_r, aside_2[i])
@@ -142,7 +153,10 @@ def bound_tiles_by_part(
     tiles: FloatArray, frame: Frame, origin: tuple[float, float, float], bound: FloatArray,
     begin: FloatArray, near: FloatArray,
 ) -> None:  # fmt: skip
-    """Lower ``begin`` and ``near`` (B,) to those of one part: see :func:`skincal.model.press.meet.bound_tile`."""
+    """Lower ``begin`` and ``near`` (B,) [m] to the bounds by one part; see :func:`skincal.model.press.meet.bound_tile`.
+
+    ``begin`` is a lower bound for all points of a tile, ``near`` the bound at its middle.
+    """
     nx, ny, nz = frame[0], frame[1], frame[2]
     sx, sy, sz = bound[3], bound[4], bound[5]
     slope, nearest, round_, along_, wide_ = bound[6], bound[7], bound[8], bound[9], bound[10]
@@ -167,8 +181,11 @@ def bound_tiles_by_part(
 
 
 @device
-def first_met(bound: FloatArray, frame: Frame, x: float, y: float, z: float) -> float:
-    """The distance before which a point, from the origin of the indenter's frame, does not meet a part [m]."""
+def earliest_hit(bound: FloatArray, frame: Frame, x: float, y: float, z: float) -> float:
+    """Return a lower bound of the distance at which a point hits a part [m]; inf if it misses the part.
+
+    The point (x, y, z) is relative to the origin of the indenter's frame, in the axes of the fingertip frame.
+    """
     x -= bound[0]
     y -= bound[1]
     z -= bound[2]
@@ -185,27 +202,28 @@ def select(  # noqa: D417
     points: FloatArray, tiles: FloatArray, rows: FloatArray, turned: bool, force: FloatArray,
     elasticity: float, exponent: float, reference: float, info: FloatArray, starts: IntArray,
     at: IntArray, bounds: FloatArray, limits: FloatArray, guesses: FloatArray, ahead: float,
-    asked: BoolArray, middle: FloatArray, back: float, scale: float, begins: IntArray,
+    wanted: BoolArray, middle: FloatArray, back: float, scale: float, begins: IntArray,
 ) -> tuple[IntArray, NDArray[np.float32], NDArray[np.float32]]:  # fmt: skip
-    """The points that may be nearer than a limit, and their rays as embree takes them.
+    """Select the points that may hit the mesh within a limit, and return their rays for embree.
 
-    What is not told of here is as in :func:`skincal.model.press.routine.press`.
+    Arguments that are not listed are those of :func:`skincal.model.press.routine.press`.
 
     Args:
         starts: (P + 1,) see :func:`skincal.model.press.routine.group`.
         at: (P,) the same.
-        bounds: (P or 1, Q, 13) of :func:`enclose`.
-        limits: (P,) limits to look at [m]; where minus infinity filled with a guess.
-        guesses: (2, P) filled where a limit is guessed: the level if the mesh filled its bound, and where that begins.
-        ahead: how much deeper than that level is looked at.
-        asked: (P,) which places are meant.
+        bounds: (P or 1, Q, 13) from :func:`enclose`.
+        limits: (P,) limits of the distance [m]; minus infinity is replaced by a guess.
+        guesses: (2, P) output where a limit is guessed: the level if the mesh filled its bound, and the distance at
+            which the bound is first touched [m].
+        ahead: search depth, over the depth of that level.
+        wanted: (P,) places to process.
         middle: (3,) middle of the mesh, its own frame [m].
-        back: how far before the middle rays start [m].
-        scale: of embree's scene.
-        begins: (P + 1,) filled: where each place begins in the results.
+        back: distance from the middle at which rays start [m].
+        scale: scale of embree's scene.
+        begins: (P + 1,) output: first result of each place.
 
     Returns:
-        Numbers of the points (n,), starts (n, 3) and directions (n, 3) of their rays, scaled, single precision.
+        Indices of the points (n,), and starts (n, 3) and directions (n, 3) of their rays, scaled, single precision.
     """
     count_tiles, parts = tiles.shape[1], bounds.shape[1]
     each = points.shape[1] // count_tiles
@@ -217,7 +235,7 @@ def select(  # noqa: D417
     n = 0
     for p in range(at.shape[0]):
         begins[p] = n
-        if not asked[p]:
+        if not wanted[p]:
             continue
         row = rows[at[p]]
         frame = frame_of(row, turned)
@@ -226,8 +244,8 @@ def select(  # noqa: D417
             begin[b], near[b] = math.inf, FAR
         for q in range(parts):
             own = bounds[p if bounds.shape[0] > 1 else 0, q]
-            bound[q, 0], bound[q, 1], bound[q, 2] = outside(frame, own[0], own[1], own[2])
-            bound[q, 3], bound[q, 4], bound[q, 5] = outside(frame, own[3], own[4], own[5])
+            bound[q, 0], bound[q, 1], bound[q, 2] = to_fingertip(frame, own[0], own[1], own[2])
+            bound[q, 3], bound[q, 4], bound[q, 5] = to_fingertip(frame, own[3], own[4], own[5])
             for i in range(6, BOUND):
                 bound[q, i] = own[i]
             bound_tiles_by_part(tiles, frame, (ox, oy, oz), bound[q], begin, near)
@@ -237,12 +255,12 @@ def select(  # noqa: D417
             area[b] = facing if met else 0.0
             near[b] = near[b] if met else FAR
         if limits[p] < -FAR:
-            most = largest(force, info, starts[p], starts[p + 1]) / elasticity
-            level, first = guess(near, area, coarse[0], coarse[1], most, _FLAT, exponent, reference)
+            most = largest_force(force, info, starts[p], starts[p + 1]) / elasticity
+            level, first = guess_level(near, area, coarse[0], coarse[1], most, _FLAT, exponent, reference)
             limits[p] = first + ahead * (level - first) if level < math.inf else math.inf
             guesses[0, p], guesses[1, p] = level, first
-        mx, my, mz = outside(frame, middle[0], middle[1], middle[2])
-        wx, wy, wz = local(frame, frame[0], frame[1], frame[2])
+        mx, my, mz = to_fingertip(frame, middle[0], middle[1], middle[2])
+        wx, wy, wz = to_indenter(frame, frame[0], frame[1], frame[2])
         for b in range(count_tiles):
             if begin[b] > limits[p] or begin[b] == math.inf:
                 continue
@@ -250,7 +268,7 @@ def select(  # noqa: D417
                 room = 2 * room + each
                 more = np.empty(room, np.int64)
                 more_rays, more_ways = np.empty((room, 3), np.float32), np.empty((room, 3), np.float32)
-                # Loops, as numba takes seconds to compile the assignment of slices.
+                # Loops: numba takes seconds to compile an assignment of slices.
                 for i in range(n):
                     more[i] = which[i]
                     for c in range(3):
@@ -260,14 +278,16 @@ def select(  # noqa: D417
                 x, y, z = points[0, k] - ox, points[1, k] - oy, points[2, k] - oz
                 soonest = math.inf
                 for q in range(parts):
-                    soonest = min(soonest, first_met(bound[q], frame, x, y, z))
+                    soonest = min(soonest, earliest_hit(bound[q], frame, x, y, z))
                 carries = points[3, k] * frame[0] + points[4, k] * frame[1] + points[5, k] * frame[2]
                 if soonest > limits[p] or soonest == math.inf or carries <= 0:
                     continue
                 which[n] = k
                 x, y, z = x - mx, y - my, z - mz
                 shift = x * frame[0] + y * frame[1] + z * frame[2] + back
-                a, b_, c_ = local(frame, x - shift * frame[0], y - shift * frame[1], z - shift * frame[2])
+                a, b_, c_ = to_indenter(
+                    frame, x - shift * frame[0], y - shift * frame[1], z - shift * frame[2]
+                )
                 rays[n, 0], rays[n, 1], rays[n, 2] = a * scale, b_ * scale, c_ * scale
                 ways[n, 0], ways[n, 1], ways[n, 2] = wx, wy, wz
                 n += 1
@@ -282,29 +302,29 @@ def press_cast(  # noqa: D417
     starts: IntArray, at: IntArray, cast: IntArray, begins: IntArray, face: NDArray[np.int32],
     normals: FloatArray, heights: FloatArray, middle: FloatArray, limits: FloatArray, again: BoolArray,
 ) -> None:  # fmt: skip
-    """Settle presses of a mesh, once embree has said which triangle each point meets.
+    """Compute presses of a mesh from the triangles that the rays hit.
 
-    What is not told of here is as in :func:`skincal.model.press.routine.press`.
+    Arguments that are not listed are those of :func:`skincal.model.press.routine.press`.
 
     Args:
         starts: (P + 1,) see :func:`skincal.model.press.routine.group`.
         at: (P,) the same.
-        cast: (n,) points that were cast, place by place, see :func:`select`.
-        begins: (P + 1,) where each place begins in them.
-        face: (n,) the triangle that is met; -1: none.
-        normals: (F, 3) of the triangles.
-        heights: (F,) of their planes above the mesh's origin [m].
+        cast: (n,) points whose rays were cast, place by place, from :func:`select`.
+        begins: (P + 1,) first of these points at each place.
+        face: (n,) triangle that each ray hits; -1: none.
+        normals: (F, 3) normals of the triangles.
+        heights: (F,) distances of their planes from the mesh's origin [m].
         middle: (3,) middle of the mesh, its own frame [m].
-        limits: (P,) as looked at; filled with the levels that were found, to look as far if that was not enough [m].
-        again: (P,) which places are meant; filled: whether the limit was too low.
+        limits: (P,) limits of the search [m]; replaced by the levels that were found, as limits of the next search.
+        again: (P,) places to process; replaced by whether the limit was too low.
     """
     law = (elasticity, exponent, reference)
-    ground, told = Ground(points, taxel, border), Told(loads, info, entry, entries, entry_loads)
+    ground, output = Ground(points, taxel, border), PressOutput(loads, info, entry, entries, entry_loads)
     room = 1
     for p in range(at.shape[0]):
         room = max(room, begins[p + 1] - begins[p])
     sums = np.empty(loads.shape[1] + 1)
-    scratch = room_for(room, sums)
+    scratch = allocate_scratch(room, sums)
     found, which = scratch.found, scratch.which
     for p in range(at.shape[0]):
         if not again[p]:
@@ -312,7 +332,7 @@ def press_cast(  # noqa: D417
         row = rows[at[p]]
         frame = frame_of(row, turned)
         ox, oy, oz = row[3], row[4], row[5]
-        dx, dy, dz = local(frame, frame[0], frame[1], frame[2])
+        dx, dy, dz = to_indenter(frame, frame[0], frame[1], frame[2])
         again[p] = False
         own = (starts[p], starts[p + 1])
         first = FAR
@@ -322,7 +342,7 @@ def press_cast(  # noqa: D417
             f = face[begins[p] + i]
             gap, cosine = FAR, 0.0
             if f >= 0:
-                x, y, z = local(frame, points[0, k] - ox, points[1, k] - oy, points[2, k] - oz)
+                x, y, z = to_indenter(frame, points[0, k] - ox, points[1, k] - oy, points[2, k] - oz)
                 cosine = normals[f, 0] * dx + normals[f, 1] * dy + normals[f, 2] * dz
                 if cosine != 0:
                     gap = (heights[f] - (normals[f, 0] * x + normals[f, 1] * y + normals[f, 2] * z)) / cosine
@@ -337,15 +357,15 @@ def press_cast(  # noqa: D417
                 limits[p] = math.inf
                 again[p] = True
             else:
-                x, y, z = outside(frame, middle[0], middle[1], middle[2])
-                untouched(points, frame, (ox + x, oy + y, oz + z), own, info)
+                x, y, z = to_fingertip(frame, middle[0], middle[1], middle[2])
+                set_untouched(points, frame, (ox + x, oy + y, oz + z), own, info)
             continue
         for i in range(count):
             found[0, i] -= first
-        most = largest(force, info, own[0], own[1]) / elasticity
+        most = largest_force(force, info, own[0], own[1]) / elasticity
         start = max(limits[p] - first, 0.0)
-        level = carry(
-            ground, scratch, count, first, start, limits[p], most, law, through, own, force, told
+        level = solve_place(
+            ground, scratch, count, first, start, limits[p], most, law, through, own, force, output
         )  # fmt: skip
         again[p] = level > limits[p]
         limits[p] = level

@@ -7,7 +7,7 @@ from typing import Any
 from numba.core import types
 
 from skincal.model.press import balance, casting, meet, routine
-from skincal.model.press.jit import SETTINGS, cached, stamp, telling
+from skincal.model.press.jit import SETTINGS, cached, reporting_compilation, stamp
 
 _F1, _F2 = types.float64[::1], types.float64[:, ::1]
 _F3, _S2 = types.float64[:, :, ::1], types.float32[:, ::1]
@@ -16,7 +16,7 @@ _I1 = types.int64[::1]
 _F, _I, _B = types.float64, types.int64, types.boolean
 _FLAGS = types.boolean[::1]
 _PLACES = _F2, _B, _F1
-"""Rows, whether they are turned, and forces."""
+"""Types of rows, of the flag for rotations, and of forces."""
 _LAW = _F, _F, _F
 _OUT = _F2, _F2, _I1, _I1, _F1
 _SELECT = _F2, _F2, *_PLACES, *_LAW, _F2, _I1, _I1, _F3, _F1, _F2, _F, _FLAGS, _R1, _F, _F, _I1
@@ -33,22 +33,22 @@ SIGNATURES: dict[str, tuple[Any, Any]] = {
     "select": (casting.select, types.Tuple((_I1, _S2, _S2))(*_SELECT)),
     "press_cast": (casting.press_cast, types.void(*_PRESS_CAST)),
 }
-"""Entry points by name, with the types of what they take: they are compiled for these and no others."""
+"""Entry points by name, each with its only signature."""
 
 
 class Routine:
-    """The entry points as attributes, each compiled or fetched from the cache at its first use.
+    """The entry points as attributes, each compiled or loaded from the cache at first use.
 
-    The cache lies beside the sources, or in the user's cache folder where that cannot be written to, or in
-    ``NUMBA_CACHE_DIR``. Where there is no place at all, every process compiles for itself.
+    The cache is ``NUMBA_CACHE_DIR`` if set, else a folder next to the sources, else the user's cache folder. If none of
+    them is writable, every process compiles for itself.
     """
 
     def __getattr__(self, name: str) -> Any:
         if name not in SIGNATURES:
             raise AttributeError(name)
-        with telling():
+        with reporting_compilation():
             function, signature = SIGNATURES[name]
-            # numba knows only whether the file with the entry point has changed: the name says the rest.
+            # numba only checks whether the entry point's own file has changed; the digest covers the other files.
             entry = cached(
                 getattr(function, "py_func", function), f"{name}_{stamp()[:16]}", SETTINGS, signature
             )

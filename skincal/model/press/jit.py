@@ -1,7 +1,7 @@
 """Compilation of the routine: numba's settings, and its cache.
 
-Device functions are plain scalar code on arrays that are passed in, so that another target (a GPU) can compile the same
-source.
+Device functions are scalar code on arrays that the caller passes in, so that another target (a GPU) can compile the
+same source.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ SETTINGS: dict[str, Any] = {
     "no_cfunc_wrapper": True,
     "fastmath": {"reassoc", "contract", "nsz", "arcp", "nnan"},
 }
-"""Sums may be taken in vectors. Infinity keeps its meaning, which ``fastmath=True`` would take away; the routine is not
-given NaN, and makes none."""
+"""Sums may be vectorised. Unlike ``fastmath=True``, these flags preserve infinity. Device functions neither receive nor
+produce NaN."""
 
 _INLINED: dict[str, Any] = {"forceinline": True, "no_cpython_wrapper": True, **SETTINGS}
-"""Compiling how Python would call a function takes as long again; called from Python without it, it would crash."""
+"""Without a wrapper for calls from Python, which doubles the compile time; a call from Python would crash."""
 _EXACT: dict[str, Any] = {**_INLINED, "fastmath": False}
 _modules: set[str] = set()
 
 
 def device(function: _Function) -> _Function:
-    """Compile a function that only compiled functions call.
+    """Compile a function that only compiled functions call, by inlining it into each of them.
 
-    It is compiled into each of them. Called as a function, it would be optimised twice, by itself and in what calls it,
-    and the process that compiles would take the one, those that read the cache the other: sums in another order.
+    Without inlining it would be optimised both by itself and within its callers. The process that compiles would then
+    use one version and processes that read the cache the other, with sums in a different order.
     """
     _modules.add(function.__module__)
     return cast(_Function, numba.njit(**_INLINED)(function))
 
 
 def plain_device(function: _Function) -> _Function:
-    """Compile as :func:`device` does, with arithmetic as it is written, for a function that looks for NaN."""
+    """Compile as :func:`device` does, but with exact arithmetic, for a function that checks for NaN."""
     _modules.add(function.__module__)
     return cast(_Function, numba.njit(**_EXACT)(function))
 
@@ -58,13 +58,13 @@ def stamp() -> str:
 
 
 def cached(function: Any, name: str, settings: dict[str, Any], *signature: Any) -> Any:
-    """Compile an entry point, or fetch it from the cache.
+    """Compile an entry point, or load it from the cache.
 
     Args:
-        function: that Python calls.
-        name: of the cache file.
-        settings: numba's.
-        signature: types of what it takes, if it is to be compiled for these alone, and now.
+        function: function that Python calls.
+        name: name of the cache file.
+        settings: numba's settings.
+        signature: the only signature, compiled at once; default: compiled at the first call.
     """
     function.__qualname__ = name
     try:
@@ -74,15 +74,15 @@ def cached(function: Any, name: str, settings: dict[str, Any], *signature: Any) 
 
 
 class _Listener(event.Listener):
-    """Says once in a process that something is compiled."""
+    """Report once per process that something is compiled."""
 
-    said = False
+    reported = False
 
     def on_start(self, event: Any) -> None:
         """See :class:`numba.core.event.Listener`."""
-        if compiling.on_compile is not None and not self.said:
+        if compiling.on_compile is not None and not self.reported:
             compiling.on_compile()
-        self.said = True
+        self.reported = True
 
     def on_end(self, event: Any) -> None:
         """See :class:`numba.core.event.Listener`."""
@@ -91,7 +91,7 @@ class _Listener(event.Listener):
 _LISTENER = _Listener()
 
 
-def telling() -> AbstractContextManager[None]:
-    """Within it, call back once in a process when something is compiled (:mod:`skincal.compiling`)."""
+def reporting_compilation() -> AbstractContextManager[None]:
+    """Return a context that reports a compilation once per process (:mod:`skincal.compiling`)."""
     install: Any = event.install_listener  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
     return install("numba:compile", _LISTENER)

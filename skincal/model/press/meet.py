@@ -1,7 +1,7 @@
-"""Distances of points from indenters in closed form, and bounds of them for tiles of points.
+"""Distances from points to closed-form indenters, and their bounds for tiles of points.
 
-A new closed form is one file with the functions ``meet`` and ``paraboloid`` (see
-:mod:`skincal.model.indenters.sphere`), a number here and a branch in each of the two functions below.
+A new closed form needs one file with the functions ``meet`` and ``paraboloid`` (see
+:mod:`skincal.model.indenters.sphere`), a number here, and a branch in :func:`meet_point` and :func:`paraboloid`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _meet_sphere, _meet_flat = device(sphere.meet), device(flat.meet)
 _around_sphere, _around_flat = device(sphere.paraboloid), device(flat.paraboloid)
 
 Frame = tuple[float, ...]
-"""Contact normal and the three axes of the indenter's frame, fingertip frame: 12 numbers."""
+"""Contact normal and the three axes of the indenter's frame, in the fingertip frame: 12 numbers."""
 
 
 @device
@@ -52,10 +52,11 @@ def cast(
 
 @device
 def paraboloid(kind: int, size: float, frame: Frame) -> tuple[float, float, float, float, float, float]:
-    """Return a bound of the indenter: a point of its axis from the origin (3), ``nearest``, ``bend`` and ``reach``.
+    """Return a paraboloid that bounds the indenter: a point on its axis (3), ``nearest``, ``bend`` and ``reach``.
 
-    No point of the indenter that lies by r beside the axis, which runs along the contact normal, is nearer along it
-    than ``nearest`` + ``bend`` r², and none lies beside it by more than ``reach`` [m, 1/m, m].
+    The axis runs along the contact normal; its point is relative to the origin of the indenter's frame [m]. A point of
+    the indenter at a distance r from the axis lies at least ``nearest`` + ``bend`` r² along the normal, and r is at
+    most ``reach`` [m, 1/m, m].
     """
     if kind == SPHERE:
         return _around_sphere(size, frame)
@@ -67,20 +68,20 @@ def bound_tile(
     tiles: FloatArray, b: int, normal: tuple[float, float, float], axis: tuple[float, float, float],
     nearest: float, bend: float, reach: float,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Return the distance before which no point of a tile meets a paraboloid, that at its middle, and its area.
+    """Bound the distance between a tile and a paraboloid.
 
     Args:
-        tiles: see :class:`skincal.model.press.points.TiledPoints`.
-        b: number of the tile.
+        tiles: (11, B) see :class:`skincal.model.press.points.TiledPoints`.
+        b: index of the tile.
         normal: contact normal.
-        axis: a point of the paraboloid's axis [m].
+        axis: a point on the paraboloid's axis [m].
         nearest: see :func:`paraboloid`.
         bend: the same.
         reach: the same.
 
     Returns:
-        Where it begins [m], inf where it is not met at all; distance at its middle [m] and area along the normal [m²],
-        ``FAR`` and 0 where that is not met.
+        Lower bound of the distance over all points of the tile [m], inf if the tile misses; distance at the middle of
+        the tile [m] and area along the normal [m²], ``FAR`` and 0 if the middle misses.
     """
     nx, ny, nz = normal
     x = tiles[0, b] - axis[0]
@@ -99,6 +100,6 @@ def bound_tile(
 
 
 FAR = 1e3
-"""Stands for infinity where that would spoil a sum [m]."""
+"""Stands for infinity where infinity would make a sum NaN [m]."""
 ROUNDING = 1e-15
-"""Squares of sines that differ by less may be the same."""
+"""Rounding error of the square of a sine."""

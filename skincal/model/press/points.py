@@ -1,4 +1,4 @@
-"""The points of a patch as the routine takes them: in compact tiles, each within a ball and a slab."""
+"""The points of a patch in compact tiles for the compiled routine, each bounded by a ball and a slab."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ import numpy as np
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
 _POINTS = 16
-"""Points in a tile, at most."""
+"""Largest number of points in a tile."""
 
 
 @dataclass(frozen=True, eq=False)
 class TiledPoints:
-    """N points of a patch in B tiles of M neighbours, B M being at least N: the rest are copies without area.
+    """N points of a patch in B tiles of M neighbours; the B M - N surplus slots hold copies without area.
 
-    The arrays are not read-only, as the routine is compiled for arrays that are not; nobody writes to them.
+    The arrays are writable because the routine is compiled for writable arrays; nothing writes to them.
 
     Attributes:
         points: (6, B M) position [m] and normal times area [m²].
-        tiles: (11, B) centre of the ball (3), its radius, sum of the points' normals times areas (3), the same as a
-            unit vector (3), and how far points lie from the middle of the ball along it at most [m].
+        tiles: (11, B) centre of the bounding ball (3) [m], its radius [m], sum of the points' normals times areas (3)
+            [m²], its direction as a unit vector (3), and half the thickness of the slab: the largest distance of a
+            point from the centre along that direction [m].
         taxel: (B M,) flat taxel index; -1: none.
-        border: (B M,) 1 where the patch ends, 0 elsewhere.
+        border: (B M,) 1 at the edge of the patch, else 0.
         index: (B M,) index of the point in the patch.
-        slots: (B, M) slot s holds point s mod N, without its area where s is N or more.
+        slots: (B, M) slot s holds point s mod N, without area where s >= N.
     """
 
     points: FloatArray
@@ -44,14 +45,14 @@ class TiledPoints:
         taxel: IntArray,
         border: BoolArray,
     ) -> TiledPoints:
-        """Cut points (N, 3) with normals (N, 3), areas, taxels and border (N,) into tiles."""
-        slots = grouped(points_m) if len(points_m) else np.zeros((0, 1), dtype=np.int64)
+        """Group points (N, 3) with normals (N, 3), areas, taxels and border flags (N,) into tiles."""
+        slots = group_neighbours(points_m) if len(points_m) else np.zeros((0, 1), dtype=np.int64)
         index = slots.ravel() % max(len(points_m), 1)
         fixed = taxel[index].astype(np.int64), border[index].astype(np.float64), index, slots
         return cls(*_placed(points_m, normals, areas_m2, slots), *fixed)
 
     def moved(self, points_m: FloatArray, normals: FloatArray, areas_m2: FloatArray) -> TiledPoints:
-        """Return the same tiles where their points (N, 3) have gone elsewhere."""
+        """Return the same tiles with their points (N, 3) at new positions."""
         points, tiles = _placed(points_m, normals, areas_m2, self.slots)
         return replace(self, points=points, tiles=tiles)
 
@@ -80,10 +81,10 @@ def _placed(
     return points, tiles
 
 
-def grouped(points: FloatArray) -> IntArray:
-    """Return slots (B, M) in groups of neighbours, B a power of two; slot s holds point s mod N.
+def group_neighbours(points: FloatArray) -> IntArray:
+    """Group points (N, 3) into tiles of neighbours: slots (B, M), B a power of two; slot s holds point s mod N.
 
-    All groups are halved across their longest side at once, again and again.
+    All groups are repeatedly halved across their longest side.
     """
     groups = 1
     while groups * _POINTS < len(points):

@@ -1,12 +1,13 @@
-"""Presses in closed form, from contacts to loads: one compiled routine for batches, single presses and strokes.
+"""Presses of closed-form indenters: the compiled routine from contacts to loads, for batches and single presses.
 
-Only tiles that the indenter can reach before a guessed limit are looked at. Points left out can only have carried some
-of the force, so the level found without them is too deep if anything. Where it stays within the limit, no point left
-out is reached at that level, so it is the level of all points, exactly. Where it does not, it is itself a limit that is
-far enough.
+The level of a press is the distance, from points to the indenter along the contact normal, up to which points carry
+load: the smallest distance plus the penetration. Only tiles with a lower bound within a guessed limit are processed.
+Points that are left out could only carry part of the force, so the level without them is an upper bound. If it stays
+within the limit, none of them is reached, and it is the exact level of all points. Otherwise it is a sufficient limit
+for the next pass.
 
-The sums run over the points that carry, in the order of the tiles, and over no others: what a press gives does not
-depend on the presses beside it nor on what the limit was.
+The sums run over the carrying points only, in the order of the tiles: the result of a press depends neither on the
+other presses of a batch nor on the limit.
 """
 
 from __future__ import annotations
@@ -23,11 +24,11 @@ from skincal.model.press.meet import FAR, Frame, bound_tile, meet, paraboloid
 from skincal.model.press.status import Status
 
 AHEAD = 1.15
-"""Limit of the first look over the guessed depth. A guess that was too low costs a second look, no more."""
+"""Limit of the first pass over the guessed depth. A guess that is too low only costs a second pass."""
 SKIN_BEND = 40.0
-"""Curvature over two of a fingertip of 12 mm [1/m]: where Newton's method starts, no more."""
+"""Half the curvature of a fingertip of 12 mm [1/m]; it only affects the initial guess of Newton's method."""
 _CELL = 0.75
-"""Parts of a cell's area that its furthest corner lies from its middle, squared: a half for a square, 5/8 for 2 : 1."""
+"""Bound of a cell's squared half diagonal over its area: 1/2 for a square, 5/8 for an aspect ratio of 2."""
 
 
 class Ground(NamedTuple):
@@ -39,9 +40,10 @@ class Ground(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Room for the points of a press: gaps, weights and facing of :func:`gather`, those that carry, their numbers.
+    """Work arrays for the points of a press.
 
-    ``found`` (3, room), ``active`` (3, room), ``which`` (2, room), and ``sums`` (J + 1,) for the taxels.
+    ``found`` (3, room) holds gaps, weights and facing from :func:`gather`, ``active`` (3, room) those of the carrying
+    points, ``which`` (2, room) the indices of both, and ``sums`` (J + 1,) the loads of the taxels.
     """
 
     found: FloatArray
@@ -50,8 +52,8 @@ class Scratch(NamedTuple):
     sums: FloatArray
 
 
-class Told(NamedTuple):
-    """Arrays to be filled: ``loads`` (K, J), ``info`` (K, 7), ``entry`` (K,), ``entries`` (n,) and theirs (n,)."""
+class PressOutput(NamedTuple):
+    """Output arrays: ``loads`` (K, J), ``info`` (K, 7), ``entry`` (K,), ``entries`` (n,) and ``entry_loads`` (n,)."""
 
     loads: FloatArray
     info: FloatArray
@@ -67,11 +69,11 @@ NOT_TOUCHED, FINER_THAN_POINTS = int(Status.NOT_TOUCHED), int(Status.FINER_THAN_
 
 @device
 def frame_of(row: FloatArray, turned: bool) -> Frame:
-    """Return the contact normal and the axes of the indenter's frame, as :func:`skincal.model.contact_rotations`.
+    """Return the contact normal and the axes of the indenter's frame.
 
     Args:
         row: (18,) normal, origin, rotation row by row, point of contact.
-        turned: True if the rotation is given.
+        turned: True if the rotation is given; else it is that of :func:`skincal.model.contact_rotations`.
     """
     nx, ny, nz = row[0], row[1], row[2]
     if turned:
@@ -98,21 +100,24 @@ def frame_of(row: FloatArray, turned: bool) -> Frame:
 
 
 @device
-def guess(
+def guess_level(
     middle: FloatArray, weight: FloatArray, gap: FloatArray, area: FloatArray, load: float, bend: float,
     exponent: float, reference: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """Return the level if the indenter filled its bound and tiles were points, and the nearest of them [m].
+    """Guess the level of a press, taking the bound for the indenter and tiles for points.
 
     Args:
-        middle: (B,) distances of the bound at the tiles' middles [m].
-        weight: (B,) areas along the normal [m²].
+        middle: (B,) distances of the bound at the middles of the tiles [m].
+        weight: (B,) areas of the tiles along the normal [m²].
         gap: (B,) scratch.
         area: (B,) scratch.
         load: F / E [m³].
-        bend: of the bound [1/m].
-        exponent: of the law.
-        reference: of the law [m].
+        bend: ``bend`` of the bound [1/m].
+        exponent: exponent of the law.
+        reference: reference penetration of the law [m].
+
+    Returns:
+        The level, and the smallest distance of a tile [m]; inf if no tile is hit.
     """
     tiles = middle.shape[0]
     first = FAR
@@ -121,7 +126,7 @@ def guess(
     if first >= FAR:
         return math.inf, math.inf
     start = math.sqrt(2.0 * load * (bend + SKIN_BEND) / math.pi)
-    # The first step leads to the solution or above it: what lies beyond carries nothing.
+    # The first Newton step leads to the solution or above it: tiles beyond that depth carry nothing.
     carried = 0.0
     moment = 0.0
     for b in range(tiles):
@@ -131,7 +136,7 @@ def guess(
     depth = (load + moment) / carried
     count = 0
     for b in range(tiles):
-        # Under a law the level may lie deeper than that: as many tiles as there are may take part.
+        # Under a nonlinear law the level may be deeper, so that all tiles are kept.
         if weight[b] > 0 and (exponent != 1.0 or middle[b] <= first + depth):
             gap[count] = middle[b] - first
             area[count] = weight[b]
@@ -145,11 +150,11 @@ def gather(
     kind: int, size: float, frame: Frame, origin: tuple[float, float, float], points: FloatArray,
     begin: FloatArray, each: int, limit: float, scratch: Scratch,
 ) -> tuple[int, float]:  # fmt: skip
-    """Collect the points of tiles that begin before a limit; return how many, and the smallest distance [m].
+    """Collect the points of the tiles within a limit; return their number, and the smallest distance [m].
 
-    Tiles begin at ``begin`` (B,) of :func:`~skincal.model.press.meet.bound_tile`, and have ``each`` points. Filled are
-    of each point its gap (distance beyond the smallest, about ``FAR`` where nothing is met [m]), weight (area along the
-    normal, 0 where nothing is met [m²]), facing (max(-n_s . n_c, 0)) and number.
+    ``begin`` (B,) are the tiles' lower bounds from :func:`~skincal.model.press.meet.bound_tile`, and ``each`` is the
+    number of points of a tile. For each point this fills its gap (distance beyond the smallest one, about ``FAR``
+    without a hit [m]), weight (area along the normal, 0 without a hit [m²]), facing (max(-n_s . n_c, 0)) and index.
     """
     gap, weight, facing = scratch.found[0], scratch.found[1], scratch.found[2]
     which, place = scratch.which[0], scratch.active
@@ -179,8 +184,8 @@ def gather(
 
 
 @device
-def over_cell(points: FloatArray, k: int, frame: Frame, axis: tuple[float, float, float]) -> bool:
-    """Return True if an axis along the contact normal goes through the cell of point k, which faces it."""
+def is_over_cell(points: FloatArray, k: int, frame: Frame, axis: tuple[float, float, float]) -> bool:
+    """Return True if an axis along the contact normal passes through the cell of point k and the cell faces it."""
     nx, ny, nz = frame[0], frame[1], frame[2]
     x = points[0, k] - axis[0]
     y = points[1, k] - axis[1]
@@ -192,14 +197,14 @@ def over_cell(points: FloatArray, k: int, frame: Frame, axis: tuple[float, float
 
 
 @device
-def untouched(
+def set_untouched(
     points: FloatArray, frame: Frame, axis: tuple[float, float, float], samples: tuple[int, int],
     info: FloatArray,
 ) -> None:  # fmt: skip
-    """Set the status of samples at a place where no point is touched: an indenter over a cell is finer than points."""
+    """Set the status of samples that touch no point: an indenter above a cell is finer than the points."""
     over = False
     for k in range(points.shape[1]):
-        over = over or over_cell(points, k, frame, axis)
+        over = over or is_over_cell(points, k, frame, axis)
     status = FINER_THAN_POINTS if over else NOT_TOUCHED
     for s in range(samples[0], samples[1]):
         if info[s, 6] == PRESSES:
@@ -207,38 +212,38 @@ def untouched(
 
 
 @device
-def room_for(count: int, sums: FloatArray) -> Scratch:
-    """Allocate room for so many points."""
+def allocate_scratch(count: int, sums: FloatArray) -> Scratch:
+    """Allocate work arrays for ``count`` points."""
     return Scratch(np.empty((3, count)), np.empty((3, count)), np.empty((2, count), np.int64), sums)
 
 
 @device
-def settle(
+def fill_press(
     ground: Ground, scratch: Scratch, count: int, depth: float, load: float, law: Law, through: float,
-    told: Told, s: int,
+    output: PressOutput, s: int,
 ) -> None:  # fmt: skip
-    """Fill in the loads and sums of one force, from the points nearer than its level, found again from those alone.
+    """Fill in the outputs of one press from its carrying points; its depth is solved again from these points alone.
 
     Args:
         ground: the patch.
-        scratch: result of :func:`gather`, and room.
+        scratch: result of :func:`gather`, and work arrays.
         count: number of points found.
-        depth: of :func:`depth_of` [m].
+        depth: depth from :func:`depth_of` [m].
         load: F / E [m³].
         law: E [Pa/m], exponent and reference [m].
-        through: penetration from which on the press is through [m].
-        told: filled for press s. Of the last three, ``entry`` says where the press begins in the others; if they are
-            not empty, they are filled with the numbers of the points that feel something, and what each feels [N].
-        s: the press.
+        through: largest valid penetration [m].
+        output: filled for press s. ``entry`` is the start of the press in ``entries`` and ``entry_loads``; if these are
+            not empty, they are filled with the indices of the points with a load, and their loads [N].
+        s: index of the press.
     """
     found, active, which, sums = scratch
     points, taxel, border = ground
-    loads, info = told.loads[s], told.info[s]
-    entries, entry_loads, entry = told.entries, told.entry_loads, told.entry[s]
+    loads, info = output.loads[s], output.info[s]
+    entries, entry_loads, entry = output.entries, output.entry_loads, output.entry[s]
     elasticity, exponent, reference = law
     some = 0
     for i in range(count):
-        # Written in any case, and kept if it carries: a processor guesses badly which do.
+        # Always write, and advance only if the point carries: this avoids mispredicted branches.
         active[0, some] = found[0, i]
         active[1, some] = found[1, i]
         active[2, some] = found[2, i]
@@ -284,31 +289,32 @@ def settle(
 
 
 @device
-def carry(
+def solve_place(
     ground: Ground, scratch: Scratch, count: int, first: float, start: float, limit: float, most: float,
-    law: Law, through: float, samples: tuple[int, int], force: FloatArray, told: Told,
+    law: Law, through: float, samples: tuple[int, int], force: FloatArray, output: PressOutput,
 ) -> float:  # fmt: skip
-    """Return the level of the largest force of a place [m]; settle every force if points were looked at that far.
+    """Return the level of the largest force at a place [m]; fill in all its presses if the level is within the limit.
 
-    Beyond what :func:`settle` takes: the smallest distance, where the depth is thought to lie and how far points were
-    looked at [m]; the largest force over E [m³]; first and last sample of the place, and the forces of all [N].
+    Besides the arguments of :func:`fill_press`: ``first`` is the smallest distance, ``start`` the initial guess of the
+    depth and ``limit`` the limit of the collected points [m]; ``most`` is the largest force over E [m³]; ``samples``
+    are the first sample of the place and the one after its last, and ``force`` the forces of all samples [N].
     """
     deepest = depth_of(scratch.found[0], scratch.found[1], count, most, start, law)
     if first + deepest <= limit:
         for s in range(samples[0], samples[1]):
-            if told.info[s, 6] != PRESSES:
+            if output.info[s, 6] != PRESSES:
                 continue
             load = force[s] / law[0]
             depth = deepest
             if load != most:
                 depth = depth_of(scratch.found[0], scratch.found[1], count, load, depth, law)
-            settle(ground, scratch, count, depth, load, law, through, told, s)
+            fill_press(ground, scratch, count, depth, load, law, through, output, s)
     return first + deepest
 
 
 @device
-def largest(force: FloatArray, info: FloatArray, first: int, last: int) -> float:
-    """Return the largest force of samples that press [N]."""
+def largest_force(force: FloatArray, info: FloatArray, first: int, last: int) -> float:
+    """Return the largest force of the samples from ``first`` to before ``last`` that press [N]."""
     most = 0.0
     for s in range(first, last):
         if info[s, 6] == PRESSES:
@@ -317,8 +323,8 @@ def largest(force: FloatArray, info: FloatArray, first: int, last: int) -> float
 
 
 @plain_device
-def unknown(row: FloatArray, force: float, turned: bool) -> bool:
-    """Return True if a force, or a number of the place where it acts, is NaN or infinite."""
+def is_unknown(row: FloatArray, force: float, turned: bool) -> bool:
+    """Return True if a force or a number of its position is NaN or infinite."""
     known = abs(force) < math.inf
     for i in range(18):
         if turned or not 6 <= i < 15:
@@ -331,15 +337,16 @@ def group(
     rows: FloatArray, turned: bool, force: FloatArray, loads: FloatArray, info: FloatArray,
     starts: IntArray, at: IntArray,
 ) -> int:  # fmt: skip
-    """Group samples that follow each other at one place, to the last bit; return the number of places.
+    """Group consecutive samples at exactly the same place; return the number of places.
 
-    For ``rows``, ``turned`` and ``force`` see :func:`press`. ``loads`` is NaN where a sample is not known, and ``info``
-    gets its status: ``PRESSES``, or why it does not. Filled are also ``starts`` (K + 1,), place p having the samples
-    from ``starts[p]`` to ``starts[p + 1]``, some of which may not press, and ``at`` (K,), the row of place p.
+    For ``rows``, ``turned`` and ``force`` see :func:`press`. The status in ``info`` is set to ``PRESSES`` or to the
+    reason why a sample does not press; ``loads`` is set to NaN where a sample is not known. ``starts`` (K + 1,) and
+    ``at`` (K,) are filled: place p has the samples from ``starts[p]`` to before ``starts[p + 1]``, some of which may
+    not press, and the row ``at[p]``.
     """
     places = 0
     for s in range(force.shape[0]):
-        if unknown(rows[s], force[s], turned):
+        if is_unknown(rows[s], force[s], turned):
             info[s, 6] = UNKNOWN
             for j in range(loads.shape[1]):
                 loads[s, j] = math.nan
@@ -370,27 +377,27 @@ def press(
     exponent: float, reference: float, loads: FloatArray, info: FloatArray, entry: IntArray,
     entries: IntArray, entry_loads: FloatArray,
 ) -> None:  # fmt: skip
-    """Press a closed form on a patch.
+    """Press a closed-form indenter on a patch.
 
     Args:
-        points: see :class:`skincal.model.press.points.TiledPoints`, as the next three.
-        taxel: the same.
-        border: the same.
-        tiles: the same.
-        kind: of closed form.
-        size: of the indenter [m].
-        through: penetration from which on a press is through [m].
+        points: (6, N) see :class:`skincal.model.press.points.TiledPoints`.
+        taxel: (N,) the same.
+        border: (N,) the same.
+        tiles: (11, B) the same.
+        kind: number of the closed form.
+        size: length that describes the indenter [m].
+        through: largest valid penetration [m].
         rows: (K, 18) places: normal, origin, rotation row by row, point of contact.
-        turned: whether rotations are given.
+        turned: True if rotations are given.
         force: (K,) forces [N].
         elasticity: E [Pa/m].
-        exponent: of the law; 1: linear.
-        reference: of the law [m].
-        loads: (K, J) zeros; filled [N].
-        info: (K, 7) zeros; filled: see :func:`settle`.
-        entry: (K,) where each press begins in the following.
-        entries: (n,) see :func:`settle`.
-        entry_loads: (n,) the same.
+        exponent: exponent of the law; 1: linear.
+        reference: reference penetration of the law [m].
+        loads: (K, J) output, initially zero [N].
+        info: (K, 7) output, initially zero: see :data:`skincal.model.press.call.INFO`.
+        entry: (K,) start of each press in the following two arrays.
+        entries: (n,) output: see :func:`fill_press`.
+        entry_loads: (n,) output: the same.
     """
     law = (elasticity, exponent, reference)
     samples = force.shape[0]
@@ -400,9 +407,9 @@ def press(
     each = points.shape[1] // max(count_tiles, 1)
     begin, middle, area = np.empty(count_tiles), np.empty(count_tiles), np.empty(count_tiles)
     coarse = np.empty((2, count_tiles))
-    ground, told = Ground(points, taxel, border), Told(loads, info, entry, entries, entry_loads)
+    ground, output = Ground(points, taxel, border), PressOutput(loads, info, entry, entries, entry_loads)
     sums = np.empty(loads.shape[1] + 1)
-    scratch = room_for(1024, sums)
+    scratch = allocate_scratch(1024, sums)
     for p in range(places):
         row = rows[at[p]]
         frame = frame_of(row, turned)
@@ -413,20 +420,20 @@ def press(
         for b in range(count_tiles):
             begin[b], middle[b], area[b] = bound_tile(tiles, b, normal, axis, nearest, bend, reach)
         own = (starts[p], starts[p + 1])
-        most = largest(force, info, own[0], own[1]) / elasticity
-        level, first = guess(middle, area, coarse[0], coarse[1], most, bend, exponent, reference)
+        most = largest_force(force, info, own[0], own[1]) / elasticity
+        level, first = guess_level(middle, area, coarse[0], coarse[1], most, bend, exponent, reference)
         limit = first + AHEAD * (level - first) if level < math.inf else math.inf
         while True:
             need = 0
             for b in range(count_tiles):
                 need += each if begin[b] <= limit else 0
             if need > scratch.found.shape[1]:
-                scratch = room_for(need, sums)
+                scratch = allocate_scratch(need, sums)
             count, first = gather(kind, size, frame, origin, points, begin, each, limit, scratch)
             if first < FAR:
                 start = max(min(level, limit) - first, 0.0)
-                level = carry(
-                    ground, scratch, count, first, start, limit, most, law, through, own, force, told
+                level = solve_place(
+                    ground, scratch, count, first, start, limit, most, law, through, own, force, output
                 )
                 if level <= limit:
                     break
@@ -434,5 +441,5 @@ def press(
             elif limit < math.inf:
                 limit = math.inf
             else:
-                untouched(points, frame, axis, own, info)
+                set_untouched(points, frame, axis, own, info)
                 break

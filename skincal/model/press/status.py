@@ -13,12 +13,12 @@ class Status(IntEnum):
     NO_FORCE = 1
     """The force is zero or negative: no load."""
     NOT_TOUCHED = 2
-    """No point of the patch can be touched: no load, although there is a force."""
+    """No point of the patch is touched: no load, although there is a force."""
     AT_BORDER = 3
-    """The press reaches the patch's border: what it touches is taken to carry the whole force."""
+    """The press reaches the patch's border: the points in contact carry the whole force."""
     UNKNOWN = 4
-    """The force, the place or the normal is NaN or infinite: so is the load."""
+    """The force, position or normal is NaN or infinite: the load is NaN."""
     FINER_THAN_POINTS = 5
-    """The indenter lies over the patch but falls between its points: no load that means anything."""
+    """The indenter lies over the patch but falls between its points: the load is meaningless."""
     THROUGH_FINGER = 6
-    """The penetration is more than the indenter or the finger has: the model no longer holds."""
+    """The penetration exceeds the depth of the indenter or the finger: the model no longer holds."""

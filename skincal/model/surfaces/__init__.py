@@ -1,4 +1,4 @@
-"""Fingertip surfaces: one short file a kind."""
+"""Fingertip surfaces: one file per kind."""
 
 from skincal.model.surfaces.cylinder import Cylinder
 from skincal.model.surfaces.mesh import MeshSurface

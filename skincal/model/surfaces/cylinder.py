@@ -35,14 +35,14 @@ class Cylinder(Surface):
 
     @property
     def arc_radius_m(self) -> float:
-        """The cylinder's own R [m]."""
+        """The cylinder's radius R [m]."""
         return self.radius_m
 
     def arc_radius_at(self, pose: SensorPose) -> float:
         return self.radius_m
 
     def unrolled(self, points_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        # Arcs within half a turn of beta = 0. A point on the axis counts as lying there.
+        # Arcs lie within half a turn of beta = 0; a point on the axis has beta = 0.
         points = as_floats(points_m)
         return self.radius_m * self._beta(points), points[:, 1]
 
@@ -73,5 +73,5 @@ class Cylinder(Surface):
 
 
 def _radial(beta: FloatArray) -> FloatArray:
-    """Return outward normals (N, 3) at angles (N,) round the axis [rad]."""
+    """Return outward normals (N, 3) at angles (N,) around the axis [rad]."""
     return np.column_stack([np.sin(beta), np.zeros_like(beta), np.cos(beta)])

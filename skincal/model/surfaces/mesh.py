@@ -1,4 +1,4 @@
-"""Any triangle mesh as a fingertip."""
+"""A triangle mesh as a fingertip."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from skincal.model.surfaces.walk import Stand, Walker, corner_normals
 class MeshSurface(Surface):
     """A fingertip given as triangles, in the fingertip frame. Its base may be open.
 
-    The patch is laid on it like a cloth: from its centre a spine is walked straight along v, and from every
-    point of the spine a row straight along u, both on the surface (geodesics). On a surface that can be unrolled
-    this is exact but for the mesh; on one that cannot, a real patch wrinkles or stretches, and here rows spread
-    or crowd with the distance from the spine. Areas are those of the laid cells.
+    The patch is mapped along geodesics: a spine runs from the centre along v, and a row runs from every point of the
+    spine along u. On a developable surface this is exact up to the discretisation of the mesh. On any other surface a
+    real patch wrinkles or stretches; here rows diverge or converge with the distance from the spine. Areas are those of
+    the mapped cells.
 
-    Normals are averaged at the vertices over faces that differ by less than ``crease_rad``, so that a mesh of a
-    cylinder has the cylinder's normals; across a sharper edge they are the faces' own.
+    Normals are averaged at the vertices over faces that differ by less than ``crease_rad``, so that the mesh of a
+    cylinder has the cylinder's normals. At a sharper edge the faces keep their own normals.
     """
 
     def __init__(
@@ -37,13 +37,13 @@ class MeshSurface(Surface):
         Args:
             vertices_m: (V, 3) vertices, fingertip frame [m].
             faces: (F, 3) indices of vertices.
-            step_m: length of the steps that walk over the surface [m].
-            crease_rad: angle between faces from which on an edge is real [rad].
+            step_m: length of the steps along geodesics [m].
+            crease_rad: smallest angle between faces at a sharp edge [rad].
 
         Raises:
-            ValueError: a mesh without any area, with NaN, with indices out of range, or wound both ways.
+            ValueError: the mesh has no area, NaN, indices out of range, or inconsistent winding.
         """
-        from scipy.spatial import KDTree  # takes a moment, and few surfaces are meshes
+        from scipy.spatial import KDTree  # slow import, and few surfaces are meshes
 
         self._mesh = TriangleMesh("surface mesh", vertices_m, faces)
         self._mesh.check_winding()
@@ -55,27 +55,29 @@ class MeshSurface(Surface):
         self._face_reach_m = float(np.linalg.norm(corners - centroids[:, None], axis=2).max())
 
     def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Lay points of the patch on the mesh. See :meth:`Surface.wrap`.
+        """Map points of the patch onto the mesh. See :meth:`Surface.wrap`.
 
-        NaN where a row leaves the mesh. A patch wider than the way round is not noticed: it lies on itself.
+        Points are NaN where a row leaves the mesh. A patch wider than the circumference overlaps itself without an
+        error.
 
         Raises:
-            ValueError: no mesh at the patch's centre, or it is met end on, so that "along the finger" is undefined.
+            ValueError: there is no mesh at the patch's centre, or its normal is parallel to y, so that "along the
+                finger" is undefined.
         """
         u, v = floats("uv_m", uv_m, (None, 2)).T
         rows, row = np.unique(v, return_inverse=True)
         centre = self._centre(pose)
         spine = _walk_both_ways(self._walker, centre, np.zeros(len(rows), dtype=np.int64), rows)
-        laid = _walk_both_ways(self._walker, spine.turned_right(), row, u)
-        return laid.points_m, laid.normals
+        ends = _walk_both_ways(self._walker, spine.turned_right(), row, u)
+        return ends.points_m, ends.normals
 
     def cell_areas(self, pose: SensorPose, uv_m: ArrayLike, size_m: ArrayLike) -> FloatArray:
-        """Return areas (N,) [m²] of the cells whose corners are laid on the mesh. See :meth:`Surface.cell_areas`."""
+        """Return areas (N,) [m²] of the cells from their corners on the mesh. See :meth:`Surface.cell_areas`."""
         uv, half = (floats("uv_m", uv_m, (None, 2)), floats("size_m", size_m, (None, 2)) / 2)
         signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         corners, _ = self.wrap(pose, (uv + signs[:, None] * half).reshape(-1, 2))
         a, b, c, d = corners.reshape(4, -1, 3)
-        # Half the cross product of the diagonals: the area of a quadrilateral, flat or nearly so.
+        # The area of a (nearly) flat quadrilateral is half the cross product of its diagonals.
         return np.linalg.norm(np.cross(c - a, d - b), axis=1) / 2
 
     def normal_at(self, points_m: ArrayLike) -> FloatArray:
@@ -85,7 +87,7 @@ class MeshSurface(Surface):
         return self._nearest(points_m).points_m
 
     def offset(self, points_m: ArrayLike, across_m: ArrayLike, along_m: ArrayLike) -> FloatArray:
-        """Walk straight from each point; NaN where that leaves the mesh. See :meth:`Surface.offset`."""
+        """Follow a geodesic from each point; NaN where it leaves the mesh. See :meth:`Surface.offset`."""
         start = self._nearest(points_m)
         count = len(start.points_m)
         across, along = (
@@ -101,7 +103,7 @@ class MeshSurface(Surface):
         return self._walker.walk(start, np.arange(count), length).points_m
 
     def _centre(self, pose: SensorPose) -> Stand:
-        """Return the patch's centre, met from outside on the way to the axis, heading along v."""
+        """Return the patch's centre, with the heading along v: the first hit of a radial ray from outside."""
         radial = np.array([[np.sin(pose.beta_rad), 0.0, np.cos(pose.beta_rad)]])
         axis = np.array([[0.0, pose.y_m, 0.0]])
         far = 2 * (float(np.linalg.norm(self._mesh.centre_m - axis)) + self._mesh.radius_m)
@@ -122,8 +124,8 @@ class MeshSurface(Surface):
         return Stand(points, normals, heading)
 
     def _nearest(self, points_m: ArrayLike) -> Stand:
-        """Return nearest points of the mesh, their outward normals, and no heading; NaN for points with NaN."""
-        from trimesh import triangles  # half a second, which only meshes need
+        """Return nearest points of the mesh with outward normals; headings, and rows of NaN points, are NaN."""
+        from trimesh import triangles  # slow import, which only meshes need
 
         points = floats("points_m", points_m, (None, 3), finite=False)
         nearest, normals = np.full(points.shape, np.nan), np.full(points.shape, np.nan)
@@ -141,14 +143,17 @@ class MeshSurface(Surface):
         return Stand(nearest, normals, np.full(points.shape, np.nan))
 
     def _candidates(self, point: FloatArray) -> IntArray:
-        """Return every face that may hold the nearest point: none beyond the nearest centroid plus a face's reach."""
+        """Return the faces that may contain the nearest point.
+
+        The centroid of such a face is no farther than the nearest centroid plus the largest extent of a face.
+        """
         distance, _ = self._centroids.query(point)
         reach = (float(distance) + self._face_reach_m) * (1 + 1e-9)
         return np.asarray(self._centroids.query_ball_point(point, reach), dtype=np.int64)
 
 
 def _walk_both_ways(walker: Walker, start: Stand, which: IntArray, length_m: FloatArray) -> Stand:
-    """Walk signed lengths: negative ones backwards, still heading forwards at the end."""
+    """Walk signed lengths (M,) [m]: negative ones go backwards, and the heading at the end still points forwards."""
     count = len(start.points_m)
     both = Stand(
         np.concatenate([start.points_m] * 2),
@@ -161,6 +166,6 @@ def _walk_both_ways(walker: Walker, start: Stand, which: IntArray, length_m: Flo
 
 
 def _outward_sign(mesh: TriangleMesh) -> float:
-    """Return +1 where the faces' normals point out of the finger, -1 where into it (the volume's sign)."""
+    """Return +1 if the faces' normals point out of the finger, else -1 (the sign of the enclosed volume)."""
     middle = mesh.vertices_m[mesh.faces].mean(axis=1) - mesh.centre_m
     return 1.0 if np.sum(mesh.areas_m2 * np.einsum("ij,ij->i", middle, mesh.normals)) >= 0 else -1.0

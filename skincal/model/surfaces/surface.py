@@ -14,12 +14,12 @@ from skincal.model.arrays import FloatArray, floats
 
 @dataclass(frozen=True)
 class SensorPose:
-    """Place and turn of the patch on the surface (paper, section II-B).
+    """Pose of the patch on the surface (paper, section II-B).
 
     Attributes:
         y_m: position of the centre along the axis [m].
-        alpha_rad: turn about the outward normal at the centre, right-handed [rad].
-        beta_rad: position round the axis, on a cylinder or a mesh [rad].
+        alpha_rad: rotation about the outward normal at the centre, right-handed [rad].
+        beta_rad: angle of the centre around the axis, on a cylinder or a mesh [rad].
         x_m: position across, on a plane [m].
     """
 
@@ -35,22 +35,22 @@ class SensorPose:
 
 
 _ON_AXIS_M = 1e-4
-"""A patch that lies nearer to the axis is turned as if it lay this far from it."""
+"""Smallest distance of the patch from the axis that is used to convert arc lengths to angles [m]."""
 
 
 class Surface(ABC):
-    """The fingertip's surface at rest. Add a kind with one file beside this one.
+    """The fingertip's surface at rest. A new kind is one file in this folder.
 
     Points and normals are in the fingertip frame: origin on the axis, +y along it to the tip, +z out of the
     surface where beta = 0, x = y × z.
     """
 
     is_uniform: ClassVar[bool] = False
-    """True if it is the same everywhere: it can be unrolled, and moving the patch is moving the presses."""
+    """True if the surface is the same everywhere: it can be unrolled, and the patch can be moved instead of presses."""
 
     @property
     def arc_radius_m(self) -> float | None:
-        """R of arc = R beta [m], where it is the same at every pose; None on a plane, where positions across are x."""
+        """R of arc = R beta [m] if it is the same at every pose, else None. On a plane positions across are x."""
         return None
 
     def arc_radius_at(self, pose: SensorPose) -> float | None:
@@ -59,53 +59,62 @@ class Surface(ABC):
         return float(np.hypot(centre[0], centre[2]))
 
     def moved_pose(self, pose: SensorPose, across_m: float) -> SensorPose:
-        """Return a pose moved along growing beta, on a plane along x, by a length [m]."""
+        """Return a pose moved by a length [m] towards growing beta (on a plane towards +x)."""
         radius = self.arc_radius_at(pose)
         if radius is None:
             return replace(pose, x_m=pose.x_m + across_m)
         return replace(pose, beta_rad=pose.beta_rad + across_m / max(radius, _ON_AXIS_M))
 
     def unrolled(self, points_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return positions across, (K,) arcs from beta = 0 (on a plane x), and along, (K,) y, of points (K, 3) [m].
+        """Unroll points (K, 3) [m].
+
+        Returns:
+            Positions across (K,), arcs from beta = 0 (on a plane x), and positions along (K,), y [m].
 
         Raises:
-            TypeError: the surface is not uniform: it cannot be unrolled as a whole.
+            TypeError: the surface is not uniform and cannot be unrolled as a whole.
         """
         raise TypeError(f"{type(self).__name__}: expected a surface that is the same everywhere")
 
     @property
     def depth_m(self) -> float:
-        """The penetration from which on a press is through what lies below the surface [m]."""
+        """The largest valid penetration [m]; beyond it a press goes through the finger."""
         return np.inf
 
     @abstractmethod
     def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Lay points of the patch on the surface.
+        """Map points of the patch onto the surface.
 
         Args:
-            pose: where the patch is.
+            pose: pose of the patch.
             uv_m: (N, 2) patch coordinates [m]: arc lengths from the centre along the patch's own axes.
 
         Returns:
-            Points (N, 3) [m] and outward unit normals (N, 3). Rows are NaN where the surface has no such place:
-            beyond its edge, or round it by more than half a turn, where the patch would lie on itself.
+            Points (N, 3) [m] and outward unit normals (N, 3). Rows are NaN beyond the edge of the surface, and beyond
+            half a turn around it, where the patch would overlap itself.
         """
 
     @abstractmethod
     def normal_at(self, points_m: ArrayLike) -> FloatArray:
-        """Return outward unit normals (K, 3) at the points of the surface nearest to ``points_m`` (K, 3) [m]."""
+        """Return the outward unit normals (K, 3) at the surface points nearest to ``points_m`` (K, 3) [m]."""
 
     @abstractmethod
     def project(self, points_m: ArrayLike) -> FloatArray:
-        """Return the points of the surface (K, 3) [m] nearest to ``points_m`` (K, 3) [m]."""
+        """Return the surface points (K, 3) [m] nearest to ``points_m`` (K, 3) [m]."""
 
     def ball_stiffness(
         self, pose: SensorPose, radius_m: float, elasticity_pa_per_m: float, force_n: float
     ) -> float:
-        """Return the force over depth of a ball in the skin at some force [N/m].
+        """Return the secant stiffness, force over depth, of a ball pressed into the skin [N/m].
 
-        For depths that are small compared with the radii the skin model gives F = pi E sqrt(R1 R2) d², with R1 and R2
-        the radii of the gap along and across: 1/R1 = 1/r, 1/R2 = 1/r + 1/R.
+        For depths that are small compared with the radii, the skin model gives F = pi E sqrt(R1 R2) d², with the radii
+        of the gap along and across the finger: 1/R1 = 1/r, 1/R2 = 1/r + 1/R.
+
+        Args:
+            pose: pose of the patch.
+            radius_m: radius r of the ball [m].
+            elasticity_pa_per_m: E [Pa/m].
+            force_n: F [N].
         """
         arc_radius = self.arc_radius_at(pose) or np.inf
         across = 1 / (1 / radius_m + 1 / arc_radius)
@@ -113,7 +122,7 @@ class Surface(ABC):
 
     @abstractmethod
     def offset(self, points_m: ArrayLike, across_m: ArrayLike, along_m: ArrayLike) -> FloatArray:
-        """Move points along the surface; return points (K, 3) of the surface [m].
+        """Move points along the surface; return surface points (K, 3) [m].
 
         Args:
             points_m: (K, 3) points [m]; those off the surface are projected first.
@@ -122,24 +131,24 @@ class Surface(ABC):
         """
 
     def cell_areas(self, pose: SensorPose, uv_m: ArrayLike, size_m: ArrayLike) -> FloatArray:
-        """Return areas of the cells of the patch around its points, on the surface.
+        """Return the areas of the patch's cells on the surface.
 
         Args:
-            pose: where the patch is.
+            pose: pose of the patch.
             uv_m: (N, 2) centres of the cells [m].
             size_m: (N, 2) edge lengths of the cells along u and v [m].
 
         Returns:
-            (N,) areas [m²]. Wrapping keeps them on a surface that can be unrolled; others override this.
+            (N,) areas [m²]. A developable surface preserves areas; others override this method.
         """
         return floats("size_m", size_m, (None, 2)).prod(axis=1)
 
 
 def turned(pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return arc lengths across and along the finger of points of the patch (u cos a - v sin a, u sin a + v cos a).
+    """Rotate patch coordinates to arc lengths across and along the finger: (u cos a - v sin a, u sin a + v cos a).
 
     Args:
-        pose: its ``alpha_rad`` is used.
+        pose: pose of the patch; only ``alpha_rad`` is used.
         uv_m: (N, 2) patch coordinates [m].
 
     Returns:
