@@ -28,9 +28,9 @@ from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
 from skincal.dataset.rest import REST_IN_DOUBT, rest_in_doubt
 from skincal.fitting.fit_options import FitOptions, SearchBox
-from skincal.fitting.problem import FEW_PRESSES, NO_POSITION, NOWHERE, USED, FitError, FitProblem
+from skincal.fitting.problem import FEW_PRESSES, NO_DENSITY, NO_POSITION, USED, FitError, FitProblem
 from skincal.fitting.result import FitResult
-from skincal.fitting.solve import LEAST_TO_FIT, Progress, default_steps, solve
+from skincal.fitting.solve import MIN_PRESSES, Progress, default_steps, solve
 from skincal.fitting.tasks import Mapper
 from skincal.shown import Shown
 from skincal.workers.processes import mapper, one_blas_thread
@@ -148,13 +148,13 @@ def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
     if len(problem) < len(problem.status):
         said.append(why_dropped(problem))
     unplaced = not np.isfinite(dataset.meta.position.sigma_m)
-    if text == NOWHERE and not unplaced:
+    if text == NO_DENSITY and not unplaced:
         said.append(WHICH_ROWS)
-    elif text == NOWHERE or (len(problem) < LEAST_TO_FIT and (unplaced or NO_POSITION in problem.status)):
+    elif text == NO_DENSITY or (len(problem) < MIN_PRESSES and (unplaced or NO_POSITION in problem.status)):
         said.append(f"{PLACE_MISSING}.")
         if dataset.meta.surface.kind != "plane" and dataset.meta.indenter.kind == "flat":
             said.append(CHAMBER)
-    elif len(problem) < LEAST_TO_FIT:
+    elif len(problem) < MIN_PRESSES:
         pressed = PRESS_MORE if len(problem) < len(problem.status) else COLLECT_MORE
         said.append(REST_IN_DOUBT if rest_in_doubt(dataset) else pressed)
     return " ".join(said)

@@ -19,7 +19,7 @@ from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.general_contacts import MARGIN_M, ContactMap
 from skincal.fitting.general_local import LocalPlaces
 from skincal.fitting.observe import Readout
-from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
+from skincal.fitting.problem import FitProblem, PressTable, Rig, build_problem
 from skincal.model import Surface
 from skincal.model.arrays import FloatArray
 from skincal.units import rad
@@ -42,7 +42,7 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
         presses.counts if shifts is None else presses.counts - shifts, kinds, idle_means(dataset),
         joint_angles(presses),
     )  # fmt: skip
-    problem = pose_problem(rig, table, active_counts=options.active_counts, min_active=options.min_active)
+    problem = build_problem(rig, table, active_counts=options.active_counts, min_active=options.min_active)
     if way.method == "fast":
         return problem
     contacts = ContactMap.of(

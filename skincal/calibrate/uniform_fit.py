@@ -17,7 +17,7 @@ from skincal.errors import first_of
 from skincal.fitting.observe import Readout, observe
 from skincal.fitting.problem import active_threshold
 from skincal.fitting.types import Bools, Floats
-from skincal.fitting.uniform_scales import Scales, common_draws, fit_scales
+from skincal.fitting.uniform_scales import Scales, bootstrap_common_scale, fit_scales
 from skincal.model import Contacts
 from skincal.shown import Shown
 from skincal.units import deg
@@ -89,14 +89,14 @@ def calibrate_uniform(
     one = _assumed(dataset)
     loads = _loads(one, dataset)
     scales = fit_scales(loads, seen.values, use, active_counts, rest_known=rest_known)
-    if not scales.told.any():
+    if not scales.responding.any():
         raise refusal(
             dataset,
             f"no taxel rises by more than {active_counts:g} counts in two presses: nothing can be calibrated. "
             "Press harder, or lower --active-counts",
         )
     rng = np.random.default_rng(seed)
-    draws = common_draws(loads, seen.values, use, active_counts, DRAWS, rng, rest_known=rest_known)
+    draws = bootstrap_common_scale(loads, seen.values, use, active_counts, DRAWS, rng, rest_known=rest_known)
     low, high = np.quantile(draws, [(1 - level) / 2, (1 + level) / 2])
     mean_square = float(np.nanmean(scales.residual**2))
     noise = {"noise_sigma_counts": seen.frame_sigma_counts} if np.isfinite(seen.frame_sigma_counts) else {}
@@ -121,7 +121,7 @@ def calibrate_uniform(
 def _rest(level: Floats, scales: Scales, *, rest_known: bool) -> float:
     """Return the level at rest that taxels share [counts]; one that was not seen is where their lines meet no load."""
     own = level if rest_known else level + scales.offset_counts
-    return float(np.median(own[scales.told & np.isfinite(own)]))
+    return float(np.median(own[scales.responding & np.isfinite(own)]))
 
 
 def _assumed(dataset: Dataset) -> Calibration:
@@ -154,7 +154,7 @@ def _findings(scales: Scales, dataset: Dataset) -> tuple[Finding, ...]:
             f"{UNIFORM[0].upper()}{UNIFORM[1:]}, and was; pose and elasticity stand as they were assumed.",
         )
     ]
-    mute = np.flatnonzero(~scales.told)
+    mute = np.flatnonzero(~scales.responding)
     if len(mute):
         cols = dataset.layout().cols
         names = first_of(["({}, {})".format(*divmod(j, cols)) for j in mute.tolist()], MOST_NAMED)
@@ -162,12 +162,12 @@ def _findings(scales: Scales, dataset: Dataset) -> tuple[Finding, ...]:
             Finding(
                 "no_answer",
                 "warning",
-                f"{len(mute)} of {len(scales.told)} taxels do not answer: {names}. "
+                f"{len(mute)} of {len(scales.responding)} taxels do not answer: {names}. "
                 "They are dead, stuck, or at the end of their range; their scale is set to 0.",
                 "Look at them with `skincal dataset show`.",
             )
         )
-    zero = float(np.median(scales.offset_counts[scales.told]))
+    zero = float(np.median(scales.offset_counts[scales.responding]))
     if idle_means(dataset) is not None and abs(zero) > ZERO_COUNTS:
         newtons = -zero / scales.common_per_n
         found.append(

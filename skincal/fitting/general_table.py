@@ -119,25 +119,25 @@ class SkinTable:
     def spread(self, width_m: float) -> SkinTable:
         """The table of a skin that spreads the pressure sideways by a Gaussian [m].
 
-        Pressure that is carried on by d loads a taxel as if the contact lay d further, so the shares are smoothed
+        Pressure that is carried on by d loads a taxel as if the contact lay d further, so the shares are smooth_shares
         over the place on the patch.
         """
         if width_m <= 0:
             return self
         variance = np.full(2, (width_m / self.reach.step_m) ** 2)
-        shares = smoothed(self.shares, variance)
-        return replace(self, shares=shares, lit=lit_nodes(shares))
+        shares = smooth_shares(self.shares, variance)
+        return replace(self, shares=shares, lit=find_lit_nodes(shares))
 
 
-def lit_nodes(shares: Floats) -> Bools:
+def find_lit_nodes(shares: Floats) -> Bools:
     """Nodes (P, N, N) within reach of whose taps anything is not zero."""
     from scipy.ndimage import maximum_filter  # takes a moment, and few fits have such tables
 
     return maximum_filter(np.abs(shares[..., :-2]).max(axis=-1), size=(1, 5, 5)) > _SILENT
 
 
-def smoothed(shares: Floats, variance: Floats) -> Floats:
-    """Shares (P, N, N, C) smoothed over the place on the patch.
+def smooth_shares(shares: Floats, variance: Floats) -> Floats:
+    """Shares (P, N, N, C) smooth_shares over the place on the patch.
 
     By the discrete Gaussian (Lindeberg 1990), whose variance is right however narrow it is against the lattice.
 
@@ -163,19 +163,19 @@ def _spline(knots: Floats) -> Floats:
     return np.ascontiguousarray(CubicSpline(knots, np.eye(len(knots))).c)
 
 
-def parts_of(problem: FitProblem) -> list[Ints]:
+def split_presses(problem: FitProblem) -> list[Ints]:
     """Numbers of the presses of each piece of work that makes a part of a table of all presses."""
     return np.array_split(np.arange(len(problem)), -(-len(problem) // PART))
 
 
-def name_of(problem: FitProblem, presses: Ints, macro: Floats, reach: TableReach) -> str:
+def make_table_key(problem: FitProblem, presses: Ints, macro: Floats, reach: TableReach) -> str:
     """Return what a table of one problem depends on, as a hash: its presses, its middle and its reach."""
     steps = np.array(list(asdict(reach).values()), dtype=np.float64)
     depends = (problem.rows, presses, macro[:4], steps)
     return sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in depends)).hexdigest()[:24]
 
 
-def reach_of(peak: Peak) -> TableReach:
+def choose_reach(peak: Peak) -> TableReach:
     """A fine table that holds what a peak leaves open, four sigmas to each side."""
     sigma = np.sqrt(np.maximum(np.diag(peak.covariance), 0.0))
     return TableReach(
@@ -186,7 +186,7 @@ def reach_of(peak: Peak) -> TableReach:
     )
 
 
-def joined(parts: Sequence[SkinTable]) -> SkinTable:
+def join_tables(parts: Sequence[SkinTable]) -> SkinTable:
     """One table of all presses, of tables of some."""
     planes = np.cumsum([0, *(len(part.shares) for part in parts)])
     presses = np.cumsum([0, *(len(part.plane) for part in parts)])
@@ -199,7 +199,7 @@ def joined(parts: Sequence[SkinTable]) -> SkinTable:
     return replace(parts[0], **stacked, plane=np.concatenate(plane), slot=np.max(slot, axis=0))
 
 
-def run_table(problem: FitProblem, presses: Ints, macro: Floats, reach: TableReach) -> SkinTable:
+def tabulate_presses(problem: FitProblem, presses: Ints, macro: Floats, reach: TableReach) -> SkinTable:
     """Table some presses, by the skin model on a lattice of places on the patch.
 
     Args:
@@ -211,7 +211,7 @@ def run_table(problem: FitProblem, presses: Ints, macro: Floats, reach: TableRea
     measured = np.stack([problem.across_m, problem.along_m], axis=1)
     off = measured - macro[:2]
     anchor = to_patch(off[:, 0], off[:, 1], np.full(len(problem), macro[2]))
-    # A turn moves the places that a press can have on the patch; as far for all, so that tables can be joined.
+    # A turn moves the places that a press can have on the patch; as far for all, so that tables can be join_tables.
     swept = reach.alpha_rad * float(np.hypot(*anchor.T).max())
     # Two more nodes all round, so that a look-up at the edge has all its neighbours.
     count = int(np.ceil((problem.rig.slack_m + reach.centre_m + swept) / reach.step_m)) + 2
@@ -249,7 +249,7 @@ def run_table(problem: FitProblem, presses: Ints, macro: Floats, reach: TableRea
     plane[loaded] = np.arange(loaded.sum())
     slot = np.full(len(problem.status), -1, dtype=np.intp)
     slot[problem.rows[presses]] = np.arange(len(presses))
-    shares = smoothed(np.ascontiguousarray(stacked[loaded]), home.lost_m2() / reach.step_m**2)
+    shares = smooth_shares(np.ascontiguousarray(stacked[loaded]), home.lost_m2() / reach.step_m**2)
     return SkinTable(
-        shares, lit_nodes(shares), plane, anchor[presses], slot, middle[presses], macro[:3], reach
+        shares, find_lit_nodes(shares), plane, anchor[presses], slot, middle[presses], macro[:3], reach
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skincal.fitting.observe import Readout
-from skincal.fitting.problem import PressTable, pose_problem
+from skincal.fitting.problem import PressTable, build_problem
 from skincal.fitting.readings import Link
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.shared import smooth_field
@@ -25,7 +25,7 @@ def values_of(seed: int, presses: int = 30) -> PressTable:
 
 
 def fit(table: PressTable, readout: Readout) -> FitResult:
-    problem = pose_problem(rig(readout), table)
+    problem = build_problem(rig(readout), table)
     return solve(problem, BOX, ONE_LAW, np.random.default_rng(0))
 
 
@@ -80,7 +80,7 @@ def test_a_busy_taxel_rests_elsewhere_than_the_others() -> None:
         name: getattr(table, name)[touched]
         for name in ("press", "across_m", "along_m", "force_n", "indenter")
     }
-    problem = pose_problem(rig(FLOAT), replace(table, counts=counts, **rows))
+    problem = build_problem(rig(FLOAT), replace(table, counts=counts, **rows))
     assert not problem.observed.level_known[busy]
     assert problem.observed.level_known.sum() >= 12
     # How far the levels lie apart is all that is known of it, and that reaches to where it is.
