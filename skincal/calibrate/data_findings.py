@@ -75,10 +75,10 @@ def search_for_order(dataset: Dataset, mapper: Mapper = map) -> Callable[[], Fin
 
 
 def order_of(asked: tuple[FitProblem, SearchBox]) -> TaxelOrder | None:
-    """Return what :func:`skincal.fitting.wiring.order_of_problem` does, of one argument for a mapper."""
-    from skincal.fitting.wiring import order_of_problem  # it takes a moment, which another process may have
+    """Return what :func:`skincal.fitting.wiring.find_taxel_order` does, of one argument for a mapper."""
+    from skincal.fitting.wiring import find_taxel_order  # it takes a moment, which another process may have
 
-    return order_of_problem(*asked)
+    return find_taxel_order(*asked)
 
 
 def in_order(dataset: Dataset, order: TaxelOrder) -> Dataset:

@@ -60,7 +60,12 @@ class LawSpread:
         return moved + (rng.random(len(draws)) < self.bare)[:, None] * self.bare_shift
 
     def with_bare(self, projected: Peak, bare: Peak) -> LawSpread:
-        """Return the same with the evidence of taxels that feel the pressure itself, over that of the projected pressure."""
+        """Return the same with the evidence of taxels that feel the pressure itself.
+
+        Args:
+            projected: peak with taxels that feel the projected pressure.
+            bare: peak with taxels that feel the pressure itself.
+        """
         if not (np.isfinite(bare.log_evidence) and np.isfinite(bare.macro).all()):
             return self
         rise = bare.log_evidence - projected.log_evidence

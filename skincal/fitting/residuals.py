@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skincal.fitting.lookup import Tables, compiled, inlined, look_up, room_for
+from skincal.fitting.lookup import Tables, allocate_lookup, compiled, inlined, look_up
 from skincal.fitting.types import Floats, Ints
 
 _DESCENTS = 6
@@ -224,7 +224,7 @@ def _step(hessian: Any, g: Any, damping: float, most: Any, out: Any) -> float:  
 
 def allocate_workspace(tables: Tables, taxels: int) -> tuple[Any, ...]:
     """Return the arrays that :func:`search` works in."""
-    looked = room_for(tables), np.empty(taxels, dtype=np.int64), np.empty((7, taxels))
+    looked = allocate_lookup(tables), np.empty(taxels, dtype=np.int64), np.empty((7, taxels))
     return np.empty((3, taxels)), *looked, *np.empty((5, 3)), np.empty((3, 3))
 
 

@@ -202,7 +202,9 @@ def test_a_straightened_response_is_told_from_a_bound_on(fitted: FitResult) -> N
     [told] = [f for f in found.findings if f.code in ("response_bends", "force_scatter")]
     assert told.code == "response_bends"
     assert "2.0 times as large" in told.text and "answer less" in told.text
-    assert "response_bends" not in _codes(add_findings(replace(fitted, bend=Bend(1.3, BENT_NATS - 1)), dropped=0))
+    assert "response_bends" not in _codes(
+        add_findings(replace(fitted, bend=Bend(1.3, BENT_NATS - 1)), dropped=0)
+    )
 
 
 def test_forces_that_saturation_bends_scatter_besides(fitted: FitResult) -> None:

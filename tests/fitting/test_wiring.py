@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skincal.fitting.problem import PressTable, build_problem
-from skincal.fitting.wiring import TaxelOrder, _Search, order_of_problem
+from skincal.fitting.wiring import TaxelOrder, _Search, find_taxel_order
 from skincal.fitting.wiring_orders import mapping_of, named_orders
 from tests.fitting.conftest import BOX, Truth, make_session, rig
 
@@ -29,7 +29,7 @@ def wound() -> np.ndarray:
 
 
 def order_of(table: PressTable, slack_m: float = 2e-3) -> TaxelOrder | None:
-    return order_of_problem(build_problem(replace(rig(), slack_m=slack_m), table), BOX)
+    return find_taxel_order(build_problem(replace(rig(), slack_m=slack_m), table), BOX)
 
 
 WIRED = {
@@ -122,9 +122,9 @@ def test_slopes_of_a_pose(truth: Truth) -> None:
     slack, order = np.full((len(problem), 2), 1e-4), np.arange(16)[::-1]
 
     def differences(at: np.ndarray) -> np.ndarray:
-        return search._differences(search._bumps(at, slack).shares, order).ravel()
+        return search._differences(search._nominal_images(at, slack).shares, order).ravel()
 
-    found = search._slopes(search._bumps(pose, slack), pose, order)
+    found = search._difference_slopes(search._nominal_images(pose, slack), pose, order)
     for column, step in zip(found.T, np.diag([1e-7, 1e-7, 1e-5, 1e-5, 1e-5, *[1e-7] * 12]), strict=True):
         expected = (differences(pose + step) - differences(pose - step)) / (2 * step.sum())
         assert column == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
