@@ -1,4 +1,4 @@
-"""Checks that data, or a hand, have the sensor of a calibration."""
+"""Check that data, or a hand, have the sensor of a calibration."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def sensor_differences(
 
 
 _Difference = tuple[str, str, str]
-"""Key, what was expected there, and what is there."""
+"""Key, expected value, and actual value."""
 
 
 def _taxels(calibration: Calibration, sensor: SensorSpec, layout: TaxelLayout) -> Iterator[_Difference]:

@@ -34,7 +34,7 @@ FILE: Final = "calibration.toml"
 FORMAT: Final = "skincal-calibration/1"
 
 _ROUNDED: Final = 1e-3
-"""Smallest number of digits of values whose interval has no width."""
+"""Relative tolerance of a value whose interval has no width."""
 
 _ENDS = "[low, high]; -inf or inf where the data give no bound"
 Ends = Annotated[Interval, Range(_ENDS, inf=True)]
@@ -60,7 +60,7 @@ _NEUTRAL: Final = ContactLaw()
 
 @dataclass(frozen=True)
 class _Law(Table):
-    """``[contact_law]``; it is small beside the foundation."""
+    """``[contact_law]``: the difference from the elastic foundation."""
 
     exponent: Annotated[float, Key("a number, 0.3 to 3", 0.3, 3.0)] = _NEUTRAL.exponent
     spread_m2: Annotated[float, Key("a number, -1e-6 to 1e-6", -1e-6, 1e-6)] = _NEUTRAL.spread_m2
@@ -145,7 +145,7 @@ def plain_file(calibration: Calibration) -> dict[str, Any]:
 
 
 def _plain(part: Any) -> Any:
-    """Return a part, or a list of parts, as tables without what is empty."""
+    """Return a part, or a list of parts, as tables without empty entries."""
     if isinstance(part, tuple):
         return [_plain(one) for one in cast("tuple[Any, ...]", part)]
     if not isinstance(part, Effect | Finding):
@@ -169,7 +169,7 @@ def toml_value(value: Any) -> Any:
 
 
 def effects_violations(effects: Sequence[Effect], taxels: int) -> Iterator[Violation]:
-    """Yield what is wrong with the parameters of effects; ``taxels`` is J, 0 if unknown."""
+    """Yield violations of the parameters of effects; ``taxels`` is J, 0 if unknown."""
     for i, effect in enumerate(effects):
         if effect.name in EFFECTS:
             yield from within(("effects", i), _effect(effect, taxels))
