@@ -218,7 +218,7 @@ def _fit_power_of_force(result: FitResult) -> tuple[float, float]:
     return 1.0 + like * wide, like**2 if ndtr(-sigmas) < CHANCE / 2 else 0.0
 
 
-def scatter_of_lit(result: FitResult) -> tuple[float, float]:
+def _lit_residuals(result: FitResult) -> tuple[float, float]:
     """Return the rms residual of lit readings, and the expected one [counts].
 
     The first is from the fit, with the misfit, which grows with the signal. The second combines the noise of
@@ -235,7 +235,7 @@ def scatter_of_lit(result: FitResult) -> tuple[float, float]:
 
 
 def _check_misfit(result: FitResult) -> Iterator[FitFinding]:
-    found, noise = scatter_of_lit(result)
+    found, noise = _lit_residuals(result)
     bad = int((~result.presses.good).sum())
     if found > MISFIT_TIMES * noise or result.misfit_low > MISFIT_PART:
         beyond = (

@@ -51,7 +51,7 @@ class SkinShares:
 
     @property
     def placed(self) -> bool:
-        """Whether every taxel fits on the surface at this pose."""
+        """Return whether every taxel fits on the surface at this pose."""
         return self.skin is not None
 
     def lost_m2(self) -> FloatArray:

@@ -115,8 +115,8 @@ def _clipping_lift(above: Floats, sigma: float, integer: bool) -> Floats:
         z = above / sigma
         return sigma * np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi) - above * ndtr(-z)
     steps = _half_counts(sigma)
-    # Only whole sessions are larger than this, and all of them use the table: a value reads the same in
-    # each.
+    # Larger arrays are whole sessions, or presses repeated. All of them use the table, so a value reads
+    # the same in each.
     lifted = (
         _rounding_lift(above, sigma, steps)
         if above.size <= _MOST_EXACT
@@ -278,7 +278,8 @@ def _noise_from_bound_fraction(lift: Floats, on_bound: Floats) -> float:
     use = (on_bound > 0.05) & (on_bound < 0.95)
     if not use.any():
         return float("nan")
-    # P(x > 0) = above, and the mean of max(x, 0) is sigma (t above + density).
+    # Of x = sigma (t + noise), the part above 0 has the probability ``above``; the mean of max(x, 0) is
+    # sigma (t above + density).
     t = -ndtri(on_bound[use])
     above, density = ndtr(t), np.exp(-0.5 * t * t) / np.sqrt(2 * np.pi)
     sigma = float(np.median(lift[use] / (t * above + density)))
@@ -339,10 +340,10 @@ def _undo_clipping(
     own = np.nan_to_num(np.interp(rest, means, knots) - low)
     # A level that differs from the bound by less than its standard error is no offset, unless the levels
     # differ jointly.
-    doubt = _LEVEL_SIGMAS * max(scatter, _LEVEL_PART * sigma) / np.sqrt(max(1.0, len(counts) / 3))
+    tolerance = _LEVEL_SIGMAS * max(scatter, _LEVEL_PART * sigma) / np.sqrt(max(1.0, len(counts) / 3))
     lift = np.nan_to_num(rest, nan=low) - low - (float(expected_counts(np.array(low), sigma, readout)) - low)
-    together = float(np.sqrt(np.mean(lift[known] ** 2))) if known.any() else 0.0
-    offset = np.where((np.abs(lift) > doubt) | (together > 0.5 * doubt), own, 0.0)
+    joint = float(np.sqrt(np.mean(lift[known] ** 2))) if known.any() else 0.0
+    offset = np.where((np.abs(lift) > tolerance) | (joint > 0.5 * tolerance), own, 0.0)
     saturated = np.nan_to_num(counts, nan=-np.inf) >= high - max(0.5 if readout.integer else 0.0, sigma)
     slope = np.maximum(np.interp(counts, means, np.gradient(means, knots)), 0.05)
     return values - low - offset, slope, saturated, offset, own

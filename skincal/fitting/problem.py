@@ -198,7 +198,7 @@ class FitProblem:
 
     @property
     def determined(self) -> bool:
-        """Whether the images can determine the parameters.
+        """Return whether the images can determine the parameters.
 
         With few presses, and no more readings than unknowns, many different sensors match the readings
         exactly. The result then depends on the assumptions about the rig. In simulated sessions of 3 to 8

@@ -69,7 +69,7 @@ class Link:
 
     @property
     def clips(self) -> bool:
-        """Whether the link is other than the identity."""
+        """Return whether the link is other than the identity."""
         return len(self.values) > 0
 
     def mean_at(self, values: Floats) -> Floats:
@@ -199,8 +199,8 @@ class Readings:
 
     def spread(self, signal: Floats) -> Floats:
         """Return the size ``a`` (K, J) for signals (K, J): the own signal, or a fraction of the largest neighbour's."""
-        beside = np.stack([signal[:, row].max(axis=1, initial=0.0) for row in self.near], axis=1)
-        return np.maximum(signal, NEIGHBOUR * beside)
+        neighbours = np.stack([signal[:, row].max(axis=1, initial=0.0) for row in self.near], axis=1)
+        return np.maximum(signal, NEIGHBOUR * neighbours)
 
     def at(self, signal: Floats) -> Readings:
         """Return the readings with size and scatter from simulated signals (K, J), not from noisy readings."""

@@ -87,7 +87,7 @@ def _evaluate_unloaded(presses: Any, sigmas: Any, k: int, dark: Any) -> float:  
             own, grown = readings[1, k, j] * sigmas[2], readings[2, k, j] * sigmas[3]
             weight = 1.0 / math.sqrt(own * own + grown * grown)
         difference = mean - readings[0, k, j]
-        # A saturated taxel only says "at least this".
+        # A saturated reading is only a lower bound.
         read = 0.0 if readings[4, k, j] > 0 and difference > 0 else weight
         dark[0, j], dark[1, j], dark[2, j] = read * difference, read * rate, weight
         total += dark[0, j] * dark[0, j]

@@ -150,5 +150,5 @@ class FitResult:
 
     @property
     def gives_intervals(self) -> bool:
-        """Whether the data bound any parameter: there are enough readings, and the draws have converged."""
+        """Return whether the data bound any parameter: there are enough readings, and the draws have converged."""
         return self.problem.determined and (self.bound == "fixed" or self.effective_draws >= FEWEST_DRAWS)

@@ -35,8 +35,8 @@ def log_selection_probability(model: PressModel, points: Floats) -> Floats:
         points: (W, 11) macro variables and logs of the sigmas.
     """
     every = np.arange(len(model.problem))
-    doubtful = np.flatnonzero(_taken_probabilities(model, points.mean(axis=0), every) < 1 - CERTAIN)
-    return np.array([np.log(_taken_probabilities(model, p, doubtful)).sum() for p in points])
+    uncertain = np.flatnonzero(_taken_probabilities(model, points.mean(axis=0), every) < 1 - CERTAIN)
+    return np.array([np.log(_taken_probabilities(model, p, uncertain)).sum() for p in points])
 
 
 def _taken_probabilities(model: PressModel, point: Floats, press: Ints) -> Floats:
