@@ -24,6 +24,7 @@ from skincal.version import __version__
 _log = logging.getLogger("skincal")
 
 _TABLE_FIELDS = ("shares", "lit", "plane", "anchor_m", "slot", "log_ratio", "centre")
+"""Arrays of an image table."""
 _READ_ERRORS = (OSError, ArithmeticError, LookupError, TypeError, ValueError)
 """Exceptions that reading a damaged file may raise."""
 
@@ -31,6 +32,7 @@ _OWN_FILES = re.compile(r"(turn|table)-.*\.npz|\.(turn|table)-.*\.part")
 """Names of the files that a fit stores in its folder."""
 
 _SLAB_FIELDS = ("mse_counts2", "scale_per_n", "slack_rms_m")
+"""Arrays of a turn of the grid."""
 
 
 def fit_key(dataset_sha256: str, method: str, options: FitOptions, box: SearchBox) -> str:
@@ -77,6 +79,7 @@ class Checkpoint:
         self._write(f"turn-{turn:03d}.npz", turn=turn, **{name: getattr(slab, name) for name in _SLAB_FIELDS})
 
     def _write(self, name: str, **arrays: Any) -> None:
+        """Write arrays with the key of the fit to a file."""
         self.folder.mkdir(parents=True, exist_ok=True)
         with whole_file(self.folder / name, force=True) as temporary, temporary.open("wb") as stream:
             np.savez(stream, key=self.key, **arrays)

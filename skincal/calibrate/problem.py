@@ -67,6 +67,7 @@ _EXACT_M = 1e-6
 
 
 def _build_rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
+    """Return the rig of a dataset, and the number of the indenter of each press (K,)."""
     if uniform_pressure(dataset):
         reason = f"{UNIFORM}; `skincal fit` does it, in Python skincal.calibrate.calibrate_uniform"
         raise refusal(dataset, reason)

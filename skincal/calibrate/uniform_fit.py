@@ -161,15 +161,15 @@ def _build_findings(scales: Scales, dataset: Dataset) -> tuple[Finding, ...]:
             f"{UNIFORM[0].upper()}{UNIFORM[1:]}, and was; pose and elasticity stand as they were assumed.",
         )
     ]
-    mute = np.flatnonzero(~scales.responding)
-    if len(mute):
+    silent = np.flatnonzero(~scales.responding)
+    if len(silent):
         cols = dataset.layout().cols
-        names = first_of(["({}, {})".format(*divmod(j, cols)) for j in mute.tolist()], MOST_NAMED)
+        names = first_of(["({}, {})".format(*divmod(j, cols)) for j in silent.tolist()], MOST_NAMED)
         found.append(
             Finding(
                 "no_answer",
                 "warning",
-                f"{len(mute)} of {len(scales.responding)} taxels do not answer: {names}. "
+                f"{len(silent)} of {len(scales.responding)} taxels do not answer: {names}. "
                 "They are dead, stuck, or at the end of their range; their scale is set to 0.",
                 "Look at them with `skincal dataset show`.",
             )

@@ -17,6 +17,7 @@ from skincal.units import deg, rad
 
 Method = Literal["auto", "fast", "general", "nlopt"]
 METHODS: tuple[Method, ...] = ("auto", "fast", "general", "nlopt")
+"""Values of ``--method``."""
 
 TILT_RAD = rad(2.0)
 """Rms difference of measured normals from the surface's own [rad] from which the general way is used."""

@@ -16,6 +16,7 @@ SAME_M = 1e-6
 """Tolerance within which lengths are equal [m]."""
 
 _FIX = "Use a calibration of this sensor."
+"""Advice if sensors differ."""
 
 
 def check_same_sensor(calibration: Calibration, dataset: Dataset) -> None:
@@ -62,6 +63,7 @@ _Difference = tuple[str, str, str]
 
 
 def _taxels(calibration: Calibration, sensor: SensorSpec, layout: TaxelLayout) -> Iterator[_Difference]:
+    """Yield differences of the number and the positions of taxels."""
     ours, own = calibration.sensor, calibration.layout()
     if (ours.rows, ours.cols) != (sensor.rows, sensor.cols):
         expected = f"{ours.rows} x {ours.cols} taxels, as the calibration has"

@@ -31,7 +31,9 @@ from skincal.effects import EFFECTS
 from skincal.model import ContactLaw
 
 FILE: Final = "calibration.toml"
+"""Name of the file."""
 FORMAT: Final = "skincal-calibration/1"
+"""Name and version of the format."""
 
 _ROUNDED: Final = 1e-3
 """Relative tolerance of a value whose interval has no width."""
@@ -56,6 +58,7 @@ class _Intervals(Table):
 
 
 _NEUTRAL: Final = ContactLaw()
+"""The elastic foundation."""
 
 
 @dataclass(frozen=True)
@@ -179,6 +182,7 @@ def effects_violations(effects: Sequence[Effect], taxels: int) -> Iterator[Viola
 
 
 def _effect(effect: Effect, taxels: int) -> Iterator[Violation]:
+    """Yield violations of one effect."""
     known = {parameter.name: parameter for parameter in EFFECTS[effect.name].parameters}
     for name, value in effect.parameters.items():
         key, parameter = f"parameters.{name}", known.get(name)
@@ -201,5 +205,6 @@ def _effect(effect: Effect, taxels: int) -> Iterator[Violation]:
 
 
 def _meant(name: str, known: Iterable[str]) -> str:
+    """Return a suggestion for an unknown name; '' if none is close."""
     close = did_you_mean(name, known)
     return f'Did you mean "{close}"?' if close else ""

@@ -82,10 +82,12 @@ def add_findings(result: FitResult, *, dropped: int) -> FitResult:
 
 
 def _warn(code: str, text: str, advice: str) -> FitFinding:
+    """Return a warning."""
     return FitFinding(code, "warning", text, advice)
 
 
 def _check_edges(result: FitResult) -> Iterator[FitFinding]:
+    """Warn of intervals that reach an end of the searched range."""
     for name in ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m"):
         low, high = getattr(result.box, name)
         margin = 0.02 * (high - low)
@@ -103,6 +105,7 @@ def _check_edges(result: FitResult) -> Iterator[FitFinding]:
 
 
 def _check_identified(result: FitResult) -> Iterator[FitFinding]:
+    """Warn of parameters that the data do not determine."""
     if not result.gives_intervals:  # another finding says so, for all parameters
         return
     said = POSE if at_one_place(result.problem) else ()
@@ -116,6 +119,7 @@ def _check_identified(result: FitResult) -> Iterator[FitFinding]:
 
 
 def _check_press_count(result: FitResult) -> Iterator[FitFinding]:
+    """Warn of too few presses."""
     problem, used = result.problem, len(result.problem)
     advice = f"Collect until at least {2 * FEW_PRESSES} presses have two active taxels or more"
     if not problem.determined:
@@ -132,6 +136,7 @@ def _check_press_count(result: FitResult) -> Iterator[FitFinding]:
 
 
 def _check_press_spread(result: FitResult) -> Iterator[FitFinding]:
+    """Warn of presses that lie close together."""
     if at_one_place(result.problem):
         yield _warn(
             "one_place",
@@ -142,6 +147,7 @@ def _check_press_spread(result: FitResult) -> Iterator[FitFinding]:
 
 
 def _check_rig(result: FitResult) -> Iterator[FitFinding]:
+    """Report errors of positions and forces beyond those declared, and a nonlinear response."""
     declared, found = result.problem.rig.position_sigma_m, result.sigmas.position_m
     if np.isfinite(declared) and found > 1.5 * declared:
         yield _warn(
@@ -235,6 +241,7 @@ def _lit_residuals(result: FitResult) -> tuple[float, float]:
 
 
 def _check_misfit(result: FitResult) -> Iterator[FitFinding]:
+    """Report images that the model does not match, and an empty valley."""
     found, noise = _lit_residuals(result)
     bad = int((~result.presses.good).sum())
     if found > MISFIT_TIMES * noise or result.misfit_low > MISFIT_PART:
@@ -271,12 +278,14 @@ def _check_misfit(result: FitResult) -> Iterator[FitFinding]:
 
 
 def _check_dead_taxels(result: FitResult) -> Iterator[FitFinding]:
+    """Warn of taxels that do not respond where they are pressed."""
     for j in np.flatnonzero(result.dead_taxels).tolist():
         text = f"Taxel {_format_taxels([j], result)} does not answer where it is pressed; it was left out."
         yield _warn("dead_taxel", text, "Check its wiring.")
 
 
 def _check_dropped_readings(result: FitResult) -> Iterator[FitFinding]:
+    """Report readings at which a taxel dropped out."""
     problem = result.problem
     lost = problem.observation.read & ~problem.used & ~result.dead_taxels
     if lost.any():
@@ -290,6 +299,7 @@ def _check_dropped_readings(result: FitResult) -> Iterator[FitFinding]:
 
 
 def _check_rest_levels(result: FitResult) -> Iterator[FitFinding]:
+    """Warn of taxels that every press touches, so that their rest level is not seen."""
     problem = result.problem
     doubtful = ~problem.observed.level_known & problem.lit.any(axis=0)
     # A level that is known from a bound of the converter, from a subtraction, or from the other taxels
@@ -312,6 +322,7 @@ def _format_taxels(taxels: Sequence[int], result: FitResult) -> str:
 
 
 def _check_sampling(result: FitResult) -> Iterator[FitFinding]:
+    """Warn of a small effective sample size."""
     if result.bound == "fixed" or result.effective_draws >= 100:
         return
     found = max(1, round(result.effective_draws))

@@ -26,6 +26,7 @@ SKIN_M = 8e-3
 """Margin of the modelled skin around the taxels [m], as in :meth:`skincal.model.Patch.build`."""
 
 _STEP_M = 0.5e-3
+"""Step of the laid-out lattice [m]."""
 _BEYOND_M = 6e-3
 """Arc lengths are tabled up to this distance beyond the skin [m]; presses further off load no taxel."""
 

@@ -32,15 +32,15 @@ class LawSpread:
         widths_m: (N,) fine grid of spread widths [m].
         density: (N,) their posterior, summing to one.
         shift: (N, 5) of the macro variables relative to no spread.
-        bare: probability that taxels feel the pressure itself.
-        bare_shift: (5,) of the macro variables if they do.
+        unprojected: probability that taxels feel the pressure itself.
+        unprojected_shift: (5,) of the macro variables if they do.
     """
 
     widths_m: Floats
     density: Floats
     shift: Floats
-    bare: float = 0.0
-    bare_shift: Floats = field(default_factory=lambda: np.zeros(5))
+    unprojected: float = 0.0
+    unprojected_shift: Floats = field(default_factory=lambda: np.zeros(5))
 
     @property
     def best_m(self) -> float:
@@ -57,21 +57,21 @@ class LawSpread:
     def shifted(self, draws: Floats, rng: np.random.Generator) -> Floats:
         """Return draws (W, 5) of the macro variables, each shifted by a law drawn at random."""
         moved = draws + self.shift[rng.choice(len(self.widths_m), len(draws), p=self.density)]
-        return moved + (rng.random(len(draws)) < self.bare)[:, None] * self.bare_shift
+        return moved + (rng.random(len(draws)) < self.unprojected)[:, None] * self.unprojected_shift
 
-    def with_bare(self, projected: Peak, bare: Peak) -> LawSpread:
+    def with_unprojected(self, projected: Peak, unprojected: Peak) -> LawSpread:
         """Return the same with the evidence of taxels that feel the pressure itself.
 
         Args:
             projected: peak with taxels that feel the projected pressure.
-            bare: peak with taxels that feel the pressure itself.
+            unprojected: peak with taxels that feel the pressure itself.
         """
-        if not (np.isfinite(bare.log_evidence) and np.isfinite(bare.macro).all()):
+        if not (np.isfinite(unprojected.log_evidence) and np.isfinite(unprojected.macro).all()):
             return self
-        rise = bare.log_evidence - projected.log_evidence
+        rise = unprojected.log_evidence - projected.log_evidence
         # Like a spread, it has no direction, so it cannot move or turn the sensor.
-        shift = np.where(np.arange(5) < 3, 0.0, bare.macro - projected.macro)
-        return replace(self, bare=float(expit(rise)), bare_shift=shift)
+        shift = np.where(np.arange(5) < 3, 0.0, unprojected.macro - projected.macro)
+        return replace(self, unprojected=float(expit(rise)), unprojected_shift=shift)
 
 
 def weigh_laws(spreads_m: Floats, peaks: Sequence[Peak]) -> LawSpread:

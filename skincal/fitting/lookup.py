@@ -30,6 +30,7 @@ _SETTINGS: dict[str, Any] = {
 """Numba settings. Without numba's runtime, functions cannot allocate, and do not count references to arrays,
 which would take as long as the rest of a look-up."""
 _INLINED: dict[str, Any] = {"forceinline": True, "no_cpython_wrapper": True, **_SETTINGS}
+"""Numba settings of functions that are inlined into compiled callers."""
 _STAMP = hashlib.sha256(inspect.getsource(sys.modules[__name__]).encode()).hexdigest()[:16]
 """Digest of this module, whose functions are inlined into those of others: part of the key of the compilation cache."""
 
@@ -239,10 +240,12 @@ _NONE, _PAIRS, _WHOLE, _CUBICS = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.i
 NO_KERNELS = KernelTable(
     np.zeros((0, 0, 0, 0, 0, 0), np.float32), _WHOLE, _PAIRS, (0.0, 1.0), (0.0, 1.0), 1.0, 0.0, _PAIRS
 )
+"""Empty kernel tables, for fits with image tables."""
 NO_IMAGES = ImageTable(
     np.zeros((0, 0, 0, 0), np.float32), np.zeros((0, 0, 0), np.bool_), _WHOLE.reshape(0, 0), _PAIRS, _NONE, _WHOLE,
     _NONE, _NONE, _CUBICS, _NONE, _CUBICS, 1.0,
 )  # fmt: skip
+"""Empty image tables, for fits with kernel tables."""
 
 
 @inlined

@@ -24,12 +24,15 @@ from skincal.fitting.lattice import square
 from skincal.fitting.types import Floats
 
 _TINY = 1e-12
+"""Least power of an image, against division by zero."""
 
 _TOLERANCE_M = 1e-6
 """Tolerance of the position [m]; its effect on the loss is far below the noise."""
 
 _DIFFERENCE_M = 5e-6
+"""Step of the central differences [m]."""
 _CROSS = _DIFFERENCE_M * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+"""Points of the central differences: the centre, and a step to each side along both axes [m]."""
 
 _GIVES_UP: Any = (
     RuntimeError,

@@ -47,6 +47,7 @@ COPY = "the very numbers of another press"
 """Status of a press that repeats all numbers of an earlier one."""
 
 _BY_PRESS = ("across_m", "along_m", "force_n", "values", "weight", "saturated", "lit", "indenter", "rows")
+"""Attributes with one row per press."""
 
 NO_DENSITY = (
     "no pose, elasticity and scale near the best one explain the presses: their positions, forces and images do not "

@@ -24,8 +24,11 @@ ITERATIONS = 8
 """Most Gauss-Newton steps."""
 
 MOST_STEP_M = 0.5e-3
+"""Longest Gauss-Newton step along one direction [m]."""
 _REST_M = 1e-6
+"""Step at which Gauss-Newton has converged [m]."""
 _TINY = 1e-12
+"""Least power of an image, against division by zero."""
 
 
 @inlined

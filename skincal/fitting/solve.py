@@ -382,39 +382,45 @@ class _Fit:
         spreads = self.options.law_spreads_m
         self.progress("contact law", 0, 1)
 
-        wide = [
+        spread_tasks = [
             (problem, self.bounds, peak.macro, replace(around, spread_m=spread), peak.sigmas)
             for spread in spreads[1:]
         ]
-        bare: list[tuple[Any, ...]] = []
+        unprojected_tasks: list[tuple[Any, ...]] = []
         local = None if problem.contacts is None else problem.contacts.local
-        if wide and problem.contacts is None:
-            bare = [(problem, self.bounds, peak.macro, replace(around, projected=False), peak.sigmas)]
-        elif wide and local is not None:
+        if spread_tasks and problem.contacts is None:
+            unprojected_tasks = [
+                (problem, self.bounds, peak.macro, replace(around, projected=False), peak.sigmas)
+            ]
+        elif spread_tasks and local is not None:
             # Image tables contain the projections. Compare taxels that feel the pressure itself
             # by kernels instead, on the uniform local surface; where there is none, skip the
             # comparison.
             start = local.arcs(peak.macro)
             plain = Neighbourhood.around(start)
-            bare = [
+            unprojected_tasks = [
                 (local.problem(problem), local.bounds(self.bounds), start, law, peak.sigmas)
                 for law in (plain, replace(plain, projected=False))
             ]
-        tried = candidate_responses(problem)
-        bent = [(with_response(problem, one), self.bounds, peak.macro, around, peak.sigmas) for one in tried]
-        found: list[Peak] = list(self._map(climb_near, [*wide, *bare, *bent]))
+        candidates = candidate_responses(problem)
+        response_tasks = [
+            (with_response(problem, one), self.bounds, peak.macro, around, peak.sigmas) for one in candidates
+        ]
+        peaks: list[Peak] = list(self._map(climb_near, [*spread_tasks, *unprojected_tasks, *response_tasks]))
         self.progress("contact law", 1, 1)
-        laws, bare_peaks = [peak, *found[: len(wide)]], found[len(wide) : len(wide) + len(bare)]
-        bent_peaks = found[len(wide) + len(bare) :]
+        first, last = len(spread_tasks), len(spread_tasks) + len(unprojected_tasks)
+        laws, unprojected_peaks, response_peaks = [peak, *peaks[:first]], peaks[first:last], peaks[last:]
         # The first candidate is the straight response. It restarts from the peak like all others, so
         # that no law or response wins only because the restart found better contact positions.
-        laws[0] = max(peak, bent_peaks[0], key=lambda one: one.log_evidence)
-        comparable = laws + (bare_peaks if len(bare) == 1 else [])
+        laws[0] = max(peak, response_peaks[0], key=lambda one: one.log_evidence)
+        comparable = laws + (unprojected_peaks if len(unprojected_tasks) == 1 else [])
         # Run these in a worker, which has already imported SciPy for the search of the taxel order.
-        [bend] = self._map(weigh_bends, [(problem, comparable, tried, bent_peaks)])
+        [bend] = self._map(weigh_bends, [(problem, comparable, candidates, response_peaks)])
         [law] = self._map(weigh_laws, [(np.array(spreads), laws)])
-        if bare:
-            law = law.with_bare(laws[0] if len(bare) == 1 else bare_peaks[0], bare_peaks[-1])
+        if unprojected_tasks:
+            law = law.with_unprojected(
+                laws[0] if len(unprojected_tasks) == 1 else unprojected_peaks[0], unprojected_peaks[-1]
+            )
         return law, bend
 
 

@@ -11,4 +11,6 @@ Floats = NDArray[np.floating[Any]]
 """Floating-point numbers; single precision in large tables, else double."""
 
 Ints = NDArray[np.intp]
+"""Indices."""
 Bools = NDArray[np.bool_]
+"""Masks."""

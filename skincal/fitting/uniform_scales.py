@@ -21,6 +21,7 @@ from skincal.fitting.types import Bools, Floats
 _HUBER = 1.345
 """Huber's constant, for 95 % efficiency with normal noise."""
 _ROUNDS = 30
+"""Most rounds of reweighting."""
 _FREE = 5
 """From this many presses on, a line may miss the origin."""
 

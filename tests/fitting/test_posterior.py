@@ -304,14 +304,14 @@ def test_contact_law_widens_elasticity_and_scale_only(problem: FitProblem, truth
 
 def test_bare_pressure_widens_e_and_s(peak: Peak) -> None:
     moved = replace(peak, macro=peak.macro + np.array([1e-4, 1e-4, 0.1, 0.03, -0.02]))
-    law = weigh_laws(np.zeros(1), [peak]).with_bare(peak, moved)
+    law = weigh_laws(np.zeros(1), [peak]).with_unprojected(peak, moved)
     wide = law.shifted(np.zeros((2000, 5)), np.random.default_rng(0))
-    assert law.bare == pytest.approx(0.5)
+    assert law.unprojected == pytest.approx(0.5)
     assert np.unique(wide, axis=0) == pytest.approx(np.array([[0, 0, 0, 0, 0], [0, 0, 0, 0.03, -0.02]]))
-    ruled_out = weigh_laws(np.zeros(1), [peak]).with_bare(
+    ruled_out = weigh_laws(np.zeros(1), [peak]).with_unprojected(
         peak, replace(moved, log_density=peak.log_density - 50)
     )
-    assert ruled_out.bare < 1e-6
+    assert ruled_out.unprojected < 1e-6
 
 
 def test_a_law_without_density_is_ruled_out(peak: Peak) -> None:
