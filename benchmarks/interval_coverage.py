@@ -131,7 +131,7 @@ def compared(result: FitResult, truth: Truth) -> Record:
         "effective_draws": result.effective_draws,
         "presses_used": len(result.problem),
         "findings": [finding.code for finding in result.findings],
-        "no_interval": not result.told,
+        "no_interval": not result.gives_intervals,
         "readings_to_spare": result.problem.readings - result.problem.unknowns,
     }
 
@@ -143,7 +143,7 @@ def contact_laws(result: FitResult) -> list[dict[str, Floats]]:
 
 def intervals_at(result: FitResult, level: float) -> dict[str, list[float]]:
     """The intervals that the fit would have given at another level."""
-    if not result.told:
+    if not result.gives_intervals:
         return {name: list(OPEN) for name in PARAMETERS}
     clouds = contact_laws(result)
     return {

@@ -1,4 +1,4 @@
-"""From a dataset to a calibration: the fit, with workers, checkpoints and the words of the files."""
+"""From a dataset to a calibration: the fit, with workers, checkpoints and file formats."""
 
 from skincal.calibrate.dataset_fit import Outcome, calibrate
 from skincal.calibrate.problem import fit_problem, search_box

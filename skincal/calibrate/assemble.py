@@ -1,4 +1,4 @@
-"""A fit's result as a calibration: the names, units and tables of the files."""
+"""Convert the result of a fit to a calibration: the names, units and tables of the files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.calibrate.data_findings import for_the_rig
+from skincal.calibrate.data_findings import adapt_to_rig
 from skincal.calibrate.problem import moved
 from skincal.calibration import Calibration, Finding, Interval, Loss, ModelParameters, Provenance
 from skincal.calibration.parts import REST
@@ -22,8 +22,8 @@ from skincal.version import __version__
 Columns = dict[str, NDArray[Any]]
 
 
-def provenance_of(dataset: Dataset, command: str, seed: int, options: Mapping[str, Any]) -> Provenance:
-    """Return the provenance of a fit that is done now."""
+def make_provenance(dataset: Dataset, command: str, seed: int, options: Mapping[str, Any]) -> Provenance:
+    """Return the provenance of a fit that runs now."""
     return Provenance(
         dataset_sha256=dataset.sha256 or "",
         dataset="" if dataset.folder is None else dataset.folder.name,
@@ -52,9 +52,9 @@ def calibration_of(result: FitResult, dataset: Dataset, provenance: Provenance) 
             rest_counts=result.rest_counts,
         ),
         intervals=intervals,
-        loss=_loss(result),
+        loss=_build_loss(result),
         provenance=provenance,
-        findings=for_the_rig(
+        findings=adapt_to_rig(
             tuple(Finding(f.code, f.severity, f.text, f.advice) for f in result.findings), dataset
         ),
         draws={names[n]: result.draws[:, i] * factors[n] for i, n in enumerate(PARAMETERS)},
@@ -64,7 +64,7 @@ def calibration_of(result: FitResult, dataset: Dataset, provenance: Provenance) 
 
 
 def _file_units(result: FitResult) -> tuple[dict[str, str], dict[str, float]]:
-    """Return the names of the files for the names of the fit, and the factors between their units."""
+    """Return the file names of the fit's parameters, and the factors from the fit's units to those of the files."""
     radius = result.problem.rig.arc_radius_m
     names = {n: n for n in PARAMETERS} | {"alpha_rad": "alpha_deg", "across_m": "x_m"}
     factors = dict.fromkeys(PARAMETERS, 1.0) | {"alpha_rad": deg(1.0)}
@@ -74,7 +74,8 @@ def _file_units(result: FitResult) -> tuple[dict[str, str], dict[str, float]]:
     return names, factors
 
 
-def _loss(result: FitResult) -> Loss:
+def _build_loss(result: FitResult) -> Loss:
+    """Return the loss, with further figures of the fit."""
     return Loss(
         result.mse_counts2,
         result.valley_mse_counts2,
@@ -95,6 +96,7 @@ def _loss(result: FitResult) -> Loss:
 
 
 def _grid_columns(result: FitResult, names: dict[str, str], factors: dict[str, float]) -> Columns:
+    """Return the evaluated grid as a table, one row per combination."""
     evaluated = result.grid
     grid = evaluated.grid
     axes = np.meshgrid(grid.alpha_rad, np.exp(grid.log_elasticity), grid.across_m, grid.y_m, indexing="ij")
@@ -113,6 +115,7 @@ def _grid_columns(result: FitResult, names: dict[str, str], factors: dict[str, f
 
 
 def _slack_columns(result: FitResult, dataset: Dataset) -> Columns:
+    """Return the slack table, one row per press of the session; NaN for presses that were not used."""
     problem, presses = result.problem, result.presses
     count = len(problem.status)
     used = np.array([status == USED for status in problem.status])

@@ -1,4 +1,4 @@
-"""Findings about the data of a fit: the order of the taxels, a level at rest that moves, and advice for the rig."""
+"""Findings about the data of a fit: order of the taxels, moving rest level, and advice for the rig."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from skincal.fitting.wiring import TaxelOrder
 
 MOST_NAMED = 8
-"""So many moved taxels are named."""
+"""Most moved taxels that a finding lists."""
 
 CORRUPTED: Final = frozenset({"bytes_swapped", "counter_wrapped"})
 """Codes of a dataset's check that say that taxel values are not what the sensor measured."""
 
 
 def order_finding(order: TaxelOrder, layout: TaxelLayout) -> Finding:
-    """Return the finding ``taxel_order``, with the line of a mapping file that mends it."""
+    """Return the finding ``taxel_order``, with the line of a mapping file that corrects the order."""
     which = first_of(["({}, {})".format(*divmod(j, layout.cols)) for j in order.moved.tolist()], MOST_NAMED)
     lines = order.mapping.replace("\n", ", ")
     return Finding(
@@ -49,23 +49,23 @@ def order_finding(order: TaxelOrder, layout: TaxelLayout) -> Finding:
 
 
 def search_for_order(dataset: Dataset, mapper: Mapper = map) -> Callable[[], Finding | None]:
-    """Begin to look for another order of the taxels that explains the images of a dataset.
+    """Start the search for an order of the taxels that explains the images of a dataset better.
 
-    Uniform pressure says nothing of the order, and neither do corrupted words, or presses that no fit can use.
+    There is nothing to search under uniform pressure, with corrupted values, or if no fit can use the presses.
 
     Args:
         dataset: the session.
-        mapper: one with several processes looks for it while this one goes on.
+        mapper: one with several processes searches in the background.
 
     Returns:
-        What waits for the result: the finding ``taxel_order``, or None.
+        A function that waits for the result: the finding ``taxel_order``, or None.
     """
     asked: list[tuple[FitProblem, SearchBox]] = []
     if not (uniform_pressure(dataset) or is_corrupted(findings_of_check(dataset))):
         with suppress(WorkError):
             problem = fit_problem(dataset, FitOptions(), choose_way(dataset, "auto"))
             asked.append((problem, search_box(dataset)))
-    found = mapper(order_of, asked)
+    found = mapper(search_order_task, asked)
 
     def wait() -> Finding | None:
         order = next(iter(found), None)
@@ -74,21 +74,21 @@ def search_for_order(dataset: Dataset, mapper: Mapper = map) -> Callable[[], Fin
     return wait
 
 
-def order_of(asked: tuple[FitProblem, SearchBox]) -> TaxelOrder | None:
-    """Return what :func:`skincal.fitting.wiring.order_of_problem` does, of one argument for a mapper."""
-    from skincal.fitting.wiring import order_of_problem  # it takes a moment, which another process may have
+def search_order_task(asked: tuple[FitProblem, SearchBox]) -> TaxelOrder | None:
+    """Run :func:`skincal.fitting.wiring.find_taxel_order` with one argument, for a mapper."""
+    from skincal.fitting.wiring import find_taxel_order  # slow to import
 
-    return order_of_problem(*asked)
+    return find_taxel_order(*asked)
 
 
-def in_order(dataset: Dataset, order: TaxelOrder) -> Dataset:
-    """Return the dataset with its taxels in the order that explains the images; without frames."""
+def reorder_taxels(dataset: Dataset, order: TaxelOrder) -> Dataset:
+    """Return the dataset with its taxels in the given order; without frames."""
     presses = replace(dataset.presses, counts=dataset.presses.counts[:, order.order])
     return replace(dataset, presses=presses, frames=None)
 
 
 def findings_of_check(dataset: Dataset) -> tuple[Finding, ...]:
-    """Return the warnings of a dataset's own check that have a code, as findings of what is made from it."""
+    """Return the warnings of a dataset's own check that have a code, as findings."""
     return tuple(
         Finding(
             p.code,
@@ -112,37 +112,37 @@ def with_findings_of_check(calibration: Calibration, dataset: Dataset) -> Calibr
     """Return the calibration with the findings of its dataset's check; without intervals if values are corrupted."""
     found = findings_of_check(dataset)
     if is_corrupted(found):
-        calibration = _of_wrong_images(calibration)
+        calibration = _without_intervals(calibration)
     return replace(calibration, findings=(*found, *calibration.findings))
 
 
-def _of_wrong_images(calibration: Calibration) -> Calibration:
-    """Return the calibration of wrong images: without intervals, and without the findings that they bring about."""
+def _without_intervals(calibration: Calibration) -> Calibration:
+    """Return a calibration from wrong images without intervals, and without the findings that such images cause."""
     nothing = (float("-inf"), float("inf"))
     others = tuple(one for one in calibration.findings if not code_of(one.code).of_images)
     return replace(calibration, intervals=dict.fromkeys(calibration.intervals, nothing), findings=others)
 
 
 def with_other_order(calibration: Calibration, order: TaxelOrder) -> Calibration:
-    """Return the calibration with the finding, and without intervals: it comes from images in the wrong order."""
-    calibration = _of_wrong_images(calibration)
+    """Return the calibration with the finding of a wrong order, and without intervals."""
+    calibration = _without_intervals(calibration)
     return replace(calibration, findings=(order_finding(order, calibration.layout()), *calibration.findings))
 
 
 REST_MOVES: Final = "rest_moves"
-"""Code of the finding."""
+"""Code of the finding on a moving rest level."""
 
-_MATTERS: Final = 0.005
-"""Part of the largest signal from which it is told."""
+_REST_PART: Final = 0.005
+"""Movement of the rest level from which it is reported, as a fraction of the largest signal."""
 
 
 def with_moving_rest(calibration: Calibration, dataset: Dataset) -> Calibration:
-    """The calibration, with a note where the level at rest moves by enough to matter."""
+    """Return the calibration with a finding if the rest level moves noticeably."""
     shifts = rest_drift(dataset)
     if shifts is None or not shifts.any():
         return calibration
     size = float(np.median(np.sqrt((shifts**2).mean(axis=0))))
-    if not size > _MATTERS * np.nanmax(dataset.presses.counts - rest_levels(dataset)):
+    if not size > _REST_PART * np.nanmax(dataset.presses.counts - rest_levels(dataset)):
         return calibration
     sensor = dataset.meta.sensor
     finding = Finding(
@@ -156,12 +156,12 @@ def with_moving_rest(calibration: Calibration, dataset: Dataset) -> Calibration:
 
 
 def has_joints(dataset: Dataset) -> bool:
-    """Return whether a hand took the data: its joints' angles or torques are there."""
+    """Return whether the data are from a hand: they have joint angles or torques."""
     return any(dataset.presses.column(name) is not None for name in ("q_0", "tau_0"))
 
 
-def for_the_rig(findings: tuple[Finding, ...], dataset: Dataset) -> tuple[Finding, ...]:
-    """Return findings in the unit of the sensor, with advice that names what the rig of a dataset has."""
+def adapt_to_rig(findings: tuple[Finding, ...], dataset: Dataset) -> tuple[Finding, ...]:
+    """Return findings in the unit of the sensor, with advice for the kind of rig that a dataset is from."""
     findings = tuple(one.in_unit(dataset.meta.sensor.unit) for one in findings)
     if has_joints(dataset):
         return findings

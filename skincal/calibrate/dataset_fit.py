@@ -1,4 +1,4 @@
-"""Fit a dataset: the whole of ``skincal fit`` but the command line and the report."""
+"""Fit a dataset: all of ``skincal fit`` except the command line and the report."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skincal.calibrate.assemble import calibration_of, provenance_of
+from skincal.calibrate.assemble import calibration_of, make_provenance
 from skincal.calibrate.checkpoint import Checkpoint, fit_key
 from skincal.calibrate.data_findings import (
     findings_of_check,
-    in_order,
     is_corrupted,
-    order_of,
+    reorder_taxels,
+    search_order_task,
     with_findings_of_check,
     with_moving_rest,
     with_other_order,
@@ -28,9 +28,9 @@ from skincal.dataset import Dataset
 from skincal.dataset.refusal import refusal
 from skincal.dataset.rest import REST_IN_DOUBT, rest_in_doubt
 from skincal.fitting.fit_options import FitOptions, SearchBox
-from skincal.fitting.problem import FEW_PRESSES, NO_POSITION, NOWHERE, USED, FitError, FitProblem
+from skincal.fitting.problem import FEW_PRESSES, NO_DENSITY, NO_POSITION, USED, FitError, FitProblem
 from skincal.fitting.result import FitResult
-from skincal.fitting.solve import LEAST_TO_FIT, Progress, default_steps, solve
+from skincal.fitting.solve import MIN_PRESSES, Progress, default_steps, solve
 from skincal.fitting.tasks import Mapper
 from skincal.shown import Shown
 from skincal.workers.processes import mapper, one_blas_thread
@@ -42,20 +42,32 @@ PRESS_MORE = (
     "Press harder or nearer the taxels, so that more of them answer, or lower --active-counts or --min-active; "
     "`skincal dataset show` draws where the presses lie"
 )
+"""Advice if presses have too few active taxels."""
 PLACE_MISSING = (
     "The place of a press is missing: on a curved surface, or with an indenter smaller than the patch, images say "
     "where the sensor is only if it is known where it was pressed. Write the contact point in x_m, y_m, z_m, from the "
     "stage or the arm that pressed; of weights laid on by hand, where they were laid (a taxel's centre, say), and in "
     "[position] sigma_m how well"
 )
+"""Advice if the position of presses is unknown."""
 WHICH_ROWS = "Are positions in the fingertip frame, in metres, and each row of one and the same press?"
+"""Advice if no pose explains the presses."""
 CHAMBER = 'If a pressure chamber pressed a flat pad, write [surface] kind = "plane"'
+"""Advice for a pressure chamber."""
 COLLECT_MORE = f"Collect more presses, {2 * FEW_PRESSES} or more, spread over the patch"
+"""Advice if all presses were used."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome(Shown):
-    """A calibration, and the fit that it comes from."""
+    """A calibration, and the fit that it comes from.
+
+    Attributes:
+        calibration: the calibration.
+        result: result of the fit.
+        resumed: number of turns of the grid that an earlier run had evaluated.
+        way: way of the fit.
+    """
 
     calibration: Calibration
     result: FitResult
@@ -82,10 +94,11 @@ def calibrate(
 ) -> Outcome:
     """Fit the skin model to a dataset; return the calibration with its fit.
 
-    What ``skincal.fit`` takes means the same here; ``progress`` is called with stage, done and total.
+    Arguments have the same meaning as those of ``skincal.fit``; ``progress`` is called with stage, done and
+    total.
 
     Raises:
-        WorkError: the presses do not allow a fit; says why and what to do.
+        WorkError: the presses do not allow a fit; the message says why, and what to do.
     """
     options, box, way = options or FitOptions(), box or search_box(dataset), choose_way(dataset, method)
     problem = fit_problem(dataset, options, way)
@@ -98,7 +111,7 @@ def calibrate(
     with mapper(workers, scheduler) as spread:
 
         def look_for_order() -> None:
-            orders.append(spread(order_of, [(problem, box)]))
+            orders.append(spread(search_order_task, [(problem, box)]))
 
         try:
             result = solve(
@@ -118,20 +131,21 @@ def calibrate(
             look_for_order()
         [order] = orders[0]
     if is_corrupted(findings_of_check(dataset)):
-        order = None  # no order puts such images right
+        order = None  # no order can correct such images
     if failure is not None:
         if order is None:
-            raise refusal(dataset, _reason(failure, problem, dataset)) from failure
-        # Images in the wrong order may fit no pose at all; in the right one they say at least what is meant.
+            raise refusal(dataset, _explain_failure(failure, problem, dataset)) from failure
+        # Images in the wrong order may fit no pose at all; reordered, they at least show what the fit
+        # would be.
         mended = calibrate(
-            in_order(dataset, order), options=options, box=box, seed=seed, workers=workers, scheduler=scheduler,
+            reorder_taxels(dataset, order), options=options, box=box, seed=seed, workers=workers, scheduler=scheduler,
             command=command, method=method, progress=progress,
         )  # fmt: skip
         return replace(mended, calibration=with_other_order(mended.calibration, order))
     assert result is not None
     settings = {"method": way.method} | asdict(options) | {"box": asdict(box)}
     settings = {key: value for key, value in settings.items() if value is not None}
-    provenance = provenance_of(dataset, command, seed, settings)
+    provenance = make_provenance(dataset, command, seed, settings)
     calibration = with_moving_rest(calibration_of(result, dataset, provenance), dataset)
     if order is not None:
         calibration = with_other_order(calibration, order)
@@ -139,8 +153,8 @@ def calibrate(
     return Outcome(calibration, result, len(slabs), way)
 
 
-def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
-    """Return why a fit cannot be done, and what to do."""
+def _explain_failure(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
+    """Return why a fit is impossible, and what to do."""
     if corrupted := [one for one in findings_of_check(dataset) if is_corrupted([one])]:
         return " ".join(f"{one.text} {one.advice}" for one in corrupted)
     text = str(error)
@@ -148,13 +162,13 @@ def _reason(error: FitError, problem: FitProblem, dataset: Dataset) -> str:
     if len(problem) < len(problem.status):
         said.append(why_dropped(problem))
     unplaced = not np.isfinite(dataset.meta.position.sigma_m)
-    if text == NOWHERE and not unplaced:
+    if text == NO_DENSITY and not unplaced:
         said.append(WHICH_ROWS)
-    elif text == NOWHERE or (len(problem) < LEAST_TO_FIT and (unplaced or NO_POSITION in problem.status)):
+    elif text == NO_DENSITY or (len(problem) < MIN_PRESSES and (unplaced or NO_POSITION in problem.status)):
         said.append(f"{PLACE_MISSING}.")
         if dataset.meta.surface.kind != "plane" and dataset.meta.indenter.kind == "flat":
             said.append(CHAMBER)
-    elif len(problem) < LEAST_TO_FIT:
+    elif len(problem) < MIN_PRESSES:
         pressed = PRESS_MORE if len(problem) < len(problem.status) else COLLECT_MORE
         said.append(REST_IN_DOUBT if rest_in_doubt(dataset) else pressed)
     return " ".join(said)
@@ -165,8 +179,10 @@ def why_dropped(problem: FitProblem) -> str:
     reasons = Counter(status for status in problem.status if status != USED)
     if not reasons:
         return f"All {len(problem.status)} presses were used."
-    told = "; ".join(f"{count} with {reason}" for reason, count in reasons.most_common())
+    listed = "; ".join(f"{count} with {reason}" for reason, count in reasons.most_common())
     if len(problem.status) == 1:
         return f"The only press was not used: {problem.status[0]}."
     dropped = sum(reasons.values())
-    return f"Of {len(problem.status)} presses {dropped} {'was' if dropped == 1 else 'were'} not used: {told}."
+    return (
+        f"Of {len(problem.status)} presses {dropped} {'was' if dropped == 1 else 'were'} not used: {listed}."
+    )

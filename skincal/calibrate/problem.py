@@ -1,4 +1,4 @@
-"""A dataset as a fit sees it."""
+"""Convert a dataset to a fit problem."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.general_contacts import MARGIN_M, ContactMap
 from skincal.fitting.general_local import LocalPlaces
 from skincal.fitting.observe import Readout
-from skincal.fitting.problem import FitProblem, PressTable, Rig, pose_problem
+from skincal.fitting.problem import FitProblem, PressTable, Rig, build_problem
 from skincal.model import Surface
 from skincal.model.arrays import FloatArray
 from skincal.units import rad
@@ -29,10 +29,10 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
     """Choose the presses to fit, and clean their values; a problem without presses says why in its status.
 
     Raises:
-        WorkError: the session cannot tell the parameters, whatever its presses are.
+        WorkError: the session cannot determine the parameters, whatever its presses are.
     """
     way = way or choose_way(dataset)
-    rig, kinds = _rig(dataset)
+    rig, kinds = _build_rig(dataset)
     presses = dataset.presses
     beta = dataset.meta.mount.beta_deg
     across, along = unroll(rig.arc_radius_m, presses.position_m, rad(beta or 0.0))
@@ -42,7 +42,7 @@ def fit_problem(dataset: Dataset, options: FitOptions, way: Way | None = None) -
         presses.counts if shifts is None else presses.counts - shifts, kinds, idle_means(dataset),
         joint_angles(presses),
     )  # fmt: skip
-    problem = pose_problem(rig, table, active_counts=options.active_counts, min_active=options.min_active)
+    problem = build_problem(rig, table, active_counts=options.active_counts, min_active=options.min_active)
     if way.method == "fast":
         return problem
     contacts = ContactMap.of(
@@ -63,10 +63,11 @@ def joint_angles(presses: Presses) -> FloatArray | None:
 
 
 _EXACT_M = 1e-6
-"""What a measured place is worth at best [m]."""
+"""Smallest standard deviation of a measured position [m]."""
 
 
-def _rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
+def _build_rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
+    """Return the rig of a dataset, and the number of the indenter of each press (K,)."""
     if uniform_pressure(dataset):
         reason = f"{UNIFORM}; `skincal fit` does it, in Python skincal.calibrate.calibrate_uniform"
         raise refusal(dataset, reason)
@@ -76,8 +77,8 @@ def _rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
     readout = Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
     position, radius = meta.position, _arc_radius(dataset, surface)
     scale = meta.force.scale_sigma if meta.force is not None else 0.0
-    # A place that is known exactly is still one that a fit may move by nothing to speak of; and where the slack is not
-    # bounded, a press still lies on the patch.
+    # A position that is known exactly still gets a tiny sigma. If the slack is not bounded, a press still
+    # lies on the patch.
     sigma = max(position.sigma_m, _EXACT_M)
     low, high = layout.bounds_m
     slack = position.slack_m if np.isfinite(position.slack_m) else float((high - low).max()) / 2

@@ -1,4 +1,4 @@
-"""A calibration from uniform pressure: what a chamber tells, and infinite intervals for what it does not."""
+"""A calibration from uniform pressure: the scale of each taxel, and infinite intervals for pose and elasticity."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skincal.calibrate.assemble import provenance_of
-from skincal.calibrate.data_findings import for_the_rig
+from skincal.calibrate.assemble import make_provenance
+from skincal.calibrate.data_findings import adapt_to_rig
 from skincal.calibrate.problem import search_box
 from skincal.calibration import MARGIN_M, Calibration, Finding, Loss, ModelParameters, Provenance
 from skincal.dataset import Dataset, idle_means
@@ -17,25 +17,28 @@ from skincal.errors import first_of
 from skincal.fitting.observe import Readout, observe
 from skincal.fitting.problem import active_threshold
 from skincal.fitting.types import Bools, Floats
-from skincal.fitting.uniform_scales import Scales, common_draws, fit_scales
+from skincal.fitting.uniform_scales import Scales, bootstrap_common_scale, fit_scales
 from skincal.model import Contacts
 from skincal.shown import Shown
 from skincal.units import deg
 
 DRAWS = 200
+"""Number of bootstrap draws."""
 ZERO_COUNTS = 1.0
+"""Median offset of the lines from which it is reported [counts]."""
 MOST_NAMED = 12
-"""So many taxels are named in a finding."""
+"""Most taxels that a finding lists."""
 
 
 @dataclass(frozen=True, eq=False)
 class UniformOutcome(Shown):
-    """A calibration from uniform pressure, and what it was made of.
+    """A calibration from uniform pressure, and what it was computed from.
 
     Attributes:
-        calibration: S of each taxel; pose and E as they were given.
+        calibration: S of each taxel; pose and E as given.
+        scales: the fitted scales.
         loads_n: (K, J) load of each taxel in each press [N].
-        values: (K, J) values above the level at rest [counts].
+        values: (K, J) values above the rest level [counts].
         use: (K, J) values that were used: read, and not saturated.
     """
 
@@ -57,17 +60,17 @@ def calibrate_uniform(
     seed: int = 0,
     command: str = "",
 ) -> UniformOutcome:
-    """Find the scale of every taxel from presses that load all of them alike.
+    """Fit the scale of every taxel from presses that load all of them alike.
 
     Args:
         dataset: a flat punch larger than the patch in every press.
-        active_counts: value above rest that a taxel must reach in two presses; None for what the data say.
+        active_counts: value above rest that a taxel must reach in two presses; None to derive it from the data.
         level: probability content of the interval of S.
-        seed: of the resampling behind that interval.
+        seed: of the bootstrap behind that interval.
         command: command line, for the provenance.
 
     Raises:
-        WorkError: no press has a force, or no taxel answers.
+        WorkError: no press has a force, or no taxel responds.
     """
     meta, presses = dataset.meta, dataset.presses
     sensor = meta.sensor
@@ -80,23 +83,24 @@ def calibrate_uniform(
     rest = idle_means(dataset)
     rest_known = rest is not None
     if rest is None:
-        # A level near the right one has to do: lines need not meet the origin.
+        # Without frames at rest an approximate level suffices, as lines need not pass through the
+        # origin.
         rest = zero_load_levels(dataset)
     seen = observe(presses.counts, readout, rest)
     if active_counts is None:
         active_counts = active_threshold(seen, readout, untouched=False)
     use = np.isfinite(presses.counts) & ~seen.saturated & pressed[:, None]
-    one = _assumed(dataset)
-    loads = _loads(one, dataset)
+    one = _assume_calibration(dataset)
+    loads = _unit_scale_loads(one, dataset)
     scales = fit_scales(loads, seen.values, use, active_counts, rest_known=rest_known)
-    if not scales.told.any():
+    if not scales.responding.any():
         raise refusal(
             dataset,
             f"no taxel rises by more than {active_counts:g} counts in two presses: nothing can be calibrated. "
             "Press harder, or lower --active-counts",
         )
     rng = np.random.default_rng(seed)
-    draws = common_draws(loads, seen.values, use, active_counts, DRAWS, rng, rest_known=rest_known)
+    draws = bootstrap_common_scale(loads, seen.values, use, active_counts, DRAWS, rng, rest_known=rest_known)
     low, high = np.quantile(draws, [(1 - level) / 2, (1 + level) / 2])
     mean_square = float(np.nanmean(scales.residual**2))
     noise = {"noise_sigma_counts": seen.frame_sigma_counts} if np.isfinite(seen.frame_sigma_counts) else {}
@@ -108,24 +112,26 @@ def calibrate_uniform(
             one.model,
             scale_per_n=scales.common_per_n,
             scale_per_taxel_per_n=tuple(scales.scale_per_n.tolist()),
-            rest_counts=None if readout.rest_subtracted else _rest(rest, scales, rest_known=rest_known),
+            rest_counts=None
+            if readout.rest_subtracted
+            else _common_rest(rest, scales, rest_known=rest_known),
         ),
         intervals={**one.intervals, "scale_per_n": (float(low), float(high))},
         loss=loss,
-        provenance=provenance_of(dataset, command, seed, settings),
-        findings=_findings(scales, dataset),
+        provenance=make_provenance(dataset, command, seed, settings),
+        findings=_build_findings(scales, dataset),
     )
     return UniformOutcome(calibration, scales, loads, seen.values, use)
 
 
-def _rest(level: Floats, scales: Scales, *, rest_known: bool) -> float:
-    """Return the level at rest that taxels share [counts]; one that was not seen is where their lines meet no load."""
+def _common_rest(level: Floats, scales: Scales, *, rest_known: bool) -> float:
+    """Return the rest level that taxels share [counts], by their lines at no load if it was not seen."""
     own = level if rest_known else level + scales.offset_counts
-    return float(np.median(own[scales.told & np.isfinite(own)]))
+    return float(np.median(own[scales.responding & np.isfinite(own)]))
 
 
-def _assumed(dataset: Dataset) -> Calibration:
-    """Return the calibration that is assumed, with S = 1: the nominal pose, and nothing bounded."""
+def _assume_calibration(dataset: Dataset) -> Calibration:
+    """Return the assumed calibration with S = 1: the nominal pose, and no bounded parameter."""
     pose, plane = dataset.nominal_pose(), dataset.meta.surface.is_plane
     low, high = search_box(dataset).elasticity_pa_per_m
     model = ModelParameters(
@@ -137,8 +143,8 @@ def _assumed(dataset: Dataset) -> Calibration:
     return Calibration.of_dataset(dataset, model=model, intervals=intervals, loss=loss, provenance=provenance)
 
 
-def _loads(one: Calibration, dataset: Dataset) -> Floats:
-    """Return the loads (K, J) [N] that a skin of scale one shows; its points need not be finer than half a taxel."""
+def _unit_scale_loads(one: Calibration, dataset: Dataset) -> Floats:
+    """Return the loads (K, J) of a skin of unit scale [N]; cells of half a taxel are fine enough."""
     placed = centre_contacts(dataset, MARGIN_M)
     skin = one.base_skin(float(one.layout().sizes_m.min()) / 2)
     points = one.surface_model().project(placed.presses.position_m)
@@ -146,7 +152,8 @@ def _loads(one: Calibration, dataset: Dataset) -> Floats:
     return skin.loads(placed.indenter(), contacts)
 
 
-def _findings(scales: Scales, dataset: Dataset) -> tuple[Finding, ...]:
+def _build_findings(scales: Scales, dataset: Dataset) -> tuple[Finding, ...]:
+    """Return the findings of a fit to uniform pressure."""
     found = [
         Finding(
             "uniform_pressure",
@@ -154,20 +161,20 @@ def _findings(scales: Scales, dataset: Dataset) -> tuple[Finding, ...]:
             f"{UNIFORM[0].upper()}{UNIFORM[1:]}, and was; pose and elasticity stand as they were assumed.",
         )
     ]
-    mute = np.flatnonzero(~scales.told)
-    if len(mute):
+    silent = np.flatnonzero(~scales.responding)
+    if len(silent):
         cols = dataset.layout().cols
-        names = first_of(["({}, {})".format(*divmod(j, cols)) for j in mute.tolist()], MOST_NAMED)
+        names = first_of(["({}, {})".format(*divmod(j, cols)) for j in silent.tolist()], MOST_NAMED)
         found.append(
             Finding(
                 "no_answer",
                 "warning",
-                f"{len(mute)} of {len(scales.told)} taxels do not answer: {names}. "
+                f"{len(silent)} of {len(scales.responding)} taxels do not answer: {names}. "
                 "They are dead, stuck, or at the end of their range; their scale is set to 0.",
                 "Look at them with `skincal dataset show`.",
             )
         )
-    zero = float(np.median(scales.offset_counts[scales.told]))
+    zero = float(np.median(scales.offset_counts[scales.responding]))
     if idle_means(dataset) is not None and abs(zero) > ZERO_COUNTS:
         newtons = -zero / scales.common_per_n
         found.append(
@@ -179,4 +186,4 @@ def _findings(scales: Scales, dataset: Dataset) -> tuple[Finding, ...]:
                 "Look at the zero of the pressure gauge, and at whether the skin answers to small pressures at all.",
             )
         )
-    return for_the_rig(tuple(found), dataset)
+    return adapt_to_rig(tuple(found), dataset)

@@ -1,4 +1,4 @@
-"""Choice between the fast way to fit a dataset and the general one, which any geometry allows."""
+"""Choose between the fast way to fit a dataset and the general one, which any geometry allows."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from skincal.units import deg, rad
 
 Method = Literal["auto", "fast", "general", "nlopt"]
 METHODS: tuple[Method, ...] = ("auto", "fast", "general", "nlopt")
+"""Values of ``--method``."""
 
 TILT_RAD = rad(2.0)
-"""Measured normals that differ by more than this from the surface's own (root mean square) are another geometry."""
+"""Rms difference of measured normals from the surface's own [rad] from which the general way is used."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +28,10 @@ class Way:
     """A way to fit a dataset.
 
     Attributes:
-        method: "fast", by tables and Gauss-Newton on a surface that looks the same everywhere; "general", by tables
-            of the skin model press by press; or "nlopt", by those after a grid of the skin model itself.
-        why: the reason, where it is not the fast one.
+        method: "fast", by kernel tables and Gauss-Newton on a surface that looks the same everywhere;
+            "general", by image tables of the skin model, press by press; or "nlopt", by those after a grid of
+            the skin model itself.
+        why: the reason, if it is not the fast one.
     """
 
     method: Literal["fast", "general", "nlopt"]
@@ -37,16 +39,16 @@ class Way:
 
 
 def choose_way(dataset: Dataset, method: Method = "auto") -> Way:
-    """Return the way to fit a dataset: the fast one where it can be used, unless ``method`` is another.
+    """Return the way to fit a dataset: the fast one if possible, unless ``method`` says otherwise.
 
     Raises:
-        InputError: the fast way was asked for and cannot be used, or there is no such method.
+        InputError: the fast way was asked for and is impossible, or there is no such method.
     """
     if method not in METHODS:
         raise input_error("--method", "one of " + ", ".join(METHODS), method)
     if method in ("general", "nlopt"):
         return Way(method, "it was asked for")
-    why = _why_not_fast(dataset)
+    why = _find_obstacle(dataset)
     if not why:
         return Way("fast")
     if method == "fast":
@@ -56,10 +58,11 @@ def choose_way(dataset: Dataset, method: Method = "auto") -> Way:
     return Way("general", why)
 
 
-def _why_not_fast(dataset: Dataset) -> str:
+def _find_obstacle(dataset: Dataset) -> str:
+    """Return why the fast way is impossible; '' if it is possible."""
     if not dataset.surface().is_uniform:
         return f"the surface is a {dataset.meta.surface.kind}, which does not look the same everywhere"
-    reach = _reach_m(dataset)
+    reach = _contact_reach_m(dataset)
     if reach > MARGIN_M:
         return (
             f"a contact reaches {1e3 * reach:.0f} mm round its centre, and the skin that carries it ends "
@@ -68,14 +71,14 @@ def _why_not_fast(dataset: Dataset) -> str:
     normals = dataset.presses.normals
     if normals is None or not np.isfinite(normals).all(axis=1).any():
         return ""
-    tilt = _tilt(dataset.surface(), dataset.presses.position_m, normals, dataset.meta.position.sigma_m)
+    tilt = _normal_tilt(dataset.surface(), dataset.presses.position_m, normals, dataset.meta.position.sigma_m)
     if tilt <= TILT_RAD:
         return ""
     return f"the measured contact normals are tilted against the surface by {deg(tilt):.1f}°"
 
 
-def _reach_m(dataset: Dataset) -> float:
-    """Return how far the largest contact of a skin of middling elasticity reaches round its centre [m]."""
+def _contact_reach_m(dataset: Dataset) -> float:
+    """Return the radius of the largest contact on a skin of medium elasticity [m]."""
     force = dataset.presses.force_n
     force = force[np.isfinite(force) & (force > 0)]
     radii = dataset.indenter_radii_m()
@@ -86,11 +89,11 @@ def _reach_m(dataset: Dataset) -> float:
     return max(contact_reach(dataset.surface(), one, ratio) for one in indenters)
 
 
-def _tilt(surface: Surface, points_m: np.ndarray, normals: np.ndarray, sigma_m: float) -> float:
-    """Return the rms tilt [rad] of measured normals (K, 3) against the surface, beyond what position errors make.
+def _normal_tilt(surface: Surface, points_m: np.ndarray, normals: np.ndarray, sigma_m: float) -> float:
+    """Return the rms tilt [rad] of measured normals (K, 3) against the surface, beyond the effect of position errors.
 
-    On a curved surface a press whose position is off by d has a normal that is off by d / R, and is no less one
-    along the surface's own normal.
+    On a curved surface, a position error of d turns the surface's normal by d / R, so a normal that is off by
+    this much may still be the surface's own.
     """
     given = np.isfinite(normals).all(axis=1) & np.isfinite(points_m).all(axis=1)
     own = surface.normal_at(points_m[given])

@@ -121,7 +121,9 @@ PARAMETERS: Final = ("y_m", "beta_deg", "x_m", "alpha_deg", "elasticity_pa_per_m
 """Columns that ``draws.parquet`` may have, in addition to ``effects.NAME.PARAMETER``."""
 
 _FLAGS: Final = ("used", "good")
+"""Columns of the slack table that hold true or false."""
 _NUMBERS: Final = ("x_m", "y_m", "z_m", "slack_across_m", "slack_along_m")
+"""Columns of the slack table that may hold any number."""
 
 
 def read_tables(folder: Path, findings: Findings) -> dict[str, Columns]:
@@ -185,9 +187,11 @@ def check_slack(table: RawTable) -> Columns:
 
 
 _CHECKS: Final = {"grid": check_grid, "slack": check_slack, "draws": check_draws}
+"""Check of each table."""
 
 
 def _flag(reader: ColumnReader, name: str, column: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return a column of true or false; add an error if it holds anything else."""
     if column.dtype == np.bool_:
         return column
     reader.sheet.findings.error(reader.sheet.column(name), "true or false in every row", "something else")
@@ -195,6 +199,7 @@ def _flag(reader: ColumnReader, name: str, column: NDArray[Any]) -> NDArray[np.b
 
 
 def _is_parameter(name: str) -> bool:
+    """Return whether a column of draws names a parameter of the model or of an effect."""
     head, _, parameter = name.removeprefix("effects.").partition(".")
     if name.startswith("effects.") and head in EFFECTS:
         return any(p.name == parameter and p.shape == "scalar" for p in EFFECTS[head].parameters)

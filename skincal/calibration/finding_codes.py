@@ -1,4 +1,4 @@
-"""What is known of a finding's code beside its text: what brings it about, what outdates it, other advice."""
+"""Properties of finding codes: their cause, whether a diagnosis supersedes them, and advice for other rigs."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Final
 
 @dataclass(frozen=True)
 class Code:
-    """A code of findings of a fit.
+    """Properties of a code of a fit's findings.
 
     Attributes:
-        of_images: whether images bring it about that are in the wrong order, or of corrupted words.
-        of_base_model: whether it says how images match the base model, and where its intervals end: a diagnosis, with
-            more in the model, outdates it.
-        on_a_stage: advice where there are no joints; '': that of the finding.
+        of_images: whether images in the wrong order, or of corrupted values, can cause it.
+        of_base_model: whether it says how well images match the base model, or where its intervals end. A
+            diagnosis, which extends the model, supersedes it.
+        on_a_stage: advice for a rig without joints; '' for the advice of the finding.
     """
 
     of_images: bool = False
@@ -41,9 +41,9 @@ CODES: Final = {
         True, True, "Align the axes of the stage with the sensor's edges for a sharper alpha."
     ),
 }
-"""Codes of which more is known than their text; all others: ``Code()``."""
+"""Codes with properties; all others have those of ``Code()``."""
 
 
 def code_of(name: str) -> Code:
-    """Return what is known of a code."""
+    """Return the properties of a code."""
     return CODES.get(name, Code())

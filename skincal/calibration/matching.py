@@ -1,4 +1,4 @@
-"""Checks that data, or a hand, have the sensor of a calibration."""
+"""Check that data, or a hand, have the sensor of a calibration."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ SAME_M = 1e-6
 """Tolerance within which lengths are equal [m]."""
 
 _FIX = "Use a calibration of this sensor."
+"""Advice if sensors differ."""
 
 
 def check_same_sensor(calibration: Calibration, dataset: Dataset) -> None:
@@ -58,10 +59,11 @@ def sensor_differences(
 
 
 _Difference = tuple[str, str, str]
-"""Key, what was expected there, and what is there."""
+"""Key, expected value, and actual value."""
 
 
 def _taxels(calibration: Calibration, sensor: SensorSpec, layout: TaxelLayout) -> Iterator[_Difference]:
+    """Yield differences of the number and the positions of taxels."""
     ours, own = calibration.sensor, calibration.layout()
     if (ours.rows, ours.cols) != (sensor.rows, sensor.cols):
         expected = f"{ours.rows} x {ours.cols} taxels, as the calibration has"

@@ -25,11 +25,11 @@ Numbers = float | tuple[float, ...]
 Severity = Literal["info", "warning", "error"]
 
 REST: Final = "rest_counts"
-"""The one parameter of the model that belongs to the session, not to the skin: files may omit it."""
+"""The only model parameter that belongs to the session, not to the skin; files may omit it."""
 
 ELASTICITY_PA_PER_M: Final = (1.0, 1e15)
 SCALE_PER_N: Final = (1e-9, 1e12)
-"""Bounds of plausible stiffness and counts; beyond, their squares overflow."""
+"""Bounds of plausible stiffness and scale; beyond them, squares overflow."""
 
 _Numbers = Annotated[Numbers, Key("a number, or a list of numbers")]
 _Side = Annotated[Numbers, Key("a number, or a list of numbers", inf=True)]
@@ -76,12 +76,12 @@ class ModelParameters(Table):
 
 
 LAW: Final = ("exponent", "spread_m2", "radius_scale")
-"""Numbers of a contact law that are fitted."""
+"""Fitted parameters of a contact law."""
 
 
 @dataclass(frozen=True)
 class FittedLaw:
-    """The difference of the contact from the elastic foundation, where the data show it."""
+    """A contact law other than the elastic foundation, if the data show one."""
 
     law: ContactLaw
     intervals: Mapping[str, Interval] = field(default_factory=dict[str, Interval])

@@ -68,6 +68,7 @@ def effects_of(
 
 
 def _array(one: Effect, name: str, value: Numbers, poses: Sequence[str] | None) -> FloatArray:
+    """Return a parameter of an effect as an array, ordered by the given poses if it has one number per pose."""
     array = np.asarray(value, dtype=np.float64)
     parameter = next((p for p in effect(one.name).parameters if p.name == name), None)
     # Without poses the numbers stay as they are: an effect without its covariate abstains.
@@ -108,5 +109,6 @@ def effect_from(
 
 
 def _numbers(value: ArrayLike) -> Numbers:
+    """Return a number, or a tuple of numbers."""
     array = np.asarray(value, dtype=np.float64)
     return tuple(float(v) for v in array) if array.ndim else float(array)

@@ -31,10 +31,12 @@ from skincal.effects import EFFECTS
 from skincal.model import ContactLaw
 
 FILE: Final = "calibration.toml"
+"""Name of the file."""
 FORMAT: Final = "skincal-calibration/1"
+"""Name and version of the format."""
 
 _ROUNDED: Final = 1e-3
-"""Smallest number of digits of values whose interval has no width."""
+"""Relative tolerance of a value whose interval has no width."""
 
 _ENDS = "[low, high]; -inf or inf where the data give no bound"
 Ends = Annotated[Interval, Range(_ENDS, inf=True)]
@@ -56,11 +58,12 @@ class _Intervals(Table):
 
 
 _NEUTRAL: Final = ContactLaw()
+"""The elastic foundation."""
 
 
 @dataclass(frozen=True)
 class _Law(Table):
-    """``[contact_law]``; it is small beside the foundation."""
+    """``[contact_law]``: the difference from the elastic foundation."""
 
     exponent: Annotated[float, Key("a number, 0.3 to 3", 0.3, 3.0)] = _NEUTRAL.exponent
     spread_m2: Annotated[float, Key("a number, -1e-6 to 1e-6", -1e-6, 1e-6)] = _NEUTRAL.spread_m2
@@ -145,7 +148,7 @@ def plain_file(calibration: Calibration) -> dict[str, Any]:
 
 
 def _plain(part: Any) -> Any:
-    """Return a part, or a list of parts, as tables without what is empty."""
+    """Return a part, or a list of parts, as tables without empty entries."""
     if isinstance(part, tuple):
         return [_plain(one) for one in cast("tuple[Any, ...]", part)]
     if not isinstance(part, Effect | Finding):
@@ -169,7 +172,7 @@ def toml_value(value: Any) -> Any:
 
 
 def effects_violations(effects: Sequence[Effect], taxels: int) -> Iterator[Violation]:
-    """Yield what is wrong with the parameters of effects; ``taxels`` is J, 0 if unknown."""
+    """Yield violations of the parameters of effects; ``taxels`` is J, 0 if unknown."""
     for i, effect in enumerate(effects):
         if effect.name in EFFECTS:
             yield from within(("effects", i), _effect(effect, taxels))
@@ -179,6 +182,7 @@ def effects_violations(effects: Sequence[Effect], taxels: int) -> Iterator[Viola
 
 
 def _effect(effect: Effect, taxels: int) -> Iterator[Violation]:
+    """Yield violations of one effect."""
     known = {parameter.name: parameter for parameter in EFFECTS[effect.name].parameters}
     for name, value in effect.parameters.items():
         key, parameter = f"parameters.{name}", known.get(name)
@@ -201,5 +205,6 @@ def _effect(effect: Effect, taxels: int) -> Iterator[Violation]:
 
 
 def _meant(name: str, known: Iterable[str]) -> str:
+    """Return a suggestion for an unknown name; '' if none is close."""
     close = did_you_mean(name, known)
     return f'Did you mean "{close}"?' if close else ""

@@ -1,1 +1,1 @@
-"""The fit: a macro grid, micro variables inside it, and the posterior of the valley."""
+"""The fit: a macro grid with micro problems inside, and the posterior of the valley."""

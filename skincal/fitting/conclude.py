@@ -1,4 +1,4 @@
-"""From the peak and the draws to the result of a fit."""
+"""Turn the peak and the draws into the result of a fit."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtri
 
-from skincal.fitting.fit_findings import find
+from skincal.fitting.fit_findings import add_findings
 from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.lattice import best_of_each
 from skincal.fitting.law import LawSpread
@@ -35,34 +35,33 @@ def conclude(
     options: FitOptions,
     rng: np.random.Generator,
 ) -> FitResult:
-    """Best point, valley, intervals, and what a person should know.
+    """Return the result: best point, valley, intervals and findings.
 
     Args:
-        model: the presses and taxels that are left when glitches and dead taxels have been taken out, with simulated
-            images round the peak.
-        peak: the most probable point.
+        model: the presses and taxels without outliers and dead taxels, with tables around the peak.
+        peak: the maximum of the posterior.
         draws: from the posterior.
         grid: the evaluated grid.
-        kept: (K,) which of the presses that went into the grid are left.
+        kept: (K,) presses of the grid that were kept.
         dead: (J,) taxels left out.
-        law: what is not known of the contact law.
-        bend: how far the response bends.
+        law: uncertainty of the contact law.
+        bend: nonlinearity of the response.
         box: ranges that were searched.
         options: settings.
-        rng: the only source of chance.
+        rng: only source of randomness.
     """
     problem, centre = model.problem, draws.mean
     macro, sigmas = centre[:5], np.exp(centre[5:])
-    presses, mse = _press_fit(model, macro, peak, sigmas)
+    presses, mse = _fit_presses(model, macro, peak, sigmas)
     chosen = draws.resampled(rng, options.draws)
     fixed = options.bound_counts2
     if fixed is None:
         bound, level = valley_loss(model, peak.places, chosen, rng), options.level
-        clouds = _clouds(as_told(problem, chosen, rng), law, problem.rig.force_scale_sigma, rng)
+        clouds = _mix_laws(add_unseen_errors(problem, chosen, rng), law, problem.rig.force_scale_sigma, rng)
     else:
         bound, level = fixed, 1.0
         clouds = [choose(grid, options.draws, rng)]
-    rest, half = _rest(problem, level=options.level)
+    rest, half = _estimate_rest(problem, level=options.level)
     best = np.array([*macro[:3], *np.exp(macro[3:])])
     intervals = {
         name: interval(name, [c[:, i] for c in clouds], float(best[i]), box, level)
@@ -92,20 +91,21 @@ def conclude(
         dead_taxels=dead,
         findings=(),
     )
-    if not result.told:
+    if not result.gives_intervals:
         result = replace(result, intervals=dict.fromkeys(PARAMETERS, OPEN))
     elif at_one_place(problem):
         result = replace(result, intervals={**intervals, **dict.fromkeys(POSE, OPEN)})
-    return find(result, dropped=int((~kept).sum()))
+    return add_findings(result, dropped=int((~kept).sum()))
 
 
-def as_told(problem: FitProblem, draws: Floats, rng: np.random.Generator) -> Floats:
-    """Draws (N, 11) with what presses leave open whatever they are: the mean gain, and which contacts the pose is of.
+def add_unseen_errors(problem: FitProblem, draws: Floats, rng: np.random.Generator) -> Floats:
+    """Return draws (N, 11) with the errors that presses can never show: the mean gain, and the mean position error.
 
-    Presses tell the scale times the mean gain (:meth:`skincal.fitting.shared.Shared.directions`); that of J taxels is
-    off by sigma_g / sqrt(J). Where positions err smoothly, the pose that they tell is another for other contacts: at
-    any force from half of the hold's to all of it, and where those of another sample of as many presses last othersly
-    long (exponential times: a variance of 2 / K of the field's).
+    Presses determine the scale times the mean gain (:meth:`skincal.fitting.shared.Shared.directions`); the
+    mean of J gains has a standard deviation of sigma_g / sqrt(J). If positions err smoothly, the pose depends
+    on the contacts that define it. The draws vary their force from half of the hold's to all of it. They also
+    vary the sample: another sample of as many presses with other durations (exponential) has a mean error of
+    variance 2 / K of the field's.
     """
     taxels, many = max(int(problem.alive.sum()), 1), len(draws)
     shared = problem.shared
@@ -117,12 +117,14 @@ def as_told(problem: FitProblem, draws: Floats, rng: np.random.Generator) -> Flo
     return out
 
 
-def _clouds(
+def _mix_laws(
     draws: Floats, law: LawSpread, force_scale_sigma: float, rng: np.random.Generator
 ) -> list[Floats]:
-    """Values (N, 5) of the parameters: half of the draws by the foundation, half by laws that spread pressure.
+    """Return values (N, 5) of the parameters: half of the draws by the foundation, half by laws that spread pressure.
 
-    Were all forces 1 + e times what was measured, the same images would come from E (1 + e) and S / (1 + e).
+    If all forces were 1 + e times the measured ones, the same images would come from E (1 + e) and S / (1 +
+    e). The declared scale error of the force is therefore added to the draws of log E, and subtracted from
+    those of log S.
     """
     half = len(draws) // 2
     laws = [draws[:half, :5].copy(), law.shifted(draws[half:, :5], rng)]
@@ -133,10 +135,11 @@ def _clouds(
     return [np.concatenate([c[:, :3], np.exp(c[:, 3:])], axis=1) for c in laws]
 
 
-def _rest(problem: FitProblem, level: float) -> tuple[float, float]:
-    """Level at rest that all taxels share [counts], and half the width of its interval; 0 where it has been taken off.
+def _estimate_rest(problem: FitProblem, level: float) -> tuple[float, float]:
+    """Return the rest level that all taxels share [counts], and half the width of its interval; 0 if it was subtracted.
 
-    It is the mean over taxels that were seen at rest: their levels scatter, and each is known as its dark readings say.
+    It is the mean over taxels that were seen at rest. Its variance includes the scatter of the levels, and
+    the noise of the dark readings.
     """
     model, known = problem.observation, problem.observed.level_known
     if problem.rig.readout.rest_subtracted or not known.any():
@@ -150,13 +153,13 @@ def _rest(problem: FitProblem, level: float) -> tuple[float, float]:
     return float(levels.mean()), half
 
 
-def _press_fit(model: PressModel, macro: Floats, peak: Peak, sigmas: Floats) -> tuple[PressFit, float]:
-    """The presses at the best point with the force taken as measured, and the loss there."""
+def _fit_presses(model: PressModel, macro: Floats, peak: Peak, sigmas: Floats) -> tuple[PressFit, float]:
+    """Return the presses at the best point with the forces as measured, and the loss there."""
     problem = model.problem
-    every = model.settle_at(
-        peak.places, macro[None], sigmas[None], forces_known=True, iterations=20, room=1.0
+    every = model.fit_at_places(
+        peak.places, macro[None], sigmas[None], forces_known=True, iterations=20, slack_factor=1.0
     )
-    state = every.some(best_of_each(every.press, every.objective, len(problem)))
+    state = every.take(best_of_each(every.press, every.objective, len(problem)))
     spread = np.sqrt(problem.observation.variance(state.sigmas[:, 2], state.sigmas[:, 3], state.press))
     squares = ((state.residual * spread) ** 2).sum(axis=1)
     read = np.maximum((problem.used).sum(axis=1), 1)

@@ -1,4 +1,4 @@
-"""Findings of a fit: what a person should know of it, and what to do."""
+"""Findings of a fit: what the user should know, with advice."""
 
 from __future__ import annotations
 
@@ -15,38 +15,40 @@ from skincal.fitting.sigmas import MISFIT
 from skincal.fitting.valley import POSE, at_one_place, extent_m
 
 BENT = 0.4
-"""A smooth error of positions of this part of the independent one widens alpha by a tenth and more."""
+"""A smooth position error of this fraction of the independent one widens alpha by a tenth or more."""
 
 MOST_NAMED = 6
-"""Taxels that a finding names."""
+"""Most taxels that a finding lists."""
 
 AT_BOUND = 0.01
-"""Part of the presses that lies beyond a bound of two and a half sigmas, as a bound should be at least."""
+"""Fraction of presses beyond a bound of two and a half sigmas, the least a bound should be."""
 
 FORCES_OFF = 0.03
-"""Relative scatter of forces from which it is told."""
+"""Relative scatter of forces from which it is reported."""
 
 BENDS, CHANCE = 0.25, 1e-3
-"""Part of its variance, which is half of the scatter, that goes with the force where the response bends, and how seldom
-chance does the like."""
+"""Fraction of the variance of the force errors (one half of their scatter) that the force must explain to report
+a nonlinear response, and the probability of such a correlation by chance."""
 
 MISFIT_TIMES = 3.0
-"""Images that differ by so many times what is expected lack something; set by eye. Over the noise alone they differ by
-1.3 times at most in 20 sessions with nothing hidden, elastic layers and noise that grows with load among them; by 4 in
-one with readings that dropped out, and by 15 to 26 with a crosstalk of 3 to 8 %."""
+"""Ratio of the residual to the expected one from which a misfit is reported; set by eye. The ratio to the noise
+alone is 1.3 at most in 20 sessions with nothing hidden, elastic layers and noise that grows with load among
+them; 4 in one with dropped readings, and 15 to 26 with a crosstalk of 3 to 8 %."""
 
 MISFIT_PART = 0.05
-"""Or that differ by so much of their signal beyond their noise, where the noise of weak signals hides it from the
-above; set by eye. In six blind sessions with nothing hidden it is 0.2 % at most, and where noise grows by 3 % of the
-signal it is that; 3 to 15 % where two effects are hidden, or one that the catalogue does not have."""
+"""Misfit relative to the signal from which it is reported, if the noise of weak signals hides it from the ratio
+above; set by eye. In six blind sessions with nothing hidden it is 0.2 % at most, and 3 % where noise grows by
+3 % of the signal; 3 to 15 % where two effects are hidden, or one that the catalogue does not have."""
 
 BENT_NATS = 8.0
-"""Log evidence by which a response that bends must beat a straight one to be told: odds of 1 to 600, with five of them
-tried. With nothing bent it was 3.2 at most in 41 sessions of the foundation, and 6.8 in 18 on elastic layers."""
+"""Log evidence over the linear response from which a nonlinear one is reported: odds of 1 to 600, with five
+candidates. With a linear response it was 3.2 at most in 41 sessions of the foundation, and 6.8 in 18 on
+elastic layers."""
 
 SPREAD_NATS = 10.0
-"""Log evidence by which the widest spread of the contact law must beat none to be told: odds of 1 to 20000. It is 3 at
-most in sessions of the foundation, and the widest is not the best on elastic layers of 1 to 2.5 mm."""
+"""Log evidence over no spread from which the widest spread of the contact law is reported: odds of 1 to 20000.
+It is 3 at most in sessions of the foundation, and the widest is not the best on elastic layers of 1 to 2.5
+mm."""
 
 _NAMES = {
     "across_m": "position across (beta)",
@@ -55,11 +57,23 @@ _NAMES = {
     "elasticity_pa_per_m": "elasticity E",
     "scale_per_n": "scale S",
 }
+"""Names of the parameters in messages."""
 
 
-def find(result: FitResult, *, dropped: int) -> FitResult:
-    """Return the result with its findings."""
-    checks = (_edges, _flat, _presses, _spread, _rig, _misfit, _taxels, _lost, _rest, _sampling)
+def add_findings(result: FitResult, *, dropped: int) -> FitResult:
+    """Return the result with its findings; ``dropped`` is the number of outlier presses."""
+    checks = (
+        _check_edges,
+        _check_identified,
+        _check_press_count,
+        _check_press_spread,
+        _check_rig,
+        _check_misfit,
+        _check_dead_taxels,
+        _check_dropped_readings,
+        _check_rest_levels,
+        _check_sampling,
+    )
     found = [finding for check in checks for finding in check(result)]
     if dropped:
         text = f"{dropped} presses are outliers and were left out."
@@ -68,10 +82,12 @@ def find(result: FitResult, *, dropped: int) -> FitResult:
 
 
 def _warn(code: str, text: str, advice: str) -> FitFinding:
+    """Return a warning."""
     return FitFinding(code, "warning", text, advice)
 
 
-def _edges(result: FitResult) -> Iterator[FitFinding]:
+def _check_edges(result: FitResult) -> Iterator[FitFinding]:
+    """Warn of intervals that reach an end of the searched range."""
     for name in ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m"):
         low, high = getattr(result.box, name)
         margin = 0.02 * (high - low)
@@ -88,8 +104,9 @@ def _edges(result: FitResult) -> Iterator[FitFinding]:
             )
 
 
-def _flat(result: FitResult) -> Iterator[FitFinding]:
-    if not result.told:  # that is said once, of all parameters
+def _check_identified(result: FitResult) -> Iterator[FitFinding]:
+    """Warn of parameters that the data do not determine."""
+    if not result.gives_intervals:  # another finding says so, for all parameters
         return
     said = POSE if at_one_place(result.problem) else ()
     for name, interval in result.intervals.items():
@@ -101,7 +118,8 @@ def _flat(result: FitResult) -> Iterator[FitFinding]:
             )
 
 
-def _presses(result: FitResult) -> Iterator[FitFinding]:
+def _check_press_count(result: FitResult) -> Iterator[FitFinding]:
+    """Warn of too few presses."""
     problem, used = result.problem, len(result.problem)
     advice = f"Collect until at least {2 * FEW_PRESSES} presses have two active taxels or more"
     if not problem.determined:
@@ -117,7 +135,8 @@ def _presses(result: FitResult) -> Iterator[FitFinding]:
         yield _warn("few_presses", text, f"{advice}.")
 
 
-def _spread(result: FitResult) -> Iterator[FitFinding]:
+def _check_press_spread(result: FitResult) -> Iterator[FitFinding]:
+    """Warn of presses that lie close together."""
     if at_one_place(result.problem):
         yield _warn(
             "one_place",
@@ -127,7 +146,8 @@ def _spread(result: FitResult) -> Iterator[FitFinding]:
         )
 
 
-def _rig(result: FitResult) -> Iterator[FitFinding]:
+def _check_rig(result: FitResult) -> Iterator[FitFinding]:
+    """Report errors of positions and forces beyond those declared, and a nonlinear response."""
     declared, found = result.problem.rig.position_sigma_m, result.sigmas.position_m
     if np.isfinite(declared) and found > 1.5 * declared:
         yield _warn(
@@ -147,7 +167,7 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
     slack, at_bound = result.problem.rig.slack_m, 0
     if slack > 0:
         at_bound = int((np.abs(result.presses.slack_m).max(axis=1) > 0.98 * slack).sum())
-    # By chance so many would be there in one session of a hundred at most.
+    # By chance, at most one session in a hundred has so many.
     if at_bound > 1 and bdtrc(at_bound - 1, len(result.problem), AT_BOUND) <= 0.01:
         yield _warn(
             "slack_too_tight",
@@ -167,7 +187,7 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
             "apart.",
         )
     elif result.force_low > FORCES_OFF:
-        power, part = _power_of_force(result)
+        power, part = _fit_power_of_force(result)
         scatter = (
             f"Measured forces scatter by {100 * result.sigmas.force:.1f} % around those that the images imply"
         )
@@ -187,28 +207,28 @@ def _rig(result: FitResult) -> Iterator[FitFinding]:
             )
 
 
-def _power_of_force(result: FitResult) -> tuple[float, float]:
-    """Return the power of the measured force with which images grow, over that of the model, and how much it explains.
+def _fit_power_of_force(result: FitResult) -> tuple[float, float]:
+    """Return the power of the measured force by which images grow beyond the model, and the variance that it explains.
 
-    The second is the part of the variance of the forces' errors that a line in their logarithms explains, 0 where
-    chance explains as much in one session of a thousand. Errors of the measured forces alone make a line that falls:
-    where a force is measured too high, the images imply less (regression to the mean).
+    The second number is the fraction of the variance of the log force errors that a line in the log force
+    explains; 0 if chance explains as much in one session of a thousand. Errors of the measured forces alone
+    give a falling line: if a force is measured too high, the images imply less (regression to the mean).
     """
     force, off = np.log(result.problem.force_n), result.presses.force_off
     if len(off) < FEW_PRESSES or np.ptp(force) == 0 or np.ptp(off) == 0:
         return 1.0, 0.0
     like, wide = float(np.corrcoef(force, off)[0, 1]), float(off.std() / force.std())
     by_errors = -min(wide, 1 - 1e-9) if like < 0 else 0.0
-    # Fisher's transformation makes a correlation normal, of this standard deviation.
+    # Fisher's transformation makes a correlation approximately normal, with this standard deviation.
     sigmas = (np.arctanh(like) - np.arctanh(by_errors)) * np.sqrt(len(off) - 3.0) * np.sign(like)
     return 1.0 + like * wide, like**2 if ndtr(-sigmas) < CHANCE / 2 else 0.0
 
 
-def scatter_of_lit(result: FitResult) -> tuple[float, float]:
-    """Return by how much readings of pressed taxels differ from the model, and what was expected, rms [counts].
+def _lit_residuals(result: FitResult) -> tuple[float, float]:
+    """Return the rms residual of lit readings, and the expected one [counts].
 
-    The first is what the fit found, with the misfit, which grows with the signal. The second has the noise of untouched
-    taxels, and of the signal what is expected of a good model, as in a diagnosis: one percent.
+    The first is from the fit, with the misfit, which grows with the signal. The second combines the noise of
+    untouched taxels with the error of a good model, one percent of the signal, as in a diagnosis.
     """
     problem, sigmas = result.problem, result.sigmas
     readings, rows = problem.observation, np.arange(len(problem))
@@ -220,8 +240,9 @@ def scatter_of_lit(result: FitResult) -> tuple[float, float]:
     return float(np.sqrt(squares.mean())), float(np.sqrt((noise**2 + image**2).mean()))
 
 
-def _misfit(result: FitResult) -> Iterator[FitFinding]:
-    found, noise = scatter_of_lit(result)
+def _check_misfit(result: FitResult) -> Iterator[FitFinding]:
+    """Report images that the model does not match, and an empty valley."""
+    found, noise = _lit_residuals(result)
     bad = int((~result.presses.good).sum())
     if found > MISFIT_TIMES * noise or result.misfit_low > MISFIT_PART:
         beyond = (
@@ -256,13 +277,15 @@ def _misfit(result: FitResult) -> Iterator[FitFinding]:
         )
 
 
-def _taxels(result: FitResult) -> Iterator[FitFinding]:
+def _check_dead_taxels(result: FitResult) -> Iterator[FitFinding]:
+    """Warn of taxels that do not respond where they are pressed."""
     for j in np.flatnonzero(result.dead_taxels).tolist():
-        text = f"Taxel {_places([j], result)} does not answer where it is pressed; it was left out."
+        text = f"Taxel {_format_taxels([j], result)} does not answer where it is pressed; it was left out."
         yield _warn("dead_taxel", text, "Check its wiring.")
 
 
-def _lost(result: FitResult) -> Iterator[FitFinding]:
+def _check_dropped_readings(result: FitResult) -> Iterator[FitFinding]:
+    """Report readings at which a taxel dropped out."""
     problem = result.problem
     lost = problem.observation.read & ~problem.used & ~result.dead_taxels
     if lost.any():
@@ -275,27 +298,31 @@ def _lost(result: FitResult) -> Iterator[FitFinding]:
         )
 
 
-def _rest(result: FitResult) -> Iterator[FitFinding]:
+def _check_rest_levels(result: FitResult) -> Iterator[FitFinding]:
+    """Warn of taxels that every press touches, so that their rest level is not seen."""
     problem = result.problem
     doubtful = ~problem.observed.level_known & problem.lit.any(axis=0)
-    # A level that a bound of the converter or a subtraction gives, or that taxels share, needs no presses to show it.
+    # A level that is known from a bound of the converter, from a subtraction, or from the other taxels
+    # needs no presses to show it.
     doubtful &= problem.shared.level_sigma > problem.noise_sigma_counts
     if doubtful.any():
+        taxels = _format_taxels(np.flatnonzero(doubtful).tolist(), result)
         yield _warn(
             "rest_in_doubt",
-            f"Every press touches taxel {_places(np.flatnonzero(doubtful).tolist(), result)}, so the level at rest is "
+            f"Every press touches taxel {taxels}, so the level at rest is "
             "not seen there; it is estimated along with the other parameters, from the spread of the other levels.",
             "Record frames at rest (phase idle), or press at places that leave it alone.",
         )
 
 
-def _places(taxels: Sequence[int], result: FitResult) -> str:
-    """Return row and column of taxels, the first few of many."""
+def _format_taxels(taxels: Sequence[int], result: FitResult) -> str:
+    """Return row and column of taxels as text; only the first few of many."""
     cols = result.problem.rig.layout.cols
     return first_of([f"({j // cols}, {j % cols})" for j in taxels], MOST_NAMED)
 
 
-def _sampling(result: FitResult) -> Iterator[FitFinding]:
+def _check_sampling(result: FitResult) -> Iterator[FitFinding]:
+    """Warn of a small effective sample size."""
     if result.bound == "fixed" or result.effective_draws >= 100:
         return
     found = max(1, round(result.effective_draws))

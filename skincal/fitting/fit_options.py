@@ -14,7 +14,7 @@ class SearchBox:
     """The ranges to search, each low and high.
 
     Attributes:
-        across_m: position of the sensor's centre round the surface: arc length R beta, or x on a plane [m].
+        across_m: position of the sensor's centre around the surface: arc length R beta, or x on a plane [m].
         y_m: position along the axis [m].
         alpha_rad: turn [rad].
         elasticity_pa_per_m: E [Pa/m].
@@ -28,13 +28,13 @@ class SearchBox:
 
 @dataclass(frozen=True)
 class GridSteps:
-    """Steps of the macro grid in the search box; defaults as fine as the paper's result or finer.
+    """Steps of the macro grid in the search box; the defaults are as fine as the paper's result or finer.
 
     Attributes:
-        across_m: step round the surface, arc length [m].
+        across_m: step around the surface, arc length [m].
         y_m: step along the axis [m].
         alpha_rad: step of the turn [rad].
-        elasticities: number of values of E, spaced evenly in its logarithm.
+        elasticities: number of values of E, spaced evenly in its log.
     """
 
     across_m: float = 1.0e-3
@@ -44,15 +44,15 @@ class GridSteps:
 
 
 GENERAL_STEPS = GridSteps(2.5e-3, 2.5e-3, math.radians(13.5), 4)
-"""Where every combination is worth nlopt on the skin model itself: some hundreds of combinations. The continuous
-refinement finds its way from so far: in sessions like the paper's it ended at the same peak as from a fine grid."""
+"""Grid steps if every combination runs nlopt on the skin model: some hundreds of combinations. The continuous
+refinement converges from this far: in sessions like the paper's it ended at the same peak as from a fine
+grid."""
 
 LOCAL_STEPS = GridSteps(1.25e-3, 1.0e-3, math.radians(5.0), 12)
-"""Where the grid takes the surface to look everywhere as at the sensor's nominal place, and only has to find where the
-skin model itself is asked."""
+"""Grid steps on the uniform local surface, which only provides starts for the skin model."""
 
 STEPS = {"fast": GridSteps(), "general": LOCAL_STEPS, "nlopt": GENERAL_STEPS}
-"""Steps of the grid by the method of the fit, where none are given."""
+"""Default grid steps by the method of the fit."""
 
 
 @dataclass(frozen=True)
@@ -60,18 +60,19 @@ class FitOptions:
     """Settings of a fit.
 
     Attributes:
-        steps: of the macro grid; None for as fine as the way of the fit affords.
-        active_counts: a taxel is active from so much above rest; None for what the data say.
-        min_active: presses with fewer active taxels are not used; None for two, or one where few presses have two.
-        bound_counts2: None for the valley that the noise of the data defines; a number for all combinations of the
-            grid whose loss is below it (the paper's is 25).
-        level: probability content of the intervals, where the noise defines them.
-        draws: how many draws from the valley are kept.
+        steps: of the macro grid; None for the default of the method.
+        active_counts: value above rest from which a taxel is active; None to derive it from the data.
+        min_active: least number of active taxels of a press that is used; None for two, or one if few presses
+            have two.
+        bound_counts2: None for the valley that the noise of the data defines; a number for all combinations
+            of the grid whose loss is below it (the paper's is 25).
+        level: probability content of the intervals, if the noise defines them.
+        draws: number of draws from the valley that are kept.
         rounds: fewest and most rounds of the sampling.
         round_size: draws in each round.
-        enough_draws: sampling ends when the weighted draws are worth so many independent ones.
-        per_taxel: also find a scale for every taxel.
-        law_spreads_m: widths of sideways spread that stand for what is not known of the contact law [m].
+        enough_draws: effective sample size at which sampling stops.
+        per_taxel: whether to estimate a scale for every taxel.
+        law_spreads_m: widths of sideways spread that represent the uncertainty of the contact law [m].
     """
 
     steps: GridSteps | None = None

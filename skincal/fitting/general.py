@@ -1,8 +1,8 @@
 """The macro grid on any geometry: micro problems by nlopt on the skin model itself.
 
-The fast way (:mod:`skincal.fitting.grid`) needs a surface that looks the same everywhere. This one does not: it lays
-the patch on the surface at every pose and casts rays at the indenter, as the paper does (section III-B). It answers the
-same questions with the same objective, so that both agree where both can be used.
+The fast way (:mod:`skincal.fitting.grid`) needs a surface that looks the same everywhere. This one does not:
+it lays the patch on the surface at every pose, and casts rays at the indenter, as the paper does (section
+III-B). It minimises the same objective, so that both agree where both can be used.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Floats
 
 _APART_M = 0.75e-3
+"""A second start differs from the best one by at least this much along one direction [m]."""
 _DOUBTFUL = 4.0
-"""A press that is matched worse than this many squared sigmas may have another place that suits better."""
+"""A press whose objective exceeds this number of squared sigmas is also searched from the second start."""
 
 
 @dataclass(frozen=True, eq=False)
 class Combination:
-    """One combination of the macro variables, evaluated.
+    """Result of one combination of the macro variables.
 
     Attributes:
         mse_counts2: the paper's loss: mean squared error per taxel with the best positions and scale [counts²].
@@ -45,12 +46,12 @@ class Combination:
 
 
 def evaluate_slab(problem: FitProblem, grid: MacroGrid, turn: int, settings: MicroSettings) -> GridSlab:
-    """Evaluates all combinations of one turn alpha, as :func:`skincal.fitting.grid.evaluate_slab` does.
+    """Evaluate all combinations of one turn alpha, as :func:`skincal.fitting.grid.evaluate_slab` does.
 
     Args:
         problem: presses with contacts in space.
         grid: the macro variables.
-        turn: which of the grid's turns.
+        turn: number of the turn.
         settings: of the micro problems.
 
     Returns:
@@ -68,23 +69,25 @@ def evaluate_slab(problem: FitProblem, grid: MacroGrid, turn: int, settings: Mic
 def evaluate_pose(
     problem: FitProblem, skin: SkinShares, log_elasticity: Floats, settings: MicroSettings
 ) -> list[Combination]:
-    """Evaluates some elasticities at one pose: every press's position by nlopt, then the scale (paper, section III-B).
+    """Evaluate some elasticities at one pose: every press's position by nlopt, then the scale (paper, section III-B).
 
-    A pose at which the taxels do not fit gives no image at all.
+    At a pose where the taxels do not fit on the surface, images are zero.
 
     Args:
         problem: presses with contacts in space.
         skin: at the pose.
-        log_elasticity: (E,) logarithms of E in [Pa/m].
+        log_elasticity: (E,) logs of E in [Pa/m].
         settings: of the micro problems.
     """
     weight = np.where(problem.saturated, 0.0, problem.weight)
     observed, presses = problem.values * weight, np.arange(len(problem))
     log_ratio = np.log(problem.force_n) - log_elasticity[:, None]
     found: list[Combination] = []
-    for ratio, starts in zip(log_ratio, _starts(skin, log_ratio, observed, weight, settings), strict=True):
+    for ratio, starts in zip(
+        log_ratio, _choose_starts(skin, log_ratio, observed, weight, settings), strict=True
+    ):
         places = [
-            _placed(skin, k, float(ratio[k]), observed[k], weight[k], starts[k], settings)
+            _place_press(skin, k, float(ratio[k]), observed[k], weight[k], starts[k], settings)
             for k in range(len(problem))
         ]
         slack = np.array([one for one, _ in places])
@@ -95,12 +98,12 @@ def evaluate_pose(
     return found
 
 
-def _starts(
+def _choose_starts(
     skin: SkinShares, log_ratio: Floats, observed: Floats, weight: Floats, settings: MicroSettings
 ) -> Floats:
-    """Starts (E, K, 2, 2) from a lattice [m]: its best slack, and the best of those that lie elsewhere.
+    """Return two starts (E, K, 2, 2) per press from a lattice [m]: its best slack, and the best one far from that.
 
-    All images of the lattice are made in one batch, which is much cheaper than one by one.
+    All images of the lattice are computed in one batch, which is much cheaper than one by one.
     """
     lattice = slack_lattice(settings.slack_m)
     levels, presses, nodes = len(log_ratio), len(observed), len(lattice)
@@ -114,7 +117,7 @@ def _starts(
     return np.stack([lattice[best], lattice[second]], axis=2)
 
 
-def _placed(
+def _place_press(
     skin: SkinShares,
     press: int,
     log_ratio: float,
@@ -123,7 +126,7 @@ def _placed(
     starts_m: Floats,
     settings: MicroSettings,
 ) -> tuple[Floats, float]:
-    """The best slack (2,) of a press [m], and the objective there, by nlopt from its starts (2, 2)."""
+    """Return the best slack (2,) of a press [m], and the objective there, by nlopt from its starts (2, 2)."""
 
     def images(slack_m: Floats) -> Floats:
         same = np.full(len(slack_m), press)

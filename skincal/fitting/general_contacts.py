@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skincal.fitting.lookup import cubic
+from skincal.fitting.lookup import look_up_cubic
 from skincal.fitting.types import Floats, Ints
 from skincal.model import Surface
 from skincal.model.arrays import FloatArray
@@ -16,13 +16,14 @@ if TYPE_CHECKING:
     from skincal.fitting.general_local import LocalPlaces
 
 _STEP_M = 0.5e-3
-"""Lattice on which the surface round a press is tabled. Cubic look-ups between are good to a micrometre on a
-fingertip; a mesh's own facets are coarser."""
+"""Step of the lattice on which the surface around a press is tabled [m]. Cubic look-ups are accurate to a
+micrometre on a fingertip; the facets of a mesh are coarser."""
 
 _MOST_NODES = 41
+"""Most nodes along one side of the lattice."""
 
 MARGIN_M = 2.5e-3
-"""How far beyond the slack contacts are looked for, as the sensor's pose is not known yet [m]."""
+"""Extent of the table beyond the slack, as the sensor's pose is not known yet [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +32,13 @@ class ContactMap:
 
     Attributes:
         measured_m: (K, 3) measured contact points on the surface [m].
-        planes: (K, 6, N, N) float32: offset of the contact point from there [m] and contact normal, on a lattice of
-            slacks across and along.
+        planes: (K, 6, N, N) float32: offset of the contact point from there [m] and contact normal, on a
+            lattice of slacks across and along.
         slot: (M,) for every press of the session its row in the arrays above, or -1.
-        half_m: slack at the outermost nodes that are looked up [m]; beyond it a contact stays there.
-        measured_normals: whether normals are measured; they are then kept as they are when a contact moves.
-        local: the presses on a surface that looks the same everywhere; None where there is none.
-        skin_on_grid: whether the grid asks the skin model itself, even so.
+        half_m: largest slack that is looked up [m]; larger slacks are clamped to it.
+        measured_normals: whether normals were measured; they then stay fixed when a contact moves.
+        local: the presses on the uniform local surface; None if there is none.
+        skin_on_grid: whether the grid uses the skin model itself even if there is a local surface.
     """
 
     measured_m: Floats
@@ -50,32 +51,32 @@ class ContactMap:
 
     @property
     def on_grid(self) -> LocalPlaces | None:
-        """The presses as the grid places them; None where it asks the skin model itself."""
+        """The presses on the local surface if the grid uses it; None if the grid uses the skin model itself."""
         return None if self.skin_on_grid else self.local
 
     @classmethod
     def of(
         cls, surface: Surface, points_m: Floats, rows: Ints, half_m: float, normals: Floats | None = None
     ) -> ContactMap:
-        """Tables the surface round the presses ``rows`` of a session.
+        """Table the surface around the presses ``rows`` of a session.
 
         Args:
             surface: any.
             points_m: (M, 3) measured contact points of the session [m].
-            rows: (K,) presses that are wanted.
-            half_m: how far contacts may move [m].
+            rows: (K,) presses to table.
+            half_m: largest slack [m].
             normals: (M, 3) measured contact normals of the session; None or NaN for the surface's own.
         """
         count = min(int(np.ceil(half_m / _STEP_M)), (_MOST_NODES - 1) // 2)
         step = half_m / count
-        # Two more nodes all round, so that a look-up at the edge has all its neighbours.
+        # Two more nodes on every side, so that a look-up at the edge has all its neighbours.
         axis = np.arange(-count - 2, count + 3) * step
         across, along = (a.ravel() for a in np.meshgrid(axis, axis, indexing="ij"))
         planes = np.zeros((len(rows), 6, len(axis), len(axis)), dtype=np.float32)
         centres = surface.project(points_m[rows])
         for k, row in enumerate(rows):
             points = surface.offset(np.tile(centres[k], (len(across), 1)), across, along)
-            points = _kept_on(points, across, along)
+            points = _keep_on_surface(points, across, along)
             own = surface.normal_at(points)
             if normals is not None and np.isfinite(normals[row]).all():
                 own = np.tile(normals[row], (len(own), 1))
@@ -87,7 +88,7 @@ class ContactMap:
         return cls(centres, planes, slot, count * step, measured)
 
     def at(self, rows: Ints, slack_m: Floats) -> tuple[FloatArray, FloatArray]:
-        """Contact points (n, 3) [m] and unit normals (n, 3) of presses at slacks (n, 2) [m].
+        """Return contact points (n, 3) [m] and unit normals (n, 3) of presses at slacks (n, 2) [m].
 
         Args:
             rows: (n,) rows of the presses in the session.
@@ -99,14 +100,14 @@ class ContactMap:
         place = (np.clip(slack_m, -self.half_m, self.half_m) / step + (side - 1) / 2).astype(np.float32)
         plane = (slot[:, None] * 6 + np.arange(6)).ravel()
         row, col = np.repeat(place[:, 0], 6), np.repeat(place[:, 1], 6)
-        got = cubic(self.planes.reshape(-1, side, side), plane, row, col)[0].reshape(count, 6)
+        got = look_up_cubic(self.planes.reshape(-1, side, side), plane, row, col)[0].reshape(count, 6)
         points = np.asarray(self.measured_m[slot] + got[:, :3], dtype=np.float64)
         normals = got[:, 3:].astype(np.float64)
         return points, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def _kept_on(points_m: Floats, across_m: Floats, along_m: Floats) -> Floats:
-    """Points (N, 3) with those that would leave the surface kept at the nearest place that does not."""
+def _keep_on_surface(points_m: Floats, across_m: Floats, along_m: Floats) -> Floats:
+    """Return points (N, 3) with those beyond the surface (NaN) replaced by the nearest one on it."""
     lost = ~np.isfinite(points_m).all(axis=1)
     if not lost.any():
         return points_m

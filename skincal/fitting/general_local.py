@@ -1,9 +1,9 @@
-"""The skin round the sensor's nominal place, as a surface that looks the same everywhere.
+"""The skin around the sensor's nominal place, as a surface that looks the same everywhere.
 
-The grid only has to find where the continuous part of a fit begins. For that a fingertip of any shape is taken to be
-everywhere as it is round the sensor's nominal centre, so that the tables of the fast way serve: contacts are placed by
-their arc lengths from that centre, and the pressure under an indenter is the one that it has there. What follows the
-grid asks the skin model itself.
+The grid only has to find starts for the continuous part of a fit. For that, a fingertip of any shape is taken
+to look everywhere as it does around the sensor's nominal centre, so that the kernel tables of the fast way
+can be used. Contacts are placed by their arc lengths from that centre, and the pressure under an indenter is
+the one at the centre. The later stages use the skin model itself.
 """
 
 from __future__ import annotations
@@ -23,21 +23,22 @@ from skincal.model import SensorPose, Surface
 from skincal.model.arrays import FloatArray, floats
 
 SKIN_M = 8e-3
-"""The modelled skin ends so far beyond the taxels [m], as :meth:`skincal.model.Patch.build` has it."""
+"""Margin of the modelled skin around the taxels [m], as in :meth:`skincal.model.Patch.build`."""
 
 _STEP_M = 0.5e-3
+"""Step of the laid-out lattice [m]."""
 _BEYOND_M = 6e-3
-"""Presses are placed by arc lengths up to so far beyond the taxels [m]; those further off load none."""
+"""Arc lengths are tabled up to this distance beyond the skin [m]; presses further off load no taxel."""
 
 
 @dataclass(frozen=True, eq=False)
 class LocalSurface(Surface):
-    """The surface as seen from one place of it: every patch is laid there.
+    """The surface as seen from one place: every patch is laid there.
 
     Attributes:
         surface: of any shape.
         centre: the place.
-        half_m: nothing is there further off than this along u or v [m].
+        half_m: extent along u and v; beyond it there is no surface [m].
     """
 
     surface: Surface
@@ -69,13 +70,13 @@ class LocalSurface(Surface):
 
 @dataclass(frozen=True, eq=False)
 class LocalPlaces:
-    """Presses by arc lengths from the sensor's nominal centre, and how those go with the coordinates of the fit.
+    """Presses by arc lengths from the sensor's nominal centre, and the map to the coordinates of the fit.
 
     Attributes:
-        surface: round that centre.
+        surface: around that centre.
         place_m: (M, 2) contact positions across and along of every press of the session [m].
         centre_m: (2,) the nominal centre, in the coordinates of the fit [m].
-        metric: (2,) arc length for a change of those coordinates, across and along.
+        metric: (2,) arc length per unit of those coordinates, across and along.
     """
 
     surface: LocalSurface
@@ -85,7 +86,7 @@ class LocalPlaces:
 
     @classmethod
     def of(cls, problem: FitProblem, points_m: Floats, centre_m: Floats) -> LocalPlaces | None:
-        """Lays the surface out round a place.
+        """Lay out the surface around a place.
 
         Args:
             problem: its surface and taxels.
@@ -93,7 +94,7 @@ class LocalPlaces:
             centre_m: (2,) nominal centre of the sensor, across and along [m].
 
         Returns:
-            None where the surface has no place for the taxels there.
+            None if the taxels do not fit on the surface there.
         """
         rig = problem.rig
         bounds = np.abs(rig.layout.bounds_m).max(axis=0)
@@ -115,18 +116,18 @@ class LocalPlaces:
             return None
         place = np.full((len(points_m), 2), np.nan)
         known = np.isfinite(points_m).all(axis=1)
-        place[known] = centre_m + _arcs(laid[there], uv[there], points_m[known])
+        place[known] = centre_m + _to_arcs(laid[there], uv[there], points_m[known])
         local = LocalSurface(rig.surface, rig.pose(across, along, 0.0), half)
         return cls(local, place, centre_m, metric / (2 * _STEP_M))
 
     def problem(self, problem: FitProblem) -> FitProblem:
-        """The problem on the surface that looks the same everywhere."""
+        """Return the problem on the uniform local surface."""
         across, along = self.place_m[problem.rows].T
         rig = replace(problem.rig, surface=self.surface)
         return replace(problem, across_m=across, along_m=along, rig=rig, contacts=None)
 
     def grid(self, grid: MacroGrid) -> MacroGrid:
-        """The grid in arc lengths."""
+        """Return the grid in arc lengths."""
         across, along = (
             self.centre_m[i] + self.metric[i] * (axis - self.centre_m[i])
             for i, axis in enumerate((grid.across_m, grid.y_m))
@@ -134,29 +135,30 @@ class LocalPlaces:
         return replace(grid, across_m=across, y_m=along)
 
     def arcs(self, macro: Floats) -> Floats:
-        """Macro variables (..., 5) with the centre in arc lengths."""
+        """Return macro variables (..., 5) with the centre in arc lengths."""
         out = macro.copy()
         out[..., :2] = self.centre_m + self.metric * (macro[..., :2] - self.centre_m)
         return out
 
     def bounds(self, bounds: Bounds) -> Bounds:
-        """Bounds of the macro variables with the centre in arc lengths."""
+        """Return the bounds of the macro variables with the centre in arc lengths."""
         return Bounds(self.arcs(bounds.low), self.arcs(bounds.high))
 
     def labels(self, macro: Floats) -> Floats:
-        """The inverse of :meth:`arcs`."""
+        """Return macro variables (..., 5) with the centre in fit coordinates: the inverse of :meth:`arcs`."""
         out = macro.copy()
         out[..., :2] = self.centre_m + (macro[..., :2] - self.centre_m) / self.metric
         return out
 
 
-def _arcs(laid_m: Floats, uv_m: Floats, points_m: Floats) -> Floats:
-    """Patch coordinates (M, 2) of points (M, 3): from the nearest laid points, to first order between them."""
-    from scipy.spatial import KDTree  # takes a moment
+def _to_arcs(laid_m: Floats, uv_m: Floats, points_m: Floats) -> Floats:
+    """Return patch coordinates (M, 2) of points (M, 3), interpolated to first order from the nearest laid points."""
+    from scipy.spatial import KDTree  # slow to import
 
     found = KDTree(laid_m).query(points_m, k=4)
     distance, near = np.asarray(found[0], dtype=np.float64), np.asarray(found[1], dtype=np.intp)
-    # Weights that are exact for points in the plane of the four: affine, with the nearest as origin.
+    # Affine weights, exact for points in the plane of the four neighbours, with the nearest one as
+    # origin.
     first: Ints = near[:, 0]
     edges, arcs = laid_m[near[:, 1:]] - laid_m[first][:, None], uv_m[near[:, 1:]] - uv_m[first][:, None]
     gram = edges @ edges.transpose(0, 2, 1)

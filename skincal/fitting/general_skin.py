@@ -10,7 +10,7 @@ from skincal.model import Contacts, Converter, Patch, Skin, SkinParameters
 from skincal.model.arrays import FloatArray
 
 RESOLUTION_M = 0.25e-3
-"""Cells of the patch, as in the paper [m]."""
+"""Cell size of the patch, as in the paper [m]."""
 
 _CHUNK = 20_000
 """Contacts evaluated at a time, to bound memory."""
@@ -19,15 +19,15 @@ _CHUNK = 20_000
 class SkinShares:
     """The skin at one pose of the sensor.
 
-    The patch is laid on the surface once. Elasticity needs no patch of its own: stress and force both scale with
-    it, so that the share of the force that a taxel reports depends on F/E only.
+    The patch is laid on the surface once and serves all elasticities: stress and force both scale with E, so
+    the share of the force that a taxel reports depends on F/E only.
 
     Args:
         problem: presses with contacts in space.
-        across_m: the sensor's centre round the surface, arc length R beta, or x on a plane [m].
+        across_m: the sensor's centre around the surface, arc length R beta, or x on a plane [m].
         y_m: the same along the axis [m].
         alpha_rad: turn [rad].
-        resolution_m: cells of the patch [m].
+        resolution_m: cell size of the patch [m].
     """
 
     def __init__(
@@ -51,15 +51,15 @@ class SkinShares:
 
     @property
     def placed(self) -> bool:
-        """Return whether the surface has a place for every taxel at this pose."""
+        """Return whether every taxel fits on the surface at this pose."""
         return self.skin is not None
 
     def lost_m2(self) -> FloatArray:
-        """Return how much narrower than its square a taxel is whose load is summed over the centres of cells (2,) [m²].
+        """Return the variance (2,) along u and v that a taxel loses when its load is summed over cell centres [m²].
 
-        Along an axis that is cut into cells of length h, the centres have h²/12 less variance than what they stand
-        for: images are sharper by that than those of whole taxels, and a softer skin would be fitted to them.
-        Zero where the taxels do not fit on the surface.
+        Along an axis with cells of length h, the centres have h²/12 less variance than the cells. Images are
+        therefore sharper than those of whole taxels, which would bias the fit towards a softer skin. The
+        result is zero if the taxels do not fit on the surface.
         """
         if self.skin is None or self.skin.patch.uv_m is None:
             return np.zeros(2)
@@ -74,15 +74,15 @@ class SkinShares:
         return np.maximum((layout.sizes_m**2 / 12 - np.transpose(squares)).mean(axis=0), 0.0)
 
     def shares(self, press: Ints, slack_m: Floats, log_ratio: Floats) -> Floats:
-        """Share of the normal force that each taxel reports.
+        """Return the share of the normal force that each taxel reports.
 
         Args:
             press: (n,) number of the press.
-            slack_m: (n, 2) how far its contact lies from where it was measured, across and along [m].
+            slack_m: (n, 2) true minus measured contact position, across and along [m].
             log_ratio: (n,) log(F/E).
 
         Returns:
-            (n, J) shares; zero where the taxels do not fit on the surface.
+            (n, J) shares; zero if the taxels do not fit on the surface.
         """
         out = np.zeros((len(press), self.problem.rig.layout.taxels))
         if self.skin is None:
@@ -93,7 +93,8 @@ class SkinShares:
             same = np.flatnonzero(kinds == kind)
             for part in np.split(same, np.arange(_CHUNK, len(same), _CHUNK)):
                 points, normals = self.contacts.at(rows[part], slack_m[part])
-                # With E = 1 Pa/m a force of F/E newtons presses as deep as F does on the real skin.
+                # With E = 1 Pa/m, a force of F/E newtons presses as deep as F does on the
+                # real skin.
                 contacts = Contacts(points, normals, ratio[part])
                 loads = self.skin.loads(self.problem.rig.indenters[int(kind)], contacts)
                 out[part] = np.nan_to_num(loads) / ratio[part, None]

@@ -1,14 +1,15 @@
-"""Images of the skin model, tabled press by press round one pose of the sensor.
+"""Images of the skin model, tabled press by press around one pose of the sensor.
 
-The likelihood of the continuous part of a fit is evaluated a million times; the skin model is too slow for that, and
-its images are not smooth enough to differentiate. Round one pose it is therefore asked once, on a lattice: for every
-press its load shares over the contact's place on the patch (u, v), a few turns alpha and a few ratios F/E. Where the
-sensor's centre has moved from the tabled one, the image is the one of the same place on the patch,
+The continuous part of a fit evaluates the likelihood a million times. The skin model is too slow for that,
+and its images are not smooth enough to differentiate. It is therefore evaluated once around a pose, on a
+lattice: for every press its load shares by the contact's position on the patch (u, v), a few turns alpha and
+a few ratios F/E. If the sensor's centre moves from the tabled one, the image is that of the same position on
+the patch, plus a first-order term:
 
     phi(u, v; centre) = phi(u, v; centre_0) + (centre - centre_0) . d phi / d centre |_(u, v)
 
-The last term is what a surface that does not look the same everywhere adds; it is found by difference, and is zero on
-a cylinder and a plane.
+This term is the effect of a surface that does not look the same everywhere. It is found by finite
+differences, and is zero on a cylinder and a plane.
 """
 
 from __future__ import annotations
@@ -29,16 +30,17 @@ from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Bools, Floats, Ints
 
 PART = 6
-"""Presses tabled in one piece of work."""
+"""Presses tabled in one task."""
 
 _CENTRE_STEP_M = 1e-3
-"""Longer than the facets of a mesh, whose edges are not what a place on a finger is known by."""
+"""Step of the finite difference by the centre [m]: longer than the facets of a mesh, so that single edges do not
+matter."""
 
 _LOADED = 1e-6
-"""A taxel that never gets this share of the force is left out."""
+"""A taxel of a press is tabled if it ever gets this share of the force."""
 
 _SILENT = 1e-7
-"""A taxel with less than this share of the force at a place is not looked up there."""
+"""A taxel is looked up at a position only if it gets this share of the force there."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +48,12 @@ class TableReach:
     """Extent and steps of a table.
 
     Attributes:
-        centre_m: how far the sensor's centre may move from the tabled one [m].
-        alpha_rad: how far the turn may [rad].
-        log_ratio: how far log(F/E) may.
+        centre_m: largest shift of the sensor's centre from the tabled one [m].
+        alpha_rad: largest change of the turn [rad].
+        log_ratio: largest change of log(F/E).
         levels: number of tabled ratios.
         step_m: lattice step on the patch [m].
-        resolution_m: cells of the patch [m].
+        resolution_m: cell size of the patch [m].
     """
 
     centre_m: float
@@ -63,17 +65,17 @@ class TableReach:
 
     @property
     def tabled_turns(self) -> Floats:
-        """(3,) tabled turns, from the middle one [rad]."""
+        """(3,) tabled turns, relative to the middle one [rad]."""
         return np.linspace(-self.alpha_rad, self.alpha_rad, 3)
 
     @property
     def tabled_ratios(self) -> Floats:
-        """(L,) tabled log(F/E), from the middle one."""
+        """(L,) tabled log(F/E), relative to the middle one."""
         return np.linspace(-self.log_ratio, self.log_ratio, self.levels)
 
 
 ROUGH = TableReach(1.2e-3, np.radians(8.0), 0.9, levels=5, step_m=0.5e-3, resolution_m=0.5e-3)
-"""From a point of a coarse grid to the peak that belongs to it."""
+"""Reach of the table for a climb from a grid point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,15 +83,16 @@ class SkinTable:
     """Tabled images of K presses.
 
     Attributes:
-        shares: (P, N, N, A * L + 2) float32: share of the force that a taxel reports, for turns and ratios, and its
-            derivative by the centre across and along [1/m]; for those taxels of presses that are ever loaded.
-        lit: (P, N, N) where there is anything to look up.
+        shares: (P, N, N, A * L + 2) float32: share of the force that a taxel reports, for turns and ratios,
+            and its derivative by the centre across and along [1/m]; for those taxels of presses that are ever
+            loaded.
+        lit: (P, N, N) nodes where a look-up may not be zero.
         plane: (K, J) which of the P planes belongs to a taxel of a press, or -1.
         anchor_m: (K, 2) patch coordinates of the middle of each press's lattice [m].
         slot: (M,) for every press of the session its row here, or -1.
         log_ratio: (K,) log(F/E) in the middle of the tabled ratios.
         centre: (3,) tabled centre across and along [m], and turn [rad].
-        reach: how far the table goes.
+        reach: extent of the table.
     """
 
     shares: Floats
@@ -102,7 +105,7 @@ class SkinTable:
     reach: TableReach
 
     def tables(self) -> Tables:
-        """Return the table as the likelihood looks it up."""
+        """Return the table in the form of the compiled look-up."""
         turns, levels = self.reach.tabled_turns, self.reach.tabled_ratios
         images = ImageTable(
             self.shares, self.lit, self.plane, self.anchor_m, self.log_ratio, self.slot, self.centre,
@@ -111,35 +114,36 @@ class SkinTable:
         return Tables(NO_KERNELS, images)
 
     def holds(self, macro: Floats) -> bool:
-        """Return whether macro variables (5,) lie well within the table; the ratio F/E is left to its wide margin."""
+        """Return whether macro variables (5,) lie well within the table; F/E is not checked, as its margin is wide."""
         away = np.abs(macro[:3] - self.centre)
         reach = np.array([self.reach.centre_m, self.reach.centre_m, self.reach.alpha_rad])
         return bool((away <= 0.8 * reach).all())
 
     def spread(self, width_m: float) -> SkinTable:
-        """The table of a skin that spreads the pressure sideways by a Gaussian [m].
+        """Return the table of a skin that spreads the pressure sideways by a Gaussian [m].
 
-        Pressure that is carried on by d loads a taxel as if the contact lay d further, so the shares are smoothed
-        over the place on the patch.
+        Pressure that spreads by d loads a taxel as if the contact lay d further away, so the shares are
+        smoothed over the position on the patch.
         """
         if width_m <= 0:
             return self
         variance = np.full(2, (width_m / self.reach.step_m) ** 2)
-        shares = smoothed(self.shares, variance)
-        return replace(self, shares=shares, lit=lit_nodes(shares))
+        shares = smooth_shares(self.shares, variance)
+        return replace(self, shares=shares, lit=find_lit_nodes(shares))
 
 
-def lit_nodes(shares: Floats) -> Bools:
-    """Nodes (P, N, N) within reach of whose taps anything is not zero."""
-    from scipy.ndimage import maximum_filter  # takes a moment, and few fits have such tables
+def find_lit_nodes(shares: Floats) -> Bools:
+    """Return the nodes (P, N, N) whose look-up neighbourhood is not zero everywhere."""
+    from scipy.ndimage import maximum_filter  # slow to import, and few fits have such tables
 
     return maximum_filter(np.abs(shares[..., :-2]).max(axis=-1), size=(1, 5, 5)) > _SILENT
 
 
-def smoothed(shares: Floats, variance: Floats) -> Floats:
-    """Shares (P, N, N, C) smoothed over the place on the patch.
+def smooth_shares(shares: Floats, variance: Floats) -> Floats:
+    """Return shares (P, N, N, C) smoothed over the position on the patch.
 
-    By the discrete Gaussian (Lindeberg 1990), whose variance is right however narrow it is against the lattice.
+    The kernel is the discrete Gaussian (Lindeberg 1990), whose variance is exact even if it is narrow
+    compared with the lattice.
 
     Args:
         shares: on the lattice.
@@ -157,37 +161,37 @@ def smoothed(shares: Floats, variance: Floats) -> Floats:
 
 
 def _spline(knots: Floats) -> Floats:
-    """Coefficients (4, K - 1, K) of the cubic splines (three knots: parabolas) that are 1 at one knot each."""
-    from scipy.interpolate import CubicSpline  # takes a moment, and few fits have such tables
+    """Return coefficients (4, K - 1, K) of the cubic splines (three knots: parabolas) that are 1 at one knot each."""
+    from scipy.interpolate import CubicSpline  # slow to import, and few fits have such tables
 
     return np.ascontiguousarray(CubicSpline(knots, np.eye(len(knots))).c)
 
 
-def parts_of(problem: FitProblem) -> list[Ints]:
-    """Numbers of the presses of each piece of work that makes a part of a table of all presses."""
+def split_presses(problem: FitProblem) -> list[Ints]:
+    """Split the presses of a table into tasks; return the numbers of the presses of each."""
     return np.array_split(np.arange(len(problem)), -(-len(problem) // PART))
 
 
-def name_of(problem: FitProblem, presses: Ints, macro: Floats, reach: TableReach) -> str:
-    """Return what a table of one problem depends on, as a hash: its presses, its middle and its reach."""
+def make_table_key(problem: FitProblem, presses: Ints, macro: Floats, reach: TableReach) -> str:
+    """Return a hash of what a table of one problem depends on: its presses, its middle and its reach."""
     steps = np.array(list(asdict(reach).values()), dtype=np.float64)
     depends = (problem.rows, presses, macro[:4], steps)
     return sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in depends)).hexdigest()[:24]
 
 
-def reach_of(peak: Peak) -> TableReach:
-    """A fine table that holds what a peak leaves open, four sigmas to each side."""
+def choose_reach(peak: Peak) -> TableReach:
+    """Return the reach of a fine table that covers four standard deviations around a peak."""
     sigma = np.sqrt(np.maximum(np.diag(peak.covariance), 0.0))
     return TableReach(
         centre_m=float(np.clip(4 * sigma[:2].max(), 0.2e-3, 1.0e-3)),
         alpha_rad=float(np.clip(4 * sigma[2], np.radians(1.5), np.radians(6.0))),
-        # Wide enough for the E of other contact laws, too.
+        # Wide enough for the E of other contact laws.
         log_ratio=float(np.clip(4 * sigma[3], 0.6, 0.9)),
     )
 
 
-def joined(parts: Sequence[SkinTable]) -> SkinTable:
-    """One table of all presses, of tables of some."""
+def join_tables(parts: Sequence[SkinTable]) -> SkinTable:
+    """Join tables of some presses into one table of all."""
     planes = np.cumsum([0, *(len(part.shares) for part in parts)])
     presses = np.cumsum([0, *(len(part.plane) for part in parts)])
     stacked = {
@@ -199,21 +203,22 @@ def joined(parts: Sequence[SkinTable]) -> SkinTable:
     return replace(parts[0], **stacked, plane=np.concatenate(plane), slot=np.max(slot, axis=0))
 
 
-def run_table(problem: FitProblem, presses: Ints, macro: Floats, reach: TableReach) -> SkinTable:
-    """Table some presses, by the skin model on a lattice of places on the patch.
+def tabulate_presses(problem: FitProblem, presses: Ints, macro: Floats, reach: TableReach) -> SkinTable:
+    """Table some presses with the skin model, on a lattice of positions on the patch.
 
     Args:
         problem: presses with contacts in space.
-        presses: (K,) numbers of those to table.
+        presses: (K,) numbers of the presses to table.
         macro: (5,) macro variables in the middle of the table.
-        reach: how far it goes.
+        reach: extent of the table.
     """
     measured = np.stack([problem.across_m, problem.along_m], axis=1)
     off = measured - macro[:2]
     anchor = to_patch(off[:, 0], off[:, 1], np.full(len(problem), macro[2]))
-    # A turn moves the places that a press can have on the patch; as far for all, so that tables can be joined.
+    # A turn moves the positions of a press on the patch; use the largest shift for all presses, so that
+    # their tables can be joined.
     swept = reach.alpha_rad * float(np.hypot(*anchor.T).max())
-    # Two more nodes all round, so that a look-up at the edge has all its neighbours.
+    # Two more nodes on every side, so that a look-up at the edge has all its neighbours.
     count = int(np.ceil((problem.rig.slack_m + reach.centre_m + swept) / reach.step_m)) + 2
     axis = np.arange(-count, count + 1) * reach.step_m
     lattice = square(axis)
@@ -230,7 +235,7 @@ def run_table(problem: FitProblem, presses: Ints, macro: Floats, reach: TableRea
     def images(shift: Floats, levels: Floats) -> list[Floats]:
         """Shares (n, J) at every level, with the sensor's centre and turn shifted (3,)."""
         skin = placed(shift)
-        if not skin.placed:  # where the taxels would not fit on the surface, the image is taken not to change
+        if not skin.placed:  # the taxels would not fit on the surface there: assume no change of the image
             skin, shift = home, np.zeros(3)
         at = macro[:3] + shift
         slack = from_patch(uv, np.full(len(uv), at[2])) + at[:2] - measured[press]
@@ -249,7 +254,7 @@ def run_table(problem: FitProblem, presses: Ints, macro: Floats, reach: TableRea
     plane[loaded] = np.arange(loaded.sum())
     slot = np.full(len(problem.status), -1, dtype=np.intp)
     slot[problem.rows[presses]] = np.arange(len(presses))
-    shares = smoothed(np.ascontiguousarray(stacked[loaded]), home.lost_m2() / reach.step_m**2)
+    shares = smooth_shares(np.ascontiguousarray(stacked[loaded]), home.lost_m2() / reach.step_m**2)
     return SkinTable(
-        shares, lit_nodes(shares), plane, anchor[presses], slot, middle[presses], macro[:3], reach
+        shares, find_lit_nodes(shares), plane, anchor[presses], slot, middle[presses], macro[:3], reach
     )

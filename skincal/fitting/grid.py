@@ -16,7 +16,7 @@ from skincal.fitting.types import Floats, Ints
 from skincal.model.press.jit import reporting_compilation
 
 _SEARCH_STEP_M = 0.25e-3
-"""Lattice on which the slack's square is searched before Gauss-Newton takes over."""
+"""Step of the lattice that is searched for the start of Gauss-Newton [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,10 +24,10 @@ class MacroGrid:
     """The values of each macro variable.
 
     Attributes:
-        across_m: (X,) positions of the sensor's centre round the surface: arc length R beta, or x [m].
+        across_m: (X,) positions of the sensor's centre around the surface: arc length R beta, or x [m].
         y_m: (Y,) positions along the axis [m].
         alpha_rad: (A,) turns [rad].
-        log_elasticity: (E,) logarithms of E in [Pa/m].
+        log_elasticity: (E,) logs of E in [Pa/m].
     """
 
     across_m: Floats
@@ -61,21 +61,21 @@ class GridSlab(NamedTuple):
 
 
 def span(low: float, high: float, step: float) -> Floats:
-    """Equally spaced values from ``low`` to ``high``, both included, no further apart than ``step``."""
+    """Return equally spaced values from ``low`` to ``high``, both included, no further apart than ``step``."""
     if high <= low:
         return np.array([low])
     return np.linspace(low, high, int(np.ceil((high - low) / step - 1e-9)) + 1)
 
 
 def least_squares_scale(forces: Floats, observed: Floats) -> tuple[Floats, Floats]:
-    """The scale S that takes taxel forces to observed values, and what is left.
+    """Return the scale S that maps taxel forces to observed values, and the sum of squares that is left.
 
     Args:
         forces: (K, ..., J) weighted loads of K presses [N].
         observed: (K, ..., J) weighted values [counts].
 
     Returns:
-        S (...) [1/N], 0 where no taxel is loaded, and the sum of squared residuals (...) [counts²].
+        S (...) [1/N], 0 if no taxel is loaded, and the sum of squared residuals (...) [counts²].
     """
     power = np.einsum("k...j,k...j->...", forces, forces)
     product = np.einsum("k...j,k...j->...", forces, observed)
@@ -84,7 +84,7 @@ def least_squares_scale(forces: Floats, observed: Floats) -> tuple[Floats, Float
 
 
 def evaluate_slab(problem: FitProblem, grid: MacroGrid, turn: int, settings: MicroSettings) -> GridSlab:
-    """Evaluates all combinations of one turn alpha.
+    """Evaluate all combinations of one turn alpha.
 
     Returns:
         Loss, scale and slack of every combination (E, X, Y).
@@ -105,14 +105,17 @@ def evaluate_slab(problem: FitProblem, grid: MacroGrid, turn: int, settings: Mic
     return GridSlab(*results)
 
 
-def _axis(centres: Floats, slack: float) -> tuple[Floats, Floats, int]:
-    """Offsets (P,) = slack minus centre, falling centre first; the slacks of a window; nodes from centre to centre."""
+def _build_axis(centres: Floats, slack: float) -> tuple[Floats, Floats, int]:
+    """Return lattice offsets (P,), the slacks of a search window, and the number of nodes from centre to centre.
+
+    Offsets are slack minus centre, in ascending order, so the last centre comes first.
+    """
     pitch = float(centres[1] - centres[0]) if len(centres) > 1 else _SEARCH_STEP_M
     stride = max(1, int(np.ceil(pitch / _SEARCH_STEP_M - 1e-9)))
     step = pitch / stride
     half = int(slack / step + 1e-9)
     window = np.arange(-half, half + 1) * step
-    # From the last centre to the first, so that offsets grow.
+    # Start at the last centre, so that the offsets ascend.
     offsets = -float(centres[-1]) + np.arange(-half, half + (len(centres) - 1) * stride + 1) * step
     return offsets, window, stride
 
@@ -125,25 +128,33 @@ def place_presses(
     size_of: Ints,
     level: tuple[NDArray[np.float32], tuple[float, float, Floats]],
 ) -> tuple[Floats, Floats]:
-    """Slacks (K, X, Y, 2) [m] of every press under every centre, and its weighted load shares there (K, X, Y, J).
+    """Return slacks (K, X, Y, 2) [m] of every press under every centre, and its weighted load shares (K, X, Y, J).
 
-    Each press has a lattice of contact positions relative to the sensor's centre that all combinations share, so laid
-    that every grid value of the centre, with slack zero, falls on a node. ``level`` is what
-    :meth:`skincal.fitting.lookup.KernelTable.level` returns, and ``size_of`` the size of each taxel (J,).
+    All combinations share one lattice of contact positions per press, relative to the sensor's centre. It is
+    placed so that each grid value of the centre, with zero slack, falls on a node.
+
+    Args:
+        problem: the presses.
+        grid: the macro variables.
+        turn: number of the turn.
+        settings: of the micro problems.
+        size_of: (J,) number of the size of each taxel.
+        level: from :meth:`skincal.fitting.lookup.KernelTable.level`.
     """
     planes, lattice = level
-    rows, slack_rows, row_stride = _axis(grid.across_m, settings.slack_m)
-    cols, slack_cols, col_stride = _axis(grid.y_m, settings.slack_m)
+    rows, slack_rows, row_stride = _build_axis(grid.across_m, settings.slack_m)
+    cols, slack_cols, col_stride = _build_axis(grid.y_m, settings.slack_m)
     weight = np.where(problem.saturated, 0.0, problem.weight)
     shape = (len(problem), len(grid.across_m), len(grid.y_m))
     taxels, alpha = problem.rig.layout.taxels, float(grid.alpha_rad[turn])
     slack, shares = np.zeros((*shape, 2)), np.empty((*shape, taxels))
-    room_of_one = np.empty((3, taxels)), np.empty(taxels, dtype=np.int64)
-    room = np.empty((len(rows), len(cols))), *np.empty((2, len(grid.y_m), len(rows))), room_of_one
+    press_workspace = np.empty((3, taxels)), np.empty(taxels, dtype=np.int64)
+    workspace = np.empty((len(rows), len(cols))), *np.empty((2, len(grid.y_m), len(rows))), press_workspace
     how = 1.0 / settings.sigma_counts**2, settings.stiffness, settings.slack_m
     with reporting_compilation():
         place(
-            # Centres are read-only in one process and not in another: two types to compile.
+            # A copy is writable in all processes; a read-only array would be a second type to
+            # compile.
             (planes, size_of, problem.rig.layout.centres_m.copy(), lattice),
             (weight, problem.values * weight),
             (problem.across_m[:, None] + rows, problem.along_m[:, None] + cols),
@@ -152,6 +163,6 @@ def place_presses(
             (row_stride, col_stride),
             ((float(np.cos(alpha)), float(np.sin(alpha))), how),
             (slack, shares),
-            room,
+            workspace,
         )
     return slack, shares

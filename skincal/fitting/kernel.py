@@ -1,15 +1,15 @@
-"""Load kernels: what a taxel feels of a contact at some offset, tabled once, so that an image costs a look-up.
+"""Load kernels: the response of a taxel to a contact by its offset, tabled once, so that an image is a table look-up.
 
-On a surface that looks the same everywhere (a cylinder along and around, a plane) the pressure under an indenter is
-one and the same field, carried along with the contact. A taxel's load is the integral of that field over its
-rectangle, so it depends only on the offset of the contact from the taxel in patch coordinates, on how the patch is
-turned (alpha), and, because stresses and force both scale with E, on the ratio F_n / E:
+On a surface that looks the same everywhere (a cylinder, a plane), the pressure under an indenter is one field
+that moves with the contact. A taxel's load is the integral of that field over its rectangle. It depends only
+on the offset of the contact from the taxel in patch coordinates, on the turn of the patch (alpha), and,
+because stress and force both scale with E, on the ratio F_n / E:
 
     T_j = S_j F_n phi(u_c - u_j, v_c - v_j; alpha, F_n / E)
 
-phi is the share of the normal force that the taxel reports (both projection factors of the paper's sensor model,
-with the penetration of its force equilibrium). Contact physics is the one of :mod:`skincal.model`: the field comes
-from the same surfaces and indenters, by the same rays.
+phi is the share of the normal force that the taxel reports: both projection factors of the paper's sensor
+model, with the penetration of its force equilibrium. The contact physics is that of :mod:`skincal.model`: the
+field comes from the same surfaces, indenters and rays.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from skincal.fitting.types import Floats
 from skincal.model import Contacts, Indenter, SensorPose, Surface, TaxelLayout
 
 MAX_NODES = 640
-"""Nodes along one side of a table at most; a larger contact is tabled on a coarser lattice."""
+"""Most nodes along one side of a table; a larger contact is tabled on a coarser lattice."""
 
 STEP_M = 0.1e-3
-"""Lattice step of tables, unless a contact is so large that it would need too many nodes [m]."""
+"""Lattice step of tables, unless the contact is so large that it would need too many nodes [m]."""
 
 RATIO_STEP = 0.05
-"""Spacing of the tabled logarithms of F/E. Linear interpolation between them is good to 3e-4 of a load share."""
+"""Spacing of the tabled logs of F/E. Linear interpolation between them is accurate to 3e-4 of a load share."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Field:
-    """Gap and projected areas of the surface around a contact, cell by cell."""
+    """Gap and projected areas of the surface around a contact, per cell (N, N)."""
 
     gap_m: Floats
     force_area_m2: Floats
@@ -55,17 +55,18 @@ def build_table(
     spread_m: float = 0.0,
     projected: bool = True,
 ) -> KernelTable:
-    """Tables the load shares of taxels.
+    """Table the load shares of taxels.
 
     Args:
         surface: a cylinder or a plane.
         indenters: the different indenters of the presses.
         layout: the taxels.
-        alphas_rad: (A,) equally spaced turns [rad]; between them shares are interpolated linearly (the turn acts
-            mostly through u and v; what is left is the turn of a nearly round field).
-        ratio_span: lowest and highest log(F_n / E) that will be asked for; F_n / E in [m³].
-        spread_m: the pressure is spread sideways by a Gaussian of this width [m]; 0 is the paper's foundation.
-        projected: a taxel feels the pressure times both projections of the paper; else the pressure itself.
+        alphas_rad: (A,) equally spaced turns [rad]. Shares are interpolated linearly between them: the turn
+            acts mostly through u and v, and what remains is the turn of a nearly round field.
+        ratio_span: lowest and highest log(F_n / E) needed; F_n / E in [m³].
+        spread_m: width of the Gaussian that spreads the pressure sideways [m]; 0 for the paper's foundation.
+        projected: whether a taxel feels the pressure times both projections of the paper; else the pressure
+            itself.
 
     Returns:
         The table. Its lattice is just large enough for the largest contact.
@@ -83,9 +84,9 @@ def build_table(
     blur = gaussian_blur(side, spread_m / step)
     for i, indenter in enumerate(indenters):
         for a, alpha in enumerate(alphas_rad):
-            field = _field(surface, indenter, float(alpha), count, step)
+            field = _build_field(surface, indenter, float(alpha), count, step)
             area = field.load_area_m2 if projected else step**2
-            for level, depth in enumerate(_penetrations(field, ratios)):
+            for level, depth in enumerate(_solve_penetrations(field, ratios)):
                 load = np.maximum(depth - field.gap_m, 0.0) * area
                 if spread_m > 0:
                     u, v = load.any(axis=1), load.any(axis=0)
@@ -107,25 +108,26 @@ def build_table(
         spacing,
         step,
         count * step,
-        _reach(shares) * step,
+        _measure_reach(shares) * step,
     )
 
 
-def _reach(shares: NDArray[np.float32]) -> Floats:
-    """Offset (I, L) in lattice steps from which cubic look-ups of ``shares``, at a ratio or the next, are zero."""
+def _measure_reach(shares: NDArray[np.float32]) -> Floats:
+    """Return the offset (I, L) in lattice steps from which look-ups of ``shares`` are zero, at a ratio and the next."""
     side = shares.shape[-1]
     off: Floats = np.abs(np.arange(side, dtype=np.float64) - side // 2)
     along = np.logical_or(shares.any(axis=(1, 2, 4)), shares.any(axis=(1, 2, 5)))
-    # A look-up takes in two nodes on either side, and a spread pressure ends with the table.
+    # A look-up uses two nodes on either side, and a spread pressure ends with the table.
     reach = np.minimum((along * (off + 2)).max(axis=2), side // 2 - 1.5)
     reach[:, :-1] = np.maximum(reach[:, :-1], reach[:, 1:])
     return reach
 
 
-def _field(surface: Surface, indenter: Indenter, alpha_rad: float, count: int, step_m: float) -> _Field:
-    """The surface around a contact, on a lattice in patch coordinates with the contact at its centre."""
+def _build_field(surface: Surface, indenter: Indenter, alpha_rad: float, count: int, step_m: float) -> _Field:
+    """Return the surface around a contact, on a lattice in patch coordinates centred on the contact."""
     axis = np.arange(-count, count + 1) * step_m
-    # The share is wanted as a function of contact minus taxel: the field is laid out mirrored, at minus the offset.
+    # The share is a function of contact minus taxel, so the field is laid out mirrored, at minus the
+    # offset.
     u, v = np.meshgrid(-axis, -axis, indexing="ij")
     uv = np.stack([u.ravel(), v.ravel()], axis=1)
     points, normals = surface.wrap(SensorPose(0.0, alpha_rad), uv)
@@ -143,8 +145,11 @@ def _field(surface: Surface, indenter: Indenter, alpha_rad: float, count: int, s
     )
 
 
-def _penetrations(field: _Field, ratios_m3: Floats) -> Floats:
-    """Penetrations [m] that balance F_n / E = sum_i eps_i a_i (n_t . n_c): exact, as it is piecewise linear."""
+def _solve_penetrations(field: _Field, ratios_m3: Floats) -> Floats:
+    """Return the penetrations [m] that balance F_n / E = sum_i eps_i a_i (n_t . n_c).
+
+    The sum is piecewise linear in the penetration, so the solution is exact.
+    """
     inside = np.isfinite(field.gap_m) & (field.force_area_m2 > 0)
     order = np.argsort(field.gap_m[inside], kind="stable")
     gaps = field.gap_m[inside][order]
@@ -157,17 +162,17 @@ def _penetrations(field: _Field, ratios_m3: Floats) -> Floats:
 
 
 def contact_reach(surface: Surface, indenter: Indenter, ratio_m3: float) -> float:
-    """Radius [m] round the contact that holds all of it.
+    """Return the radius around the contact that contains all of it [m].
 
     Args:
         surface: a cylinder or a plane.
-        indenter: what presses.
+        indenter: the indenter.
         ratio_m3: F_n / E [m³].
     """
     asked, count, half = pickle.dumps((surface, indenter)), 40, 1e-3
     for _ in range(14):
-        field = _field_about(asked, count, half)
-        touched = field.gap_m < _penetrations(field, np.array([ratio_m3]))[0]
+        field = _cached_field(asked, count, half)
+        touched = field.gap_m < _solve_penetrations(field, np.array([ratio_m3]))[0]
         u, v = np.nonzero(touched)
         radius = float(np.hypot(u - count, v - count).max()) + 1.0
         if radius < 0.9 * count:
@@ -177,14 +182,17 @@ def contact_reach(surface: Surface, indenter: Indenter, ratio_m3: float) -> floa
 
 
 @lru_cache(maxsize=64)
-def _field_about(asked: bytes, count: int, half_m: float) -> _Field:
-    """Return the field of a surface and an indenter, pickled as every task brings copies of its own, at turn 0."""
+def _cached_field(asked: bytes, count: int, half_m: float) -> _Field:
+    """Return the field of a surface and an indenter at turn 0.
+
+    The key is pickled content, because every task brings its own copy of the objects.
+    """
     surface, indenter = pickle.loads(asked)
-    return _field(surface, indenter, 0.0, count, half_m / count)
+    return _build_field(surface, indenter, 0.0, count, half_m / count)
 
 
 def gaussian_blur(side: int, sigma: float) -> Floats:
-    """Return a matrix (N, N) that blurs one axis of a field by ``sigma`` cells, up to four sigmas, with none beyond."""
+    """Return a matrix (N, N) that blurs one axis of a field by ``sigma`` cells, truncated at four sigmas."""
     if sigma <= 0:
         return np.eye(side)
     reach = int(4.0 * sigma + 0.5)
@@ -194,8 +202,8 @@ def gaussian_blur(side: int, sigma: float) -> Floats:
 
 
 @inlined
-def _edges(width: float, low: Any, part: Any) -> None:  # pragma: no cover - compiled
-    """Fill the cell (2, N), and the part of it, where a box of ``width`` cells about each cell begins and ends."""
+def _box_edges(width: float, low: Any, part: Any) -> None:  # pragma: no cover - compiled
+    """Fill cells (2, N), and fractions of them, where a box of ``width`` cells around each cell starts and ends."""
     side = low.shape[1]
     for i in range(side):
         for end in range(2):
@@ -224,8 +232,8 @@ def box_shares(
             total[r + 1, c] = total[r, c] + load[r, c]
     low, part = np.empty((2, side), dtype=np.int64), np.empty((2, side))
     first, rest = np.empty((2, side), dtype=np.int64), np.empty((2, side))
-    _edges(width_u, low, part)
-    _edges(width_v, first, rest)
+    _box_edges(width_u, low, part)
+    _box_edges(width_v, first, rest)
     for r in range(side):
         above, below = total[low[1, r]], total[low[0, r]]
         past, before = total[low[1, r] + 1], total[low[0, r] + 1]

@@ -1,13 +1,14 @@
 """Uncertainty of the contact law, and its effect on the parameters.
 
-The model is an elastic foundation: stress follows from the penetration of the same point. A real skin is a layer, and
-a layer also spreads pressure sideways, by a fraction of its thickness. Images of a stiffer foundation with some spread
-and of a softer one without are nearly the same, so E cannot be known better than the spread. The fit is therefore
-repeated with the pressure spread by a Gaussian of a few widths; each width counts as much as the data support it (its
-evidence). Nor does everybody's taxel feel what the paper's does, the pressure times two projections: one that feels
-the pressure itself reads some percent more of a deep contact. So that is tried, too. Half of the draws are those of the
-foundation, half are moved by the shift of the parameters that goes with such laws, and intervals cover both: whichever
-law the skin has, its E and S are inside.
+The model is an elastic foundation: the stress at a point follows from the penetration at the same point. A
+real skin is a layer, which also spreads pressure sideways, by a fraction of its thickness. Images of a
+stiffer foundation with some spread and of a softer one without are nearly the same, so E is uncertain by the
+uncertainty of the spread. The fit is therefore repeated with the pressure spread by Gaussians of a few
+widths, and each width is weighted by its evidence. Taxels may also differ from the paper's, which feel the
+pressure times two projections: taxels that feel the pressure itself read some percent more of a deep contact.
+They are a further candidate law. Half of the draws are those of the foundation; the other half are moved by
+the parameter shifts of such laws. Intervals cover both halves, so that they contain E and S of whichever of
+these laws the skin has.
 """
 
 from __future__ import annotations
@@ -19,27 +20,27 @@ import numpy as np
 from scipy.special import expit
 
 from skincal.fitting.posterior import Peak
-from skincal.fitting.problem import NOWHERE, FitError
+from skincal.fitting.problem import NO_DENSITY, FitError
 from skincal.fitting.types import Floats
 
 
 @dataclass(frozen=True, eq=False)
 class LawSpread:
-    """Likelihood of each width of spread, and its effect on the macro variables.
+    """Posterior of the contact law, and its effect on the macro variables.
 
     Attributes:
-        widths_m: (N,) fine scale of widths [m].
+        widths_m: (N,) fine grid of spread widths [m].
         density: (N,) their posterior, summing to one.
-        shift: (N, 5) of the macro variables against no spread.
-        bare: chance that taxels feel the pressure itself.
-        bare_shift: (5,) of the macro variables where they do.
+        shift: (N, 5) of the macro variables relative to no spread.
+        unprojected: probability that taxels feel the pressure itself.
+        unprojected_shift: (5,) of the macro variables if they do.
     """
 
     widths_m: Floats
     density: Floats
     shift: Floats
-    bare: float = 0.0
-    bare_shift: Floats = field(default_factory=lambda: np.zeros(5))
+    unprojected: float = 0.0
+    unprojected_shift: Floats = field(default_factory=lambda: np.zeros(5))
 
     @property
     def best_m(self) -> float:
@@ -48,30 +49,35 @@ class LawSpread:
 
     @property
     def rise(self) -> float:
-        """Return the log evidence of the widest spread over that of none; 0 unless it is the best of all."""
+        """Log evidence of the widest spread over that of none; 0 unless it is the best of all."""
         if len(self.density) == 1 or np.argmax(self.density) < len(self.density) - 1:
             return 0.0
         return float(np.log(self.density[-1]) - np.log(max(self.density[0], np.finfo(float).tiny)))
 
     def shifted(self, draws: Floats, rng: np.random.Generator) -> Floats:
-        """Draws (W, 5) of the macro variables, each moved as a law of its own asks for."""
+        """Return draws (W, 5) of the macro variables, each shifted by a law drawn at random."""
         moved = draws + self.shift[rng.choice(len(self.widths_m), len(draws), p=self.density)]
-        return moved + (rng.random(len(draws)) < self.bare)[:, None] * self.bare_shift
+        return moved + (rng.random(len(draws)) < self.unprojected)[:, None] * self.unprojected_shift
 
-    def with_bare(self, projected: Peak, bare: Peak) -> LawSpread:
-        """The same with what the peaks of taxels that feel the projected pressure, and the pressure itself, say."""
-        if not (np.isfinite(bare.log_evidence) and np.isfinite(bare.macro).all()):
+    def with_unprojected(self, projected: Peak, unprojected: Peak) -> LawSpread:
+        """Return the same with the evidence of taxels that feel the pressure itself.
+
+        Args:
+            projected: peak with taxels that feel the projected pressure.
+            unprojected: peak with taxels that feel the pressure itself.
+        """
+        if not (np.isfinite(unprojected.log_evidence) and np.isfinite(unprojected.macro).all()):
             return self
-        rise = bare.log_evidence - projected.log_evidence
-        # Like a spread, it has no direction.
-        shift = np.where(np.arange(5) < 3, 0.0, bare.macro - projected.macro)
-        return replace(self, bare=float(expit(rise)), bare_shift=shift)
+        rise = unprojected.log_evidence - projected.log_evidence
+        # Like a spread, it has no direction, so it cannot move or turn the sensor.
+        shift = np.where(np.arange(5) < 3, 0.0, unprojected.macro - projected.macro)
+        return replace(self, unprojected=float(expit(rise)), unprojected_shift=shift)
 
 
 def weigh_laws(spreads_m: Floats, peaks: Sequence[Peak]) -> LawSpread:
-    """Weighs contact laws against each other, flat prior over the widths.
+    """Weigh contact laws by their evidence, with a flat prior over the widths.
 
-    A law under which the presses have no density is ruled out, and so are those that spread pressure further.
+    If the presses have no density under a law, that law and all wider spreads are excluded.
 
     Args:
         spreads_m: (L,) widths, growing from zero [m].
@@ -80,19 +86,20 @@ def weigh_laws(spreads_m: Floats, peaks: Sequence[Peak]) -> LawSpread:
     Raises:
         FitError: the presses have no density under the foundation either.
     """
-    told = [bool(np.isfinite(p.log_evidence) and np.isfinite(p.macro).all()) for p in peaks]
-    if not told[0]:
-        raise FitError(NOWHERE)
-    held = told.index(False) if False in told else len(told)
-    spreads_m, peaks = spreads_m[:held], peaks[:held]
+    possible = [bool(np.isfinite(p.log_evidence) and np.isfinite(p.macro).all()) for p in peaks]
+    if not possible[0]:
+        raise FitError(NO_DENSITY)
+    count = possible.index(False) if False in possible else len(possible)
+    spreads_m, peaks = spreads_m[:count], peaks[:count]
     if len(spreads_m) == 1:
         return LawSpread(np.zeros(1), np.ones(1), np.zeros((1, 5)))
-    from scipy.interpolate import PchipInterpolator  # takes a moment, and a worker has it
+    from scipy.interpolate import PchipInterpolator  # slow to import; workers have it
 
     widths = np.linspace(0.0, float(spreads_m[-1]), 161)
     evidence = PchipInterpolator(spreads_m, [p.log_evidence for p in peaks])(widths)
     macro = np.stack([p.macro for p in peaks])
-    # Spread has no direction, so it cannot move or turn the sensor; what differs there is the noise of the search.
+    # A spread has no direction, so it cannot move or turn the sensor; differences there are numerical
+    # noise of the search.
     macro[:, :3] = macro[0, :3]
     # A Gaussian of small width acts by its variance: shifts start quadratically.
     shift = PchipInterpolator(spreads_m**2, macro - macro[0])(widths**2)

@@ -1,7 +1,7 @@
-"""Cubic look-ups in tables, with derivatives: the cubic convolution of Keys (1981, a = -1/2), compiled.
+"""Compiled cubic look-ups in tables, with derivatives: the cubic convolution of Keys (1981, a = -1/2).
 
-It is exact for quadratics and has a continuous slope. Values are single precision, as the tables are; sums of them are
-double.
+It is exact for quadratics and has a continuous slope. Tables are in single precision; sums are in double
+precision.
 """
 
 from __future__ import annotations
@@ -27,31 +27,32 @@ _SETTINGS: dict[str, Any] = {
     "fastmath": {"reassoc", "contract", "nsz", "arcp"},
     "_nrt": False,
 }
-"""Without numba's run time nothing can be allocated, and no references to arrays are counted, which takes as long as
-all the rest of a look-up."""
+"""Numba settings. Without numba's runtime, functions cannot allocate, and do not count references to arrays,
+which would take as long as the rest of a look-up."""
 _INLINED: dict[str, Any] = {"forceinline": True, "no_cpython_wrapper": True, **_SETTINGS}
+"""Numba settings of functions that are inlined into compiled callers."""
 _STAMP = hashlib.sha256(inspect.getsource(sys.modules[__name__]).encode()).hexdigest()[:16]
-"""A digest of this module, whose functions are compiled into those of others."""
+"""Digest of this module, whose functions are inlined into those of others: part of the key of the compilation cache."""
 
 
 def compiled(function: _Function) -> _Function:
-    """Compile a function of the fit; the compilation is cached for all processes after the first."""
+    """Compile a function of the fit; the compilation is cached on disk for later processes."""
     return cast(_Function, cached(function, f"{function.__name__}_{_STAMP}", _SETTINGS))
 
 
 def allocating(function: _Function) -> _Function:
-    """Compile as :func:`compiled` does, for a function that makes arrays."""
+    """Compile as :func:`compiled` does, for a function that allocates arrays."""
     return cast(_Function, cached(function, f"{function.__name__}_{_STAMP}", {**_SETTINGS, "_nrt": True}))
 
 
 def inlined(function: _Function) -> _Function:
-    """Compile a function into those that call it, Python never, as device functions of the model."""
+    """Compile a function for inlining into compiled callers only; Python cannot call it."""
     return cast(_Function, numba.njit(**_INLINED)(function))
 
 
 @inlined
-def keys(at: float, side: int) -> Any:  # pragma: no cover - compiled
-    """First of the four taps round a position, how much each counts, and the derivatives of that."""
+def cubic_taps(at: float, side: int) -> Any:  # pragma: no cover - compiled
+    """Return the first of the four nodes around a position, their weights, and the derivatives of the weights."""
     at = min(max(at, 1.0), side - 2.001)
     low = int(at)
     t = at - low
@@ -66,8 +67,8 @@ def keys(at: float, side: int) -> Any:  # pragma: no cover - compiled
 
 
 @inlined
-def taps(plane: Any, rows: Any, cols: Any) -> Any:  # pragma: no cover - compiled
-    """Value of a plane (N, N) and its derivatives along both axes, for what :func:`keys` says of a row and a column."""
+def interpolate_plane(plane: Any, rows: Any, cols: Any) -> Any:  # pragma: no cover - compiled
+    """Return the value of a plane (N, N) and its derivatives along both axes, for the taps of a row and a column."""
     r0, rw, rs = rows
     c0, cw, cs = cols
     value = by_row = by_col = 0.0
@@ -84,12 +85,12 @@ def taps(plane: Any, rows: Any, cols: Any) -> Any:  # pragma: no cover - compile
 
 
 @allocating
-def cubic(planes: Any, plane: Any, row: Any, col: Any) -> Any:  # pragma: no cover - compiled
-    """Look up values.
+def look_up_cubic(planes: Any, plane: Any, row: Any, col: Any) -> Any:  # pragma: no cover - compiled
+    """Look up values and derivatives in a stack of planes.
 
     Args:
         planes: (P, N, N) stack of planes.
-        plane: (n,) which plane.
+        plane: (n,) number of the plane.
         row: (n,) position along the first axis of the plane, in lattice steps; clamped to the plane.
         col: (n,) position along the second axis.
 
@@ -99,37 +100,40 @@ def cubic(planes: Any, plane: Any, row: Any, col: Any) -> Any:  # pragma: no cov
     out = np.empty((3, len(plane)))
     side = planes.shape[1]
     for i in range(len(plane)):
-        out[0, i], out[1, i], out[2, i] = taps(planes[plane[i]], keys(row[i], side), keys(col[i], side))
+        rows, cols = cubic_taps(row[i], side), cubic_taps(col[i], side)
+        out[0, i], out[1, i], out[2, i] = interpolate_plane(planes[plane[i]], rows, cols)
     return out
 
 
 @inlined
-def at_level(
+def look_up_level(
     planes: Any, size_of: Any, centres: Any, lattice: Any, u: float, v: float, press: int, near: Any, out: Any
 ) -> int:  # pragma: no cover - compiled
     """Fill ``out`` (3, J) with the load shares of taxels under one contact, and their slopes by u and v [1/m].
 
     Args:
         planes: (K, M, N, N) load shares of presses, by taxel size.
-        size_of: (J,) which size each taxel has.
+        size_of: (J,) number of the size of each taxel.
         centres: (J, 2) of the taxels [m].
-        lattice: step and half the width of the planes, and the reach (K,) of the presses' load shares [m].
+        lattice: step and half width of the planes, and the reach (K,) of the presses' load shares [m].
         u: contact in patch coordinates [m].
         v: the same.
-        press: which.
+        press: number of the press.
         near: (J,) filled with the numbers of the taxels that the contact may reach.
         out: filled.
 
     Returns:
-        The number of the taxels that it may reach.
+        The number of taxels that the contact may reach.
     """
     step, half, reaches = lattice
     reach, side, count = reaches[press], planes.shape[2], 0
     for j in range(len(centres)):
         du, dv = u - centres[j, 0], v - centres[j, 1]
         if abs(du) < reach and abs(dv) < reach:
-            value, by_row, by_col = taps(
-                planes[press, size_of[j]], keys((du + half) / step, side), keys((dv + half) / step, side)
+            value, by_row, by_col = interpolate_plane(
+                planes[press, size_of[j]],
+                cubic_taps((du + half) / step, side),
+                cubic_taps((dv + half) / step, side),
             )
             out[0, j], out[1, j], out[2, j] = value, by_row / step, by_col / step
             near[count] = j
@@ -143,15 +147,16 @@ class KernelTable(NamedTuple):
     """Load shares phi of every indenter and taxel size, for several turns alpha and ratios F/E.
 
     Attributes:
-        shares: (I, M, A, L, N, N) float32: for indenter i, taxel size m, turn a and ratio l the share of the normal
-            force at offsets (u, v) of the contact from the taxel's centre; zero on the two outer nodes.
-        size_of: (J,) which size each taxel has.
+        shares: (I, M, A, L, N, N) float32: for indenter i, taxel size m, turn a and ratio l, the share of the
+            normal force at offsets (u, v) of the contact from the taxel's centre; zero on the two outer
+            nodes.
+        size_of: (J,) number of the size of each taxel.
         centres_m: (J, 2) of the taxels [m].
         turns: first tabled turn and the step [rad].
-        ratios: the same of log(F_n / E), that in [m³].
+        ratios: first tabled log(F_n / E) and the step; F_n / E in [m³].
         step_m: lattice step [m].
         half_m: offset of the outermost nodes [m].
-        reach_m: (I, L) offset along u or v from which what is looked up is zero, at a ratio and the next [m].
+        reach_m: (I, L) offset along u or v from which look-ups are zero, at a ratio and the next [m].
     """
 
     shares: NDArray[np.float32]
@@ -166,15 +171,15 @@ class KernelTable(NamedTuple):
     def level(
         self, turn: int, log_ratio: Floats, indenter: Ints
     ) -> tuple[NDArray[np.float32], tuple[float, float, Floats]]:
-        """Load shares of presses (K,) at a tabled turn, without what is zero all round.
+        """Return the load shares of presses (K,) at a tabled turn, cropped to where they are not zero.
 
         Args:
-            turn: its number.
+            turn: number of the turn.
             log_ratio: (K,) log(F/E) of the presses.
             indenter: (K,) index of the indenter.
 
         Returns:
-            (K, M, N, N) load shares, and their lattice: step, half the width, and reach as in ``reach_m`` (K,) [m].
+            (K, M, N, N) load shares, and their lattice: step, half width, and reach as in ``reach_m`` (K,) [m].
         """
         levels, (first, step) = self.shares.shape[3], self.ratios
         position = np.clip((log_ratio - first) / step, 0.0, levels - 1.0)
@@ -196,13 +201,13 @@ class ImageTable(NamedTuple):
 
     Attributes:
         shares: (P, S, S, C) by turn and ratio, and their slopes by the centre across and along.
-        lit: (P, S, S) where there is anything to look up.
+        lit: (P, S, S) nodes where a look-up may not be zero.
         plane: (K, J) which of the P planes belongs to a taxel of a press, or -1.
         anchor_m: (K, 2) middle of each press's lattice [m].
         middle: (K,) log(F/E) in the middle of the tabled ratios.
         slot: (M,) for every press of the session its row in these, or -1.
         centre: (3,) tabled centre across and along [m], and turn [rad].
-        turn_knots: (3,) from the middle one [rad].
+        turn_knots: (3,) relative to the middle one [rad].
         turn_spline: (4, 2, 3) coefficients of the splines that are 1 at one knot and 0 at the others.
         level_knots: (L,) the same of log(F/E).
         level_spline: (4, L - 1, L) the same.
@@ -224,7 +229,7 @@ class ImageTable(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """Load shares that are looked up: images press by press if there are any, else kernels."""
+    """Tables of load shares: images press by press if there are any, else kernels."""
 
     kernels: KernelTable
     images: ImageTable
@@ -235,28 +240,30 @@ _NONE, _PAIRS, _WHOLE, _CUBICS = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.i
 NO_KERNELS = KernelTable(
     np.zeros((0, 0, 0, 0, 0, 0), np.float32), _WHOLE, _PAIRS, (0.0, 1.0), (0.0, 1.0), 1.0, 0.0, _PAIRS
 )
+"""Empty kernel tables, for fits with image tables."""
 NO_IMAGES = ImageTable(
     np.zeros((0, 0, 0, 0), np.float32), np.zeros((0, 0, 0), np.bool_), _WHOLE.reshape(0, 0), _PAIRS, _NONE, _WHOLE,
     _NONE, _NONE, _CUBICS, _NONE, _CUBICS, 1.0,
 )  # fmt: skip
+"""Empty image tables, for fits with kernel tables."""
 
 
 @inlined
-def _bracket(at: float, first: float, step: float, count: int) -> Any:  # pragma: no cover - compiled
-    """Number of the knot below, and the part of the step above it."""
+def _find_knot(at: float, first: float, step: float, count: int) -> Any:  # pragma: no cover - compiled
+    """Return the number of the knot below a position, and the fraction of the step above it."""
     position = min(max((at - first) / step, 0.0), count - 1.0)
     low = min(int(position), max(count - 2, 0))
     return low, position - low
 
 
 @inlined
-def _in_kernels(
+def _look_up_kernels(
     tables: Any, kind: int, u: float, v: float, alpha: float, log_ratio: float, near: Any, out: Any
 ) -> int:  # pragma: no cover - compiled
-    """Look up kernels: see :func:`look_up`; linear between turns and between ratios."""
+    """Look up kernels, linearly between turns and between ratios; see :func:`look_up`."""
     shares, step = tables.shares, tables.step_m
-    a, wa = _bracket(alpha, tables.turns[0], tables.turns[1], shares.shape[2])
-    r, wr = _bracket(log_ratio, tables.ratios[0], tables.ratios[1], shares.shape[3])
+    a, wa = _find_knot(alpha, tables.turns[0], tables.turns[1], shares.shape[2])
+    r, wr = _find_knot(log_ratio, tables.ratios[0], tables.ratios[1], shares.shape[3])
     reach, side = tables.reach_m[kind, r], shares.shape[4]
     # Corners of the interpolation: the turn below and above, the ratio below and above; there may be one turn.
     corners, count = 4 if shares.shape[2] > 1 else 2, 0
@@ -266,12 +273,15 @@ def _in_kernels(
             continue
         near[count] = j
         count += 1
-        rows, cols = keys((du + tables.half_m) / step, side), keys((dv + tables.half_m) / step, side)
+        rows, cols = (
+            cubic_taps((du + tables.half_m) / step, side),
+            cubic_taps((dv + tables.half_m) / step, side),
+        )
         share = by_u = by_v = by_turn = by_ratio = 0.0
         for corner in range(corners):
             over, above = corner // 2, corner % 2
             plane = shares[kind, tables.size_of[j], a + over, r + above]
-            value, by_row, by_col = taps(plane, rows, cols)
+            value, by_row, by_col = interpolate_plane(plane, rows, cols)
             turn, ratio = wa if over else 1.0 - wa, wr if above else 1.0 - wr
             share += turn * ratio * value
             by_u += turn * ratio * by_row
@@ -286,8 +296,8 @@ def _in_kernels(
 
 
 @inlined
-def _splines(knots: Any, spline: Any, at: float, out: Any) -> None:  # pragma: no cover - compiled
-    """Fill ``out`` (2, L) with the splines of all knots at a place, and their slopes; the ends hold beyond."""
+def _evaluate_splines(knots: Any, spline: Any, at: float, out: Any) -> None:  # pragma: no cover - compiled
+    """Fill ``out`` (2, L) with the splines of all knots, and their slopes, at a position clamped to the knots."""
     last = len(knots) - 1
     at = min(max(at, knots[0]), knots[last])
     piece = min(int((at - knots[0]) / (knots[last] - knots[0]) * last), last - 1)
@@ -299,16 +309,24 @@ def _splines(knots: Any, spline: Any, at: float, out: Any) -> None:  # pragma: n
 
 
 @inlined
-def _in_images(
-    tables: Any, row: int, macro: Any, u: float, v: float, log_ratio: float, room: Any, near: Any, out: Any
+def _look_up_images(
+    tables: Any,
+    row: int,
+    macro: Any,
+    u: float,
+    v: float,
+    log_ratio: float,
+    workspace: Any,
+    near: Any,
+    out: Any,
 ) -> int:  # pragma: no cover - compiled
-    """Look up images: see :func:`look_up`; splines of turns and ratios, and the slope by the centre's place."""
+    """Look up images, by splines of turns and ratios and the slopes by the centre; see :func:`look_up`."""
     shares, step = tables.shares, tables.step_m
-    weights, sums, spots, turn, level = room
+    weights, sums, spots, turn, level = workspace
     slot = tables.slot[row]
     side, channels = shares.shape[1], shares.shape[3]
-    _splines(tables.turn_knots, tables.turn_spline, macro[2] - tables.centre[2], turn)
-    _splines(tables.level_knots, tables.level_spline, log_ratio - tables.middle[slot], level)
+    _evaluate_splines(tables.turn_knots, tables.turn_spline, macro[2] - tables.centre[2], turn)
+    _evaluate_splines(tables.level_knots, tables.level_spline, log_ratio - tables.middle[slot], level)
     levels = len(tables.level_knots)
     for c in range(channels - 2):
         a, b = c // levels, c % levels
@@ -322,8 +340,8 @@ def _in_images(
     at_col = (v - tables.anchor_m[slot, 1]) / step + (side - 1) / 2
     near_row = int(min(max(at_row, 0.0), side - 1.0) + 0.5)
     near_col = int(min(max(at_col, 0.0), side - 1.0) + 0.5)
-    r0, rw, rs = keys(at_row, side)
-    c0, cw, cs = keys(at_col, side)
+    r0, rw, rs = cubic_taps(at_row, side)
+    c0, cw, cs = cubic_taps(at_col, side)
     for r in range(4):
         for q in range(4):
             spots[0, 4 * r + q] = rw[r] * cw[q]
@@ -365,34 +383,34 @@ def look_up(
     u: float,
     v: float,
     log_ratio: float,
-    room: Any,
+    workspace: Any,
     near: Any,
     out: Any,
 ) -> int:  # pragma: no cover - compiled
-    """Fill ``out`` (7, J) with load shares and their slopes by u, v, turn, log(F/E), and the centre's place.
+    """Fill ``out`` (7, J) with load shares and their slopes by u, v, turn, log(F/E), and the centre's position.
 
     Args:
         tables: :class:`Tables`.
-        kind: which indenter.
+        kind: number of the indenter.
         row: of the press in its session.
         macro: (5,) macro variables.
         u: contact in patch coordinates [m].
         v: the same.
         log_ratio: log(F/E).
-        room: of :func:`room_for`.
+        workspace: from :func:`allocate_lookup`.
         near: (J,) filled with the numbers of the taxels that the contact may reach.
-        out: filled for these; all is zero for the others.
+        out: filled for these; all values are zero for the others.
 
     Returns:
-        The number of the taxels that it may reach.
+        The number of taxels that the contact may reach.
     """
     if tables.images.shares.shape[0] > 0:
-        return _in_images(tables.images, row, macro, u, v, log_ratio, room, near, out)
-    return _in_kernels(tables.kernels, kind, u, v, macro[2], log_ratio, near, out)
+        return _look_up_images(tables.images, row, macro, u, v, log_ratio, workspace, near, out)
+    return _look_up_kernels(tables.kernels, kind, u, v, macro[2], log_ratio, near, out)
 
 
-def room_for(tables: Tables) -> tuple[Floats, ...]:
-    """Return room for the work of :func:`look_up`."""
+def allocate_lookup(tables: Tables) -> tuple[Floats, ...]:
+    """Return the arrays that :func:`look_up` works in."""
     images = tables.images
     channels = images.shares.shape[3]
     turn, level = np.empty((2, len(images.turn_knots))), np.empty((2, len(images.level_knots)))

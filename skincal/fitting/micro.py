@@ -1,12 +1,13 @@
 """The micro variables: each press's contact position within its slack, on normalised images.
 
-The information on the position lies in the ratios of the taxel values (paper, section III-B). For one press with
-observed image D, simulated shares g and the free amplitude c of the normalisation, the objective is
+The information on the position lies in the ratios of the taxel values (paper, section III-B). For one press
+with observed image D, simulated shares g and the free amplitude c of the normalisation, the objective is
 
     Q(delta) = |D|^2 (1 - cos^2 angle(D, g(delta))) / sigma^2  +  |delta|^2 / sigma_p^2,    |delta_i| <= slack
 
-which is the squared distance of the normalised images, in units of the noise of an image of the size of D, plus what
-the rig's own knowledge of the position is worth. With ``sigma_p`` infinite it is the paper's.
+The first term is the squared distance of the normalised images, in units of the noise of an image of the size
+of D. The second is the prior of the measured position. With ``sigma_p`` infinite the objective is the
+paper's.
 """
 
 from __future__ import annotations
@@ -23,28 +24,31 @@ from skincal.fitting.lattice import square
 from skincal.fitting.types import Floats
 
 _TINY = 1e-12
+"""Least power of an image, against division by zero."""
 
 _TOLERANCE_M = 1e-6
-"""The position is sought this finely; its effect on the loss is far below the noise [m]."""
+"""Tolerance of the position [m]; its effect on the loss is far below the noise."""
 
 _DIFFERENCE_M = 5e-6
+"""Step of the central differences [m]."""
 _CROSS = _DIFFERENCE_M * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+"""Points of the central differences: the centre, and a step to each side along both axes [m]."""
 
 _GIVES_UP: Any = (
     RuntimeError,
     nlopt.RoundoffLimited,  # pyright: ignore
     getattr(nlopt, "runtime_error", RuntimeError),
 )
-"""What nlopt raises where it gets no further, by version."""
+"""Exceptions by which nlopt reports that it cannot improve further, by version."""
 
 
 @dataclass(frozen=True)
 class MicroSettings:
-    """Weights of a residual and of a slack.
+    """Weights of image residual and slack.
 
     Attributes:
-        sigma_counts: size of an image residual that counts as one [counts].
-        position_sigma_m: one sigma of the measured contact position [m]; inf for none.
+        sigma_counts: standard deviation of an image residual [counts].
+        position_sigma_m: standard deviation of the measured contact position [m]; inf for no prior.
         slack_m: bound of the slack along each direction [m].
     """
 
@@ -59,7 +63,7 @@ class MicroSettings:
 
 
 def image_mismatch(observed: Floats, shares: Floats) -> Floats:
-    """|D|^2 (1 - cos^2) (n,) [counts²] of observed (n, J) and simulated (n, J) images of any scale."""
+    """Return |D|^2 (1 - cos^2) (n,) [counts²] of observed (n, J) and simulated (n, J) images of any scale."""
     power = np.einsum("nj,nj->n", shares, shares)
     product = np.maximum(np.einsum("nj,nj->n", shares, observed), 0.0)
     total = np.einsum("nj,nj->n", observed, observed)
@@ -102,20 +106,23 @@ def nlopt_micro(
     solver.set_min_objective(objective)
     solver.set_xtol_abs(_TOLERANCE_M * 1e3)
     solver.set_maxeval(200)
-    # Where the objective is flat to rounding, nlopt gives up with an error; the best place seen still stands.
+    # If the objective is flat to rounding, nlopt raises an error; the best position seen is still valid.
     with suppress(*_GIVES_UP):
         solver.optimize(np.clip(start_m * 1e3, -bound, bound))
     return best, best_q
 
 
 def micro_objective(observed: Floats, shares: Floats, slack_m: Floats, settings: MicroSettings) -> Floats:
-    """Q (n,) of observed (n, J) and simulated images (n, J) of any scale, at slacks (n, 2) [m]."""
+    """Return Q (n,) of observed (n, J) and simulated images (n, J) of any scale, at slacks (n, 2) [m]."""
     observed = np.broadcast_to(observed, shares.shape)
     mismatch = image_mismatch(observed, shares) / settings.sigma_counts**2
     return mismatch + settings.stiffness * (slack_m**2).sum(axis=-1)
 
 
 def slack_lattice(half_m: float) -> Floats:
-    """Square lattice (N, 2) of slacks [m] up to ``half_m``; no further apart than 0.5 mm, or 17 along a side."""
+    """Return a square lattice (N, 2) of slacks up to ``half_m`` [m].
+
+    Its step is at most 0.5 mm, unless that takes more than 17 nodes per side.
+    """
     side = min(2 * int(np.ceil(half_m / 0.5e-3 - 1e-9)) + 1, 17)
     return square(np.linspace(-half_m, half_m, side))

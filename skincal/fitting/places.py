@@ -1,8 +1,8 @@
-"""All the places where a press could have been.
+"""All possible contact positions of each press.
 
-Two taxels in a row tell one coordinate of a contact well and the other only by its size: a mirror image on the other
-side of the row fits almost as well. Every such place has to be found and counted once, and only once: a place that is
-missed, or counted twice, weighs the macro variables for which it is there against those for which it is not.
+Two taxels in a row determine one coordinate of a contact well, and the other only up to its sign: the mirror
+image on the other side of the row fits almost as well. Every such position has to be found and counted
+exactly once. A missed position, or one that is counted twice, biases the macro variables.
 """
 
 from __future__ import annotations
@@ -15,36 +15,37 @@ from skincal.fitting.lattice import minima, square
 from skincal.fitting.lookup import compiled
 from skincal.fitting.presses import Places, PressModel, PressStates
 from skincal.fitting.types import Bools, Floats, Ints
-from skincal.fitting.volume import MERGED, Fold, fold_of
+from skincal.fitting.volume import MERGED, Fold, measure_fold
 from skincal.model.press.jit import reporting_compilation
 
 SAME_M = 0.03e-3
-"""Places that are no further apart are one."""
+"""Positions no further apart than this are duplicates."""
 
 SAME_FOLD_M = 0.3e-3
-"""The same where both stand at a fold, along which Gauss-Newton converges slowly."""
+"""The same if both stand at a fold, along which Gauss-Newton converges slowly."""
 
 BLUNT = 0.06
-"""Noise, as a part of the usual signal, that a lattice of 0.25 mm steps over: a taxel's response to such a step."""
+"""Least noise of the lattice search, as a fraction of the typical signal: the response of a taxel to a step of
+0.25 mm. With less noise, the search would step over basins."""
 
 FIRST, MOST, MARGIN = 4, 6, 30.0
-"""So many places of a press are kept at most, of the lattice and with mirror places, and none whose objective is so
-much above its best."""
+"""Most positions that are kept per press: from the lattice, and with mirror positions; none whose objective is
+``MARGIN`` above the best of the press."""
 
 _STEP_M, _DEEP = 0.25e-3, 200.0
-"""Lattice of starts [m], and how far above its least one the objective of a start may be."""
+"""Step of the lattice of starts [m], and most by which the objective of a start may exceed the lowest one."""
 
 _APART_M = 0.05e-3
-"""Places that a search ended at are one where they are no further apart."""
+"""Search results no further apart than this are one position."""
 
 
-def settled_twice(press: Ints, uv_m: Floats, fold: Fold) -> Bools:
-    """Return which places have run into an earlier place of the same press, and would count twice.
+def find_duplicates(press: Ints, uv_m: Floats, fold: Fold) -> Bools:
+    """Return which positions have converged to an earlier position of the same press, and would count twice.
 
     Args:
         press: (N,) number of the press.
-        uv_m: (W, N, 2) where the places settled for W macro points.
-        fold: the folds there, of W * N places.
+        uv_m: (W, N, 2) positions after convergence, for W macro points [m].
+        fold: the folds there, of W * N positions.
 
     Returns:
         (W, N).
@@ -58,14 +59,14 @@ def settled_twice(press: Ints, uv_m: Floats, fold: Fold) -> Bools:
     return twin
 
 
-def mirrored(press: Ints, slack_m: Floats, mirror_m: Floats, count: int) -> Bools:
-    """Return which places have their mirror place among the other places of the same press.
+def find_tracked_mirrors(press: Ints, slack_m: Floats, mirror_m: Floats, count: int) -> Bools:
+    """Return which positions have their mirror position among the other positions of the same press.
 
     Args:
         press: (N,) number of the press.
-        slack_m: (count * N, 2) slack of the places [m].
-        mirror_m: (count * N, 2) slack of the mirror places [m].
-        count: of the macro points.
+        slack_m: (count * N, 2) slack of the positions [m].
+        mirror_m: (count * N, 2) slack of the mirror positions [m].
+        count: number of macro points.
 
     Returns:
         (count * N,).
@@ -81,10 +82,10 @@ def mirrored(press: Ints, slack_m: Floats, mirror_m: Floats, count: int) -> Bool
 
 
 def find_places(model: PressModel, macro: Floats, sigmas: Floats) -> Places:
-    """All places within the slack where each press could have been, seen from one macro point.
+    """Find all contact positions within the slack that explain each press, for one macro point.
 
-    A lattice of starts finds most of them; where the images tell a place's mirror place, it is looked for there too,
-    as the two basins may be narrower than the lattice.
+    A lattice of starts finds most of them. The search also starts from mirror positions, as their basins may
+    be narrower than the lattice.
 
     Args:
         model: the presses.
@@ -93,10 +94,10 @@ def find_places(model: PressModel, macro: Floats, sigmas: Floats) -> Places:
     """
     found = _on_lattice(model, macro, sigmas)
     for _ in range(2):
-        here = model.settle(macro, sigmas, found.press, found.nuisance, iterations=12)
+        here = model.fit_nuisance(macro, sigmas, found.press, found.nuisance, iterations=12)
         start = here.nuisance.copy()
-        start[:, :2] = fold_of(model, here).mirror_m
-        there = model.settle(macro, sigmas, found.press, start, iterations=20)
+        start[:, :2] = measure_fold(model, here).mirror_m
+        there = model.fit_nuisance(macro, sigmas, found.press, start, iterations=20)
         found = _distinct(
             PressStates._make(np.concatenate(pair) for pair in zip(here, there, strict=True)), MOST
         )
@@ -104,7 +105,7 @@ def find_places(model: PressModel, macro: Floats, sigmas: Floats) -> Places:
 
 
 def _on_lattice(model: PressModel, macro: Floats, sigmas: Floats) -> PressStates:
-    """The places that a lattice of starts leads to."""
+    """Return the positions that a lattice of starts converges to."""
     count = len(model.problem)
     half = int(model.problem.rig.slack_m / _STEP_M + 1e-9)
     axis = np.arange(-half, half + 1) * _STEP_M
@@ -112,30 +113,30 @@ def _on_lattice(model: PressModel, macro: Floats, sigmas: Floats) -> PressStates
     press = np.repeat(np.arange(count), len(lattice))
     start = np.zeros((len(press), 3))
     start[:, :2] = np.tile(lattice, (count, 1))
-    # A blunt noise keeps the basins wide enough for the lattice.
+    # A larger noise keeps the basins wide enough for the lattice.
     blunt = sigmas.copy()
     blunt[1] = max(sigmas[1], 0.02)
     blunt[2] = max(sigmas[2], BLUNT * model.problem.observation.typical_counts)
-    rough = model.settle(macro, blunt, press, start, iterations=1, to_rest=False, brief=True)
+    rough = model.fit_nuisance(macro, blunt, press, start, iterations=1, to_rest=False, brief=True)
     q = rough.objective.reshape(count, len(axis), len(axis))
     low = (minima(q) & (q - q.min(axis=(1, 2), keepdims=True) < _DEEP)).reshape(-1)
-    state = model.settle(macro, sigmas, press[low], rough.nuisance[low], iterations=12)
+    state = model.fit_nuisance(macro, sigmas, press[low], rough.nuisance[low], iterations=12)
     return _distinct(state, FIRST)
 
 
 def _distinct(state: PressStates, most: int) -> PressStates:
-    """Each place once, best first, ``most`` a press."""
+    """Return each position once, best first, at most ``most`` per press."""
     kept, order = np.empty_like(state.press), np.lexsort((state.objective, state.press))
     with reporting_compilation():
         count = _keep_distinct(order, state.press, state.objective, state.uv_m, most, kept)
-    return state.some(kept[:count])
+    return state.take(kept[:count])
 
 
 @compiled
 def _keep_distinct(
     order: Any, press: Any, objective: Any, uv_m: Any, most: int, kept: Any
 ) -> int:  # pragma: no cover - compiled
-    """Fill ``kept`` with the numbers of places to keep, of places (N,) in ``order``; return how many they are."""
+    """Fill ``kept`` with the numbers of the positions to keep, of (N,) in ``order``; return their count."""
     count = first = 0
     for n in range(len(order)):
         i = order[n]

@@ -1,13 +1,14 @@
-"""The joint posterior of the macro variables, with positions, forces and shared errors integrated out.
+"""The joint posterior of the macro variables, with positions, forces and shared errors marginalised.
 
-On the grid each press is placed by its normalised image. The ratios of two or three taxels do not tell a whole place,
-so there the loss stays far above the noise of good data, and its least point is off. From the best grid points on, the
-fit therefore goes on continuously, with the likelihood of the absolute images (:mod:`skincal.fitting.readings`): the
-slack of each press is Gaussian (sigma_p), so is the error of its force (sigma_f), and so are the errors that presses
-share (:mod:`skincal.fitting.shared`). All sigmas are estimated from the data along with the macro variables, so that
-intervals widen by themselves on a rig that is worse than it says, and where the model does not quite fit. Integrals
-over slack and force are Laplace's, summed over all places that a press could have been; the macro variables and the
-sigmas are sampled in :mod:`skincal.fitting.sampling`.
+On the grid each press is placed by its normalised image. The ratios of two or three taxels do not determine a
+position fully, so the loss there stays far above the noise of good data, and its minimum is biased. From the
+best grid points on, the fit is therefore continuous, with the likelihood of the absolute images
+(:mod:`skincal.fitting.readings`). The slack of each press is Gaussian (sigma_p), and so are its force error
+(sigma_f) and the errors that presses share (:mod:`skincal.fitting.shared`). All sigmas are estimated from the
+data along with the macro variables. Intervals therefore widen by themselves on a rig that is worse than
+declared, or if the model does not quite fit. The integrals over slack and force are Laplace approximations,
+summed over all possible positions of a press. The macro variables and the sigmas are sampled in
+:mod:`skincal.fitting.sampling`.
 """
 
 from __future__ import annotations
@@ -18,30 +19,41 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from skincal.fitting.lattice import best_of_each
-from skincal.fitting.places import find_places, mirrored, settled_twice
-from skincal.fitting.presses import Places, PressModel, PressStates, half_inverse
+from skincal.fitting.places import find_duplicates, find_places, find_tracked_mirrors
+from skincal.fitting.presses import Places, PressModel, PressStates, factor_inverse
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.shared_integral import eliminated, log_integral
-from skincal.fitting.sigmas import SPREADS, estimated_sigmas, far_sigmas, log_centres, log_prior, trust_of
+from skincal.fitting.shared_integral import eliminate_nuisance, log_integral
+from skincal.fitting.sigmas import (
+    SPREADS,
+    initial_sigmas,
+    log_centres,
+    log_prior,
+    update_sigmas,
+    weigh_presses,
+)
 from skincal.fitting.types import Floats
-from skincal.fitting.volume import fold_of, log_volume, untracked
+from skincal.fitting.volume import log_volume, measure_fold, weigh_untracked_mirrors
 
-SETTLE = 12
+ITERATIONS = 12
+"""Most full Gauss-Newton steps of the nuisance at one point of the posterior."""
 
 STEPS = 25
-"""Steps of a climb at most; places are searched anew a few times on the way."""
+"""Most steps of a climb."""
 
 _SEARCHES_FAR, _SEARCHES_NEAR = (3, 6, 10, 15), (2, 5)
-"""Steps of a climb before which places are searched anew: from afar, and from a peak nearby."""
-_WIDE, _BEYOND, _SIGMAS_REST = 6, 1.6, 5e-3
-"""So many steps the sigmas only follow; then they go so much further than told, until they change by no more."""
+"""Steps of a climb before which the contact positions are searched again: from afar, and from a nearby peak."""
+_PLAIN_STEPS, _OVERRELAXATION, _SIGMAS_CONVERGED = 6, 1.6, 5e-3
+"""For the first ``_PLAIN_STEPS`` steps from afar, the sigmas take plain EM steps. After that, the steps are
+over-relaxed by ``_OVERRELAXATION``, until the logs of the sigmas change by less than ``_SIGMAS_CONVERGED``."""
 
 _UNITS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])
+"""Units of the macro variables in the evidence: millimetres instead of metres keep the determinant away from
+underflow."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """The box of the macro variables: (5,) low and high, in the order of ``MACRO``."""
+    """Box of the macro variables: (5,) low and high, in the order of ``MACRO``."""
 
     low: Floats
     high: Floats
@@ -49,15 +61,15 @@ class Bounds:
 
 @dataclass(frozen=True, eq=False)
 class Peak:
-    """The most probable point.
+    """The maximum of the posterior (MAP).
 
     Attributes:
         macro: (5,) macro variables.
         sigmas: (6,) in the order of ``HYPER``.
         theta: (T,) errors that all presses share.
-        covariance: (5, 5) of the macro variables, Laplace.
-        places: where each press could have been, seen from here.
-        states: the presses at their best places.
+        covariance: (5, 5) Laplace covariance of the macro variables.
+        places: possible contact positions of each press, seen from here.
+        states: the presses at their best positions.
         log_density: unnormalised log posterior.
     """
 
@@ -71,27 +83,26 @@ class Peak:
 
     @property
     def log_evidence(self) -> float:
-        """Logarithm of the mass under the peak (Laplace), up to a constant."""
-        # Millimetres and the like keep the determinant away from underflow; a constant factor does not matter.
+        """Log of the probability mass under the peak (Laplace approximation), up to a constant."""
         scaled = self.covariance * np.outer(_UNITS, _UNITS)
         return self.log_density + 0.5 * float(np.linalg.slogdet(scaled)[1])
 
 
-_FARTHEST = 12.0
-"""Sigmas so many standard deviations of their prior from its middle are as good as impossible."""
+_PRIOR_SIGMAS = 12.0
+"""The density is zero where the log of a sigma is this many prior standard deviations from its prior mean."""
 
 
 def log_posterior(model: PressModel, places: Places, bounds: Bounds, points: Floats) -> Floats:
-    """Unnormalised log posterior (W,) of points (W, 11): five macro variables and the logarithms of six sigmas."""
+    """Return the unnormalised log posterior (W,) of points (W, 11): macro variables and logs of the six sigmas."""
     problem = model.problem
     inside = ((points[:, :5] >= bounds.low) & (points[:, :5] <= bounds.high)).all(axis=1)
     inside &= points[:, 7] > np.log(problem.observation.floor_counts)
-    inside &= (np.abs(points[:, 5:] - log_centres(problem)) < _FARTHEST * SPREADS).all(axis=1)
+    inside &= (np.abs(points[:, 5:] - log_centres(problem)) < _PRIOR_SIGMAS * SPREADS).all(axis=1)
     out = np.full(len(points), -np.inf)
     if inside.any():
         points = points[inside]
         total, chance, state = press_evidence(model, places, points)
-        # Less the logarithms of the standard deviations of all readings.
+        # Normalisation of the likelihood: the logs of the standard deviations of all readings.
         own, grown = problem.observation.parts(problem.used)
         noise, misfit = np.exp(2 * points[:, 7:9, None]).transpose(1, 0, 2)
         total = total - 0.5 * np.log(noise * own + misfit * grown).sum(axis=1)
@@ -101,22 +112,22 @@ def log_posterior(model: PressModel, places: Places, bounds: Bounds, points: Flo
 
 
 def press_evidence(model: PressModel, places: Places, points: Floats) -> tuple[Floats, Floats, PressStates]:
-    """Log evidence (W,) of all presses by Laplace's approximation at their places, up to a constant.
+    """Return the log evidence (W,) of all presses by Laplace approximations at their positions, up to a constant.
 
     Args:
         model: the presses.
-        places: where each press could have been.
-        points: (W, 11) macro variables and logarithms of the sigmas.
+        places: possible contact positions of each press.
+        points: (W, 11) macro variables and logs of the sigmas.
 
     Returns:
-        The evidence, the probability of each place of a press (W, N), and the presses settled there (W * N).
+        The evidence, the probability (W, N) of each position of a press, and the presses fitted there (W * N).
     """
     count, spots = len(points), len(places.press)
-    state = model.settle_at(places, points[:, :5], np.exp(points[:, 5:]), iterations=SETTLE)
-    fold = fold_of(model, state)
-    tracked = mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, count)
-    evidence = -0.5 * state.objective + log_volume(fold, untracked(model, state, fold, tracked))
-    twice = settled_twice(places.press, state.uv_m.reshape(count, spots, 2), fold)
+    state = model.fit_at_places(places, points[:, :5], np.exp(points[:, 5:]), iterations=ITERATIONS)
+    fold = measure_fold(model, state)
+    tracked = find_tracked_mirrors(places.press, state.nuisance[:, :2], fold.mirror_m, count)
+    evidence = -0.5 * state.objective + log_volume(fold, weigh_untracked_mirrors(model, state, fold, tracked))
+    twice = find_duplicates(places.press, state.uv_m.reshape(count, spots, 2), fold)
     evidence = np.where(twice, -np.inf, evidence.reshape(count, spots))
     first = np.flatnonzero(np.diff(places.press, prepend=-1))
     each = np.diff(first, append=spots)
@@ -129,29 +140,29 @@ def press_evidence(model: PressModel, places: Places, points: Floats) -> tuple[F
 
 
 def climb(model: PressModel, bounds: Bounds, start: Floats, *, sigmas: Floats | None = None) -> Peak:
-    """From a grid point to the most probable point: Gauss-Newton over all variables, sigmas by expectation.
+    """Maximise the posterior from a start: Gauss-Newton over all variables, the sigmas by expectation-maximisation.
 
     Args:
-        model: the presses, with tables that span the neighbourhood.
+        model: the presses, with tables of the neighbourhood.
         bounds: box of the macro variables.
         start: (5,) macro variables to start from.
-        sigmas: (6,) of a peak nearby, where there is one; else they start wide, without shared errors, which finds
-            the way from afar.
+        sigmas: (6,) of a nearby peak. None for a climb from afar: it starts with wide sigmas and without
+            shared errors, which makes it converge from a distance.
     """
     macro = np.clip(start, bounds.low, bounds.high)
     far = sigmas is None
     if sigmas is None:
-        sigmas = far_sigmas(model.problem)
+        sigmas = initial_sigmas(model.problem)
     damping, places = 1e-3, None
     searches = _SEARCHES_FAR if far else _SEARCHES_NEAR
     for step_number in range(STEPS):
         problem = model.problem
         if places is None or step_number in searches:
             places = find_places(model, macro, sigmas)
-        here, states = _at(model, places, macro, sigmas)
-        trust = trust_of(states)
-        value = _value(problem, states, trust)
-        gradient, curvature = _reduced(problem, states, trust, shared=not far)
+        here, states = _fit_presses(model, places, macro, sigmas)
+        trust = weigh_presses(states)
+        value = _objective(problem, states, trust)
+        gradient, curvature = _reduced_derivatives(problem, states, trust, shared=not far)
         damped = curvature + np.diag(damping * np.diag(curvature) + 1e-9)
         step = -np.linalg.solve(damped, gradient)
         limit = np.array([0.5e-3, 0.5e-3, 0.1, 0.4, 0.2])
@@ -160,61 +171,67 @@ def climb(model: PressModel, bounds: Bounds, start: Floats, *, sigmas: Floats | 
         changed = (
             model if far else replace(model, problem=problem.with_shared(problem.shared.theta + step[5:]))
         )
-        there, tried = _at(changed, here, trial, sigmas)
-        if _value(changed.problem, tried, trust) <= value + 1e-9:
+        there, tried = _fit_presses(changed, here, trial, sigmas)
+        if _objective(changed.problem, tried, trust) <= value + 1e-9:
             converged = (np.abs(trial - macro) / limit).max() < 1e-4 and step_number > searches[-1]
             macro, damping, model = trial, damping * 0.2, changed
             places, states = there, tried
         else:
             converged, damping = False, max(damping, 1e-4) * 10
-        known = None if far else np.diag(_inverse(curvature))[5:]
-        told = estimated_sigmas(model.problem, states, sigmas, known)
-        step = np.log(told / sigmas)
-        # Expectation-maximisation closes in on the sigmas by a quarter a step; beyond its point it goes faster.
-        sigmas = sigmas * np.exp(step if far and step_number <= _WIDE else _BEYOND * step)
+        known = None if far else np.diag(_scaled_inverse(curvature))[5:]
+        updated = update_sigmas(model.problem, states, sigmas, known)
+        step = np.log(updated / sigmas)
+        # Expectation-maximisation converges linearly, by about a quarter per step; over-relaxation
+        # speeds it up.
+        sigmas = sigmas * np.exp(step if far and step_number <= _PLAIN_STEPS else _OVERRELAXATION * step)
         sigmas[2] = max(sigmas[2], model.problem.observation.floor_counts * 1.05)
-        if converged and np.abs(step).max() < _SIGMAS_REST:
+        if converged and np.abs(step).max() < _SIGMAS_CONVERGED:
             break
     assert places is not None
-    return _peak(model, bounds, macro, sigmas, places)
+    return _build_peak(model, bounds, macro, sigmas, places)
 
 
-def _peak(model: PressModel, bounds: Bounds, macro: Floats, sigmas: Floats, places: Places) -> Peak:
-    """The peak where a climb ended, told with gains whose mean over the taxels is one."""
+def _build_peak(model: PressModel, bounds: Bounds, macro: Floats, sigmas: Floats, places: Places) -> Peak:
+    """Return the peak where a climb ended, with the mean log gain moved into the scale."""
     theta, alive = model.problem.shared.theta.copy(), np.flatnonzero(model.problem.alive)
     mean = float(theta[alive].mean()) if len(alive) else 0.0
     theta[alive] -= mean
     macro, problem = macro + mean * np.array([0.0, 0.0, 0.0, 0.0, 1.0]), model.problem.with_shared(theta)
     model = replace(model, problem=problem)
-    places, states = _at(model, places, macro, sigmas)
-    _, curvature = _reduced(problem, states, trust_of(states))
-    # What the presses do not tell is still known to lie in the box: as well as an even spread over it.
+    places, states = _fit_presses(model, places, macro, sigmas)
+    _, curvature = _reduced_derivatives(problem, states, weigh_presses(states))
+    # A direction that the presses leave open is still confined to the box: add the precision of a uniform
+    # prior there.
     curvature[range(5), range(5)] += 12.0 / (bounds.high - bounds.low) ** 2
     way = block_diag(np.eye(5), problem.shared.directions(problem.alive))
-    covariance = _inverse(way.T @ curvature @ way)
+    covariance = _scaled_inverse(way.T @ curvature @ way)
     point = np.concatenate([macro, np.log(sigmas)])[None]
     density = float(log_posterior(model, places, bounds, point)[0])
     return Peak(macro, sigmas, theta, covariance[:5, :5], places, states, density)
 
 
-def _at(model: PressModel, places: Places, macro: Floats, sigmas: Floats) -> tuple[Places, PressStates]:
-    """Where presses settle at one macro point, and each press at its best place."""
-    state = model.settle_at(places, macro[None], sigmas[None], iterations=6)
-    score = state.objective - 2 * half_inverse(state.hessian)[1]
-    return state.places, state.some(best_of_each(places.press, score, len(model.problem)))
+def _fit_presses(
+    model: PressModel, places: Places, macro: Floats, sigmas: Floats
+) -> tuple[Places, PressStates]:
+    """Fit the nuisance at one macro point; return all positions, and each press at its best one."""
+    state = model.fit_at_places(places, macro[None], sigmas[None], iterations=6)
+    score = state.objective - 2 * factor_inverse(state.hessian)[1]
+    return state.places, state.take(best_of_each(places.press, score, len(model.problem)))
 
 
-def _value(problem: FitProblem, state: PressStates, trust: Floats) -> float:
-    """Q of all presses and of what they share, each press as it is trusted."""
+def _objective(problem: FitProblem, state: PressStates, trust: Floats) -> float:
+    """Return Q of all presses, with their weights, and of the shared errors."""
     precision = problem.shared.precision(state.sigmas[:1, 4], state.sigmas[:1, 5])[0]
     return float(trust @ state.objective + (precision * problem.shared.theta**2).sum())
 
 
-def _reduced(
+def _reduced_derivatives(
     problem: FitProblem, state: PressStates, trust: Floats, *, shared: bool = True
 ) -> tuple[Floats, Floats]:
-    """Gradient (5 + T,) and Hessian of Q/2 by macro variables and, if they are free, shared errors."""
-    gradient, curvature = (array[0] for array in eliminated(problem.shared, state, trust[None], macro=True))
+    """Return gradient (5 + T,) and Hessian of Q/2 by macro variables and, if ``shared``, the shared errors."""
+    gradient, curvature = (
+        array[0] for array in eliminate_nuisance(problem.shared, state, trust[None], macro=True)
+    )
     if not shared:
         return gradient[:5], curvature[:5, :5]
     precision = problem.shared.precision(state.sigmas[:1, 4], state.sigmas[:1, 5])[0]
@@ -223,7 +240,7 @@ def _reduced(
     return gradient, (curvature + curvature.T) / 2
 
 
-def _inverse(matrix: Floats) -> Floats:
-    """The inverse of a positive matrix whose rows have different units; directions it does not hold stay at zero."""
+def _scaled_inverse(matrix: Floats) -> Floats:
+    """Return the pseudo-inverse of a positive matrix whose rows have different units."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     return np.linalg.pinv(matrix * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)

@@ -1,17 +1,18 @@
-"""The evidence of presses by a mixture of narrow slacks: what Laplace's approximation misses.
+"""The evidence of presses by a mixture of narrow slack priors: a correction of the Laplace approximation.
 
-A press may lie anywhere along a thin curved sheet: over the middle of a taxel, or on a ring round it where one taxel
-alone answers. There Laplace's approximation, even with the fold of :mod:`skincal.fitting.volume`, is off by some tenths
-of a unit a press, always to the same side, and sixty presses together draw E by half of its standard deviation.
+A press may lie anywhere along a thin curved sheet: over the middle of a taxel, or on a ring around it where
+only one taxel responds. There the Laplace approximation, even with the fold of :mod:`skincal.fitting.volume`,
+is off by some tenths of a unit per press, always with the same sign. Together, sixty presses bias E by half
+of its standard deviation.
 
-A Gaussian slack is a mixture of narrower ones on a lattice,
+A Gaussian slack prior is a mixture of narrower ones on a lattice,
 
     N(s; 0, sigma_p²) = sum_c h² N(c; 0, sigma_p² - omega²) N(s; c, omega²),
 
-to 3e-4 for h = 1.5 omega. Within each the image hardly bends, and Laplace's approximation is right. This costs twice
-as much as the places of :mod:`skincal.fitting.places`, and more with the errors that presses share. So it is done for
-some of the draws only, and what it adds to the log posterior, a smooth function of the parameters, is fitted to these
-and added to all.
+accurate to 3e-4 for h = 1.5 omega. Within each component the image hardly bends, and the Laplace
+approximation holds. This costs twice as much as the positions of :mod:`skincal.fitting.places`, and more with
+shared errors. It is therefore evaluated for some of the draws only. The correction is a smooth function of
+the parameters, which is fitted to these draws and added to all.
 """
 
 from __future__ import annotations
@@ -21,40 +22,42 @@ from dataclasses import dataclass
 import numpy as np
 
 from skincal.fitting.lattice import disc
-from skincal.fitting.presses import Places, PressModel, PressStates, half_inverse
+from skincal.fitting.presses import Places, PressModel, PressStates, factor_inverse
 from skincal.fitting.types import Floats, Ints
-from skincal.fitting.volume import fold_of
+from skincal.fitting.volume import measure_fold
 
 SPACING = 1.5
-"""Distance of the narrow slacks, in their standard deviation: the mixture is then even to 3e-4."""
+"""Distance of the narrow priors in units of their standard deviation; the mixture is then even to 3e-4."""
 
 BEND = 0.3
-"""A narrow slack bends the whitened residual by so much: the slope of a session's log evidence by log E is then within
-3 of what those of half of it give, a tenth of a standard deviation; those of twice of it are off by 7."""
+"""Bend of the whitened residual within a narrow prior. The slope of a session's log evidence by log E is then
+within 3 of the one for half of this value, a tenth of a standard deviation; with twice this value it is off
+by 7."""
 
 WIDEST, NARROWEST = 0.6, 0.06
-"""Standard deviation of the narrow slacks in parts of the wide one, at most and at least."""
+"""Largest and smallest standard deviation of the narrow priors, relative to the full one."""
 
 REACH = 3.3
-"""Slacks are looked for up to so many standard deviations."""
+"""Extent of the lattice, in standard deviations of the slack."""
 
 MARGIN = 7.0
-"""Narrow slacks whose evidence is so much below the press's best one count for nothing."""
+"""Narrow priors whose log evidence is this much below the best one of the press are ignored."""
 
 _STEPS = 4
+"""Most full Gauss-Newton steps in a narrow prior."""
 _STEP = 0.3
-"""Places are moved by this part of the narrow slack for the bend of the residual."""
+"""Step of the finite difference for the bend of the residual, relative to the narrow prior."""
 _FLATTEST = 0.1
-"""A curvature is at least this part of Gauss-Newton's."""
+"""Least eigenvalue of the full Hessian relative to the Gauss-Newton Hessian; below it, the latter is used."""
 
 
 @dataclass(frozen=True, eq=False)
 class NarrowSlacks:
-    """The narrow slacks (N,) that count, of all presses.
+    """The narrow slack priors (N,) of all presses that are not ignored.
 
     Attributes:
-        at: where each press settled in each, at the macro point that it was found for.
-        centre_m: (N, 2) where each lies [m].
+        at: position of the press within each, at the macro point for which they were found.
+        centre_m: (N, 2) mean of each [m].
         omega_m: (N,) its standard deviation [m].
     """
 
@@ -64,27 +67,27 @@ class NarrowSlacks:
 
 
 def find_narrow_slacks(model: PressModel, places: Places, macro: Floats, sigmas: Floats) -> NarrowSlacks:
-    """The narrow slacks that count at one macro point.
+    """Find the narrow slack priors that matter at one macro point.
 
     Args:
         model: the presses.
-        places: where each press could have been.
+        places: possible contact positions of each press.
         macro: (5,) macro variables.
         sigmas: (6,) in the order of ``HYPER``.
     """
-    bend = _bends(model, places, macro, sigmas)
+    bend = _residual_bends(model, places, macro, sigmas)
     omega = np.clip(
         np.sqrt(BEND / np.maximum(bend, 1e-30)), NARROWEST * sigmas[0], WIDEST * sigmas[0]
     ).tolist()
-    found = [_of_press(model, macro, sigmas, k, one) for k, one in enumerate(omega)]
+    found = [_find_in_press(model, macro, sigmas, k, one) for k, one in enumerate(omega)]
     press, centre, width, uv, force = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
     return NarrowSlacks(Places(press, uv, force), centre, width)
 
 
-def _of_press(
+def _find_in_press(
     model: PressModel, macro: Floats, sigmas: Floats, k: int, omega_m: float
 ) -> tuple[Ints, Floats, Floats, Floats, Floats]:
-    """The narrow slacks of press ``k`` that count: one press at a time, as they are many before they are chosen."""
+    """Return the narrow priors of press ``k`` that matter; one press at a time, to bound memory."""
     lattice = disc(SPACING * omega_m, REACH * float(sigmas[0]))
     press, width = np.full(len(lattice), k, dtype=np.intp), np.full(len(lattice), omega_m)
     start = np.column_stack([lattice + model.problem.shared.shift_m[press], np.zeros(len(press))])
@@ -93,13 +96,14 @@ def _of_press(
     return press[kept], lattice[kept], width[kept], at.uv_m[kept], at.nuisance[kept, 2]
 
 
-def _bends(model: PressModel, places: Places, macro: Floats, sigmas: Floats) -> Floats:
-    """Second derivatives (K,) of the whitened residuals by the place [1/m²], about the largest of each press."""
-    state = model.settle_at(places, macro[None], sigmas[None])
-    weak = 2.0 * fold_of(model, state).half_bend
+def _residual_bends(model: PressModel, places: Places, macro: Floats, sigmas: Floats) -> Floats:
+    """Return the second derivative (K,) of the whitened residuals by position [1/m²], about the largest."""
+    state = model.fit_at_places(places, macro[None], sigmas[None])
+    weak = 2.0 * measure_fold(model, state).half_bend
     bend = np.zeros(len(model.problem))
     np.maximum.at(bend, places.press, weak)
-    # Where the weakest direction happens to be straight, another one bends as images of a taxel's size do.
+    # If the residual is straight along the weakest direction, another direction bends on the scale of a
+    # taxel's size.
     observation, size = model.problem.observation, float(np.median(model.problem.rig.layout.sizes_m))
     spread = np.sqrt(observation.variance(state.sigmas[:, 2], state.sigmas[:, 3], places.press))
     np.maximum.at(bend, places.press, (state.simulated / spread).max(axis=1) / size**2)
@@ -107,12 +111,12 @@ def _bends(model: PressModel, places: Places, macro: Floats, sigmas: Floats) -> 
 
 
 def log_evidence(model: PressModel, slacks: NarrowSlacks, points: Floats) -> Floats:
-    """Log evidence (W,) of all presses, up to a constant: the one of :func:`skincal.fitting.posterior.press_evidence`.
+    """Return the log evidence (W,) of all presses, comparable to :func:`skincal.fitting.posterior.press_evidence`.
 
     Args:
         model: the presses.
-        slacks: that count.
-        points: (W, 11) macro variables and logarithms of the sigmas.
+        slacks: narrow priors that matter.
+        points: (W, 11) macro variables and logs of the sigmas.
     """
     out = np.empty(len(points))
     press = slacks.at.press
@@ -136,21 +140,21 @@ def _evidence(
     omega_m: Floats,
     start: Floats,
 ) -> tuple[Floats, PressStates]:
-    """Log evidence (N,) of narrow slacks at one macro point, and the presses settled in them."""
+    """Return the log evidence (N,) of narrow priors at one macro point, and the presses fitted in them."""
     spreads = np.tile(sigmas, (len(press), 1))
     left = np.maximum(sigmas[0] ** 2 - omega_m**2, (0.1 * sigmas[0]) ** 2)
     spreads[:, 0] = omega_m
     centre = centre_m + model.problem.shared.shift_m[press]
-    state = model.settle(macro, spreads, press, start, iterations=_STEPS, to_rest=False, centre=centre)
+    state = model.fit_nuisance(macro, spreads, press, start, iterations=_STEPS, to_rest=False, centre=centre)
     weight = -0.5 * (centre_m**2).sum(axis=1) / left - np.log(left) - np.log(sigmas[1])
-    return -0.5 * state.objective + half_inverse(_whole_hessian(model, state))[1] + weight, state
+    return -0.5 * state.objective + factor_inverse(_full_hessian(model, state))[1] + weight, state
 
 
-def _whole_hessian(model: PressModel, state: PressStates) -> Floats:
-    """Hessians (n, 3, 3) of settled presses with what residuals add by their bend, which Gauss-Newton leaves out.
+def _full_hessian(model: PressModel, state: PressStates) -> Floats:
+    """Return Hessians (n, 3, 3) of fitted presses with the residual terms that Gauss-Newton omits.
 
-    A press that reads more or less than its place can give leaves a residual, and a bend of it is part of the curvature
-    to first order; over the middle of a taxel all presses have the same sign of it.
+    If a press reads more or less than its position can give, a residual is left, and the bend of the image
+    adds to the curvature. Over the middle of a taxel, this term has the same sign for all presses.
     """
     step = _STEP * state.sigmas[:, 0]
     added = np.zeros_like(state.hessian)
@@ -164,7 +168,7 @@ def _whole_hessian(model: PressModel, state: PressStates) -> Floats:
     # Signals grow as exp(f).
     added[:, 2, 2] = np.einsum("nj,nj->n", state.residual, state.nuisance_slope[..., 2])
     whole = state.hessian + added
-    # Where a peak is that flat, it is no peak, and Laplace's approximation is as good as none.
+    # If the peak is too flat, the Laplace approximation fails anyway; keep the Gauss-Newton Hessian.
     size = np.sqrt(np.einsum("nii->ni", state.hessian))
     sound = np.linalg.eigvalsh(whole / (size[:, :, None] * size[:, None, :]))[:, 0] > _FLATTEST
     return np.where(sound[:, None, None], whole, state.hessian)

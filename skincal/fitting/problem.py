@@ -1,4 +1,4 @@
-"""The problem of a fit, as arrays: presses on a surface that can be unrolled, and the knowledge of the rig."""
+"""The fit problem as arrays: presses on a surface that can be unrolled, and what is known of the rig."""
 
 from __future__ import annotations
 
@@ -15,39 +15,45 @@ from skincal.fitting.types import Bools, Floats, Ints
 from skincal.model import Indenter, SensorPose, Surface, TaxelLayout
 
 ACTIVE_COUNTS = 5.0
-"""A taxel of a converter from 0 to 255 answers when it stands this far above its level at rest [counts] (paper)."""
+"""A taxel of a converter from 0 to 255 is active if it is this far above its rest level [counts] (paper)."""
 
 LEVEL_PART = 0.02
-"""A level at rest is never better known than this part of the noise of one reading: a numerical tolerance."""
+"""Lower bound of the uncertainty of a rest level, as a fraction of the noise of one reading: a numerical tolerance."""
 
 LIT_SIGMAS = 4.0
-"""A reading so many times the noise above rest is no noise: one in 30 000 is."""
+"""A reading above rest by this multiple of the noise is signal; noise alone does that once in 30 000 readings."""
 
 FEW_PRESSES = 12
-"""From so many presses on their measured places alone tell the pose; of fewer, the images have to."""
+"""From this many presses on, the measured positions alone determine the pose; with fewer, the images have to."""
 
 MANY_PRESSES = 16
-"""So many presses with two active taxels do without those with one.
+"""With at least this many presses of two active taxels, presses of one active taxel are not used.
 
-Set by eye: of four sessions with 5 to 20 such presses and a noise of one count, two had no interval and one missed E
-and S without those with one, and all were right with them. Where hold means are better than half a count,
-presses with one make E too sharp."""
+Set by eye. In four sessions with 5 to 20 presses of two active taxels and a noise of one count, fits without
+presses of one gave no interval in two sessions and missed E and S in one; with them, all four were right.
+Where the noise of hold means is below half a count, presses of one active taxel make the interval of E too
+narrow."""
 
 _PARAMETERS, COORDINATES = 5, 2
+"""Number of macro parameters, and of coordinates of one contact."""
 
 _ARITHMETIC = 1e-12
-"""Part of a reading that rounding of double precision leaves."""
+"""Relative rounding error of a reading in double precision."""
 
 USED, NO_POSITION = "used", "no position"
+"""Status of presses that are used, and of presses without a position."""
 
 COPY = "the very numbers of another press"
+"""Status of a press that repeats all numbers of an earlier one."""
 
 _BY_PRESS = ("across_m", "along_m", "force_n", "values", "weight", "saturated", "lit", "indenter", "rows")
+"""Attributes with one row per press."""
 
-NOWHERE = (
+NO_DENSITY = (
     "no pose, elasticity and scale near the best one explain the presses: their positions, forces and images do not "
     "belong together"
 )
+"""Message of the error if the posterior is zero everywhere near the peak."""
 
 
 class FitError(ValueError):
@@ -56,17 +62,17 @@ class FitError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """The sensor, what presses on it, and how well it is known where.
+    """The sensor, the indenters, and the accuracy of the measured positions and forces.
 
     Attributes:
         layout: the taxels.
         surface: the fingertip.
-        indenters: the different indenters; a press names one by its index.
+        indenters: the different indenters; a press refers to one by its index.
         readout: the converter.
-        position_sigma_m: what the rig's contact position is worth, one sigma along each direction [m].
+        position_sigma_m: standard deviation of a measured contact position along each direction [m].
         slack_m: bound of the slack along each direction [m].
-        force_scale_sigma: what the scale of the forces is worth: relative error, one for all presses, one sigma.
-        nominal_radius_m: where R of arc = R beta varies with the pose, that at the nominal one [m].
+        force_scale_sigma: standard deviation of the relative scale error of the force, common to all presses.
+        nominal_radius_m: R of arc = R beta at the nominal pose, where R varies with the pose [m].
     """
 
     layout: TaxelLayout
@@ -80,12 +86,12 @@ class Rig:
 
     @property
     def arc_radius_m(self) -> float | None:
-        """R of arc = R beta [m]: positions across are arcs; None on a plane, where they are x."""
+        """R of arc = R beta [m], if positions across are arc lengths; None on a plane, where they are x."""
         own = self.surface.arc_radius_m
         return self.nominal_radius_m if own is None else own
 
     def pose(self, across_m: float, y_m: float, alpha_rad: float) -> SensorPose:
-        """Return the pose of the sensor whose centre lies there, across as arc or x [m]."""
+        """Return the sensor pose with its centre at the given position; across is arc length or x [m]."""
         if self.arc_radius_m is None:
             return SensorPose(y_m, alpha_rad, x_m=across_m)
         return SensorPose(y_m, alpha_rad, beta_rad=across_m / self.arc_radius_m)
@@ -102,8 +108,8 @@ class PressTable:
         force_n: (K,) normal forces [N].
         counts: (K, J) mean counts in the hold.
         indenter: (K,) index of the indenter.
-        rest_mean_counts: (J,) mean counts of untouched taxels from idle frames; None where there are none.
-        joints_rad: (K, Q) joint angles in the hold; None where there are no joints.
+        rest_mean_counts: (J,) mean counts of untouched taxels from idle frames; None if there are none.
+        joints_rad: (K, Q) joint angles in the hold; None if there are no joints.
     """
 
     press: Ints
@@ -118,29 +124,29 @@ class PressTable:
 
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """The presses that are fitted, ready for the numerics.
+    """The presses to fit, prepared for the numerics.
 
     Attributes:
         rig: sensor, surface, indenters.
         across_m: (K,) measured contact positions [m].
         along_m: (K,) the same along y [m].
         force_n: (K,) forces [N].
-        values: (K, J) observed values above rest, as clipping is undone; 0 where not read [counts].
-        weight: (K, J) how much of a change of the value the counts show, in [0, 1]; weighs normalised images. 0 where a
+        values: (K, J) observed values above rest, with clipping undone; 0 where not read [counts].
+        weight: (K, J) derivative of the counts by the value, in [0, 1]; weights normalised images. 0 where a
             taxel was not read or is left out.
-        saturated: (K, J) the value is a lower bound.
-        lit: (K, J) taxels that answered.
+        saturated: (K, J) whether the value is only a lower bound.
+        lit: (K, J) whether the reading is signal (``LIT_SIGMAS``).
         indenter: (K,) index of the indenter.
         rows: (K,) row of each press in the session's table.
-        status: for every press of the session ``used``, or why it was dropped.
-        active: for every press of the session, how many taxels answered.
-        observed: what the counts became, for every press of the session.
-        observation: expected counts and their noise.
+        status: for every press of the session ``used``, or the reason why it was dropped.
+        active: for every press of the session, the number of active taxels.
+        observed: unclipped values of every press of the session.
+        observation: observation model: expected counts and their noise.
         shared: errors that all presses share.
         active_above: value above rest from which a taxel is active [counts].
-        min_active: presses were taken that have so many active taxels.
-        contacts: where presses lie in space, for the general way; None where only their place relative to the
-            sensor's centre matters.
+        min_active: least number of active taxels of a press that is used.
+        contacts: contacts in space, for the general way; None if only their position relative to the sensor's
+            centre matters.
     """
 
     rig: Rig
@@ -166,49 +172,50 @@ class FitProblem:
         return len(self.force_n)
 
     @property
-    def _telling(self) -> Bools:
-        """(K,) presses with as many lit taxels as they have coordinates, or more; others tell no parameter alone."""
+    def _has_two_lit(self) -> Bools:
+        """(K,) presses with at least as many lit taxels as coordinates; only those inform the parameters."""
         return np.asarray(self.lit.sum(axis=1) >= COORDINATES, dtype=np.bool_)
 
     @property
     def readings(self) -> int:
-        """Number of values of lit taxels, of presses with two or more."""
-        return int(self.lit[self._telling].sum())
+        """Number of lit readings of presses with two or more of them."""
+        return int(self.lit[self._has_two_lit].sum())
 
     @property
     def unknowns(self) -> int:
-        """Return what they have to tell: the five parameters, and both coordinates of every one of these presses."""
-        return _PARAMETERS + COORDINATES * int(self._telling.sum())
+        """Number of unknowns of those presses: the five parameters, and two coordinates of each press."""
+        return _PARAMETERS + COORDINATES * int(self._has_two_lit.sum())
 
     @property
-    def lone(self) -> Bools:
-        """(K,) presses with fewer active taxels than coordinates: their image alone does not tell their place."""
+    def has_one_taxel(self) -> Bools:
+        """(K,) presses with fewer active taxels than coordinates; their image does not determine their position."""
         return np.asarray(self.active[self.rows] < COORDINATES, dtype=np.bool_)
 
     @property
     def on_grid(self) -> FitProblem:
-        """The presses whose normalised image tells something: two active taxels or more; all where few have those."""
-        enough = ~self.lone
+        """The presses that the grid uses: those with two active taxels or more; all if there are too few of these."""
+        enough = ~self.has_one_taxel
         return self.subset(enough, "one active taxel") if enough.sum() >= _PARAMETERS else self
 
     @property
     def determined(self) -> bool:
-        """Return whether the images can tell the parameters.
+        """Return whether the images can determine the parameters.
 
-        Of few presses, no more readings than unknowns are matched exactly by many different sensors; which of them
-        comes out then depends on what was assumed of the rig. Of simulated sessions of 3 to 8 presses, one in six
-        without a spare reading had an interval that missed the truth, and of those with one none had.
+        With few presses, and no more readings than unknowns, many different sensors match the readings
+        exactly. The result then depends on the assumptions about the rig. In simulated sessions of 3 to 8
+        presses without a spare reading, one in six had an interval that missed the truth; with one spare
+        reading or more, none had.
         """
         return len(self) >= FEW_PRESSES or self.readings > self.unknowns
 
     @property
     def used(self) -> Bools:
-        """(K, J) which readings count."""
+        """(K, J) readings that count."""
         return self.weight > 0
 
     @property
     def alive(self) -> Bools:
-        """(J,) taxels of which any reading counts."""
+        """(J,) taxels with at least one reading that counts."""
         return np.asarray(self.used.any(axis=0), dtype=np.bool_)
 
     @property
@@ -218,12 +225,12 @@ class FitProblem:
 
     @property
     def scales(self) -> tuple[float, float]:
-        """Any scale S within these is considered [1/N]: about the usual signal of a newton, whatever its unit."""
+        """Lower and upper bound of the scale S [1/N]: four decades about the typical signal per newton."""
         usual = self.observation.typical_counts / float(np.median(self.force_n))
         return 1e-4 * usual, 1e4 * usual
 
     def subset(self, keep: Bools, reason: str) -> FitProblem:
-        """The problem without some of its presses; those get ``reason`` for their status."""
+        """Return the problem with the presses (K,) to keep; the others get ``reason`` as their status."""
         status = list(self.status)
         for row in self.rows[~keep]:
             status[row] = reason
@@ -236,19 +243,19 @@ class FitProblem:
         )
 
     def with_shared(self, theta: Floats) -> FitProblem:
-        """The problem with other values (T,) of the errors that all presses share."""
+        """Return the problem with other values (T,) of the errors that all presses share."""
         return replace(self, shared=self.shared.with_theta(theta))
 
     def with_signal(self, simulated: Floats) -> FitProblem:
-        """The problem with the noise of its readings as simulated values (K, J) have it."""
+        """Return the problem with the noise of its readings computed from simulated values (K, J)."""
         return replace(self, observation=self.observation.at(simulated))
 
     def without_taxels(self, dead: Bools) -> FitProblem:
-        """The problem with some taxels (J,) left out of every residual."""
+        """Return the problem with some taxels (J,) left out of every residual."""
         return self.without_readings(np.broadcast_to(dead, self.values.shape))
 
     def without_readings(self, lost: Bools) -> FitProblem:
-        """The problem with some readings (K, J) left out."""
+        """Return the problem with some readings (K, J) left out."""
         return replace(
             self,
             values=np.where(lost, 0.0, self.values),
@@ -258,34 +265,36 @@ class FitProblem:
         )
 
 
-def pose_problem(
+def build_problem(
     rig: Rig, presses: PressTable, *, active_counts: float | None = None, min_active: int | None = None
 ) -> FitProblem:
     """Choose the presses to fit (paper, section III-A: at least two active taxels) and clean their values.
 
-    Where few presses have two, those with one are taken as well: that the neighbours stay dark says how far an image
-    does not spread.
+    If few presses have two active taxels, those with one are used as well: their dark neighbours show how far
+    an image does not spread.
 
     Args:
         rig: sensor, surface, indenters.
         presses: the session.
-        active_counts: a taxel is active from so much above its level at rest; None for what the data say
-            (:func:`active_threshold`).
-        min_active: a press is used from so many active taxels; None for two, or one where few presses have two.
+        active_counts: value above the rest level from which a taxel is active; None for :func:`active_threshold`.
+        min_active: least number of active taxels of a press; None for two, or one if few presses have two.
 
     Returns:
-        The problem; its ``status`` says of every press why it is not used.
+        The problem; its ``status`` says why a press is not used.
+
+    Raises:
+        WorkError: no reading is above the noise.
     """
     seen = observe(presses.counts, rig.readout, presses.rest_mean_counts)
     read = np.isfinite(seen.values)
     threshold = active_threshold(seen, rig.readout) if active_counts is None else active_counts
     active = (np.where(read, seen.values, 0.0) >= threshold).sum(axis=1)
-    copies = _copies(presses)
+    copies = _find_copies(presses)
     if min_active is None:
         placed = np.isfinite(presses.across_m + presses.along_m) & (presses.force_n > 0) & ~copies
         min_active = COORDINATES if (placed & (active >= COORDINATES)).sum() >= MANY_PRESSES else 1
     status = [
-        COPY if copies[k] else _status(k, presses, read, int(active[k]), min_active, threshold)
+        COPY if copies[k] else _describe_status(k, presses, read, int(active[k]), min_active, threshold)
         for k in range(len(presses.press))
     ]
     rows = np.array([k for k, s in enumerate(status) if s == USED], dtype=np.intp)
@@ -326,33 +335,33 @@ def pose_problem(
 
 
 def active_threshold(seen: Observed, readout: Readout, *, untouched: bool = True) -> float:
-    """Value above rest from which a taxel answers, in the unit of the data.
+    """Return the value above rest from which a taxel is active, in the unit of the data.
 
-    The paper's 5 counts are 2 % of its converter's range. Where that is more than 4 % of the largest value, or the
-    range is not known, it is the 4 %; and never less than five times the noise.
+    The paper's 5 counts are 2 % of its converter's range. If that is more than 4 % of the largest value, or
+    if the range is not known, the threshold is those 4 %. It is never less than five times the noise.
 
     Args:
-        seen: what the counts became.
+        seen: unclipped values of the session.
         readout: of the converter.
-        untouched: whether some presses leave taxels alone, so that those show the noise.
+        untouched: whether some presses leave taxels untouched, so that those show the noise.
     """
     largest = float(np.nanmax(seen.values, initial=0.0))
     low, high = readout.value_min, readout.value_max
     span = np.inf if low is None or high is None else ACTIVE_COUNTS / 255.0 * (high - low)
     noise = seen.rest_sigma_counts if untouched and np.isfinite(seen.rest_sigma_counts) else 0.0
     if not untouched and np.isfinite(span):
-        return span  # nothing shows the noise, and a part of the largest value may be all noise
-    # What a subtraction of equal readings leaves is no signal.
+        return span  # the noise is unknown, and 4 % of the largest value may be noise
+    # The difference of equal readings in floating point is not exactly zero; it is no signal.
     whole = float(
         np.nanmax(np.abs(np.nan_to_num(seen.rest_counts)) + np.abs(np.nan_to_num(seen.values)), initial=0.0)
     )
     return max(5.0 * noise, min(span, 0.04 * largest), _ARITHMETIC * whole, np.finfo(float).tiny)
 
 
-def _copies(presses: PressTable) -> Bools:
-    """Return which presses (K,) have every number of an earlier one.
+def _find_copies(presses: PressTable) -> Bools:
+    """Return which presses (K,) repeat every number of an earlier one.
 
-    No two measurements are alike to the last digit. A copy adds nothing, and would count as if it did.
+    No two measurements agree to the last digit. A copy adds no information, but would count as if it did.
     """
     numbers = np.column_stack([presses.across_m, presses.along_m, presses.force_n, presses.counts])
     first = np.unique(np.nan_to_num(numbers, nan=-1.0), axis=0, return_index=True)[1]
@@ -361,9 +370,10 @@ def _copies(presses: PressTable) -> Bools:
     return copies
 
 
-def _status(
+def _describe_status(
     k: int, presses: PressTable, read: Bools, active: int, min_active: int, active_counts: float
 ) -> str:
+    """Return ``USED``, or the reason why press ``k`` is not used."""
     if not (np.isfinite(presses.force_n[k]) and presses.force_n[k] > 0):
         return "no positive force"
     if not (np.isfinite(presses.across_m[k]) and np.isfinite(presses.along_m[k])):

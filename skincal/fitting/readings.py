@@ -1,11 +1,11 @@
-"""The observation model: what a taxel's count is expected to be for a signal, and how far it may be off.
+"""The observation model: the expected count of a taxel for a signal, and its standard deviation.
 
-    count = converter(signal + level at rest) + noise,    sd² = (sigma_n c)² + (tau a)²
+    count = converter(signal + rest level) + noise,    sd² = (sigma_n c)² + (tau a)²
 
-One model for sensors whose level at rest is clipped and for those where it is not. ``c`` is what clipping leaves of the
-noise, 1 away from the bounds. ``a`` is the signal that the taxel or, in part, a neighbour carries: what the model does
-not know of contact and taxels grows with it, and does not show where nothing presses. Thresholds follow from the data,
-so that values may be counts, volts or shares of full scale.
+One model serves sensors whose rest level is clipped and sensors whose rest level is not. ``c`` is the
+fraction of the noise that clipping leaves, 1 away from the bounds. ``a`` is the signal of the taxel, or a
+fraction of that of a neighbour: the error of the model grows with it, and vanishes where nothing presses.
+Thresholds follow from the data, so values may be counts, volts or fractions of full scale.
 """
 
 from __future__ import annotations
@@ -22,29 +22,31 @@ from skincal.model import TaxelLayout
 from skincal.model.rest import rounding_step
 
 NEIGHBOUR = 0.3
-"""Part of a neighbour's signal by which a reading may be off as by its own: pressure that lies across an edge."""
+"""Fraction of a neighbour's signal that enters the size ``a``: pressure that lies across an edge."""
 
 _NEAR = 1.6
-"""Taxels are neighbours up to so many smallest distances: the eight round a taxel of a grid."""
+"""Taxels up to this multiple of the smallest distance are neighbours: the eight around a taxel of a grid."""
 
 MODEL_PART = 1e-3
-"""Part of a press's whole image up to which simulated images are exact: interpolation of the tabled load shares."""
+"""Error of simulated images as a fraction of a press's whole image: interpolation of the tabled load shares."""
 
 _DARK = 4.0
+"""Readings below this multiple of the noise count as dark."""
 _KNOTS = 400
+"""Number of knots of the link table."""
 _REACH = 8.0
-"""Beyond so many sigmas from the bound clipping does not matter."""
+"""Distance from the bound, in sigmas, beyond which clipping has no effect."""
 
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """Mean count and scatter for values above a lower bound, tabled; without a bound the value itself.
+    """Table of mean count and scatter for values above a lower bound; the identity if there is no bound.
 
     Attributes:
-        values: (N,) equally spaced values above the bound; empty where nothing clips.
+        values: (N,) equally spaced values above the bound; empty if nothing clips.
         mean: (N,) mean count above the bound.
         slope: (N,) its derivative.
-        share: (N,) part of the noise that clipping leaves.
+        share: (N,) fraction of the noise that clipping leaves.
     """
 
     values: Floats
@@ -54,11 +56,11 @@ class Link:
 
     @classmethod
     def of(cls, readout: Readout, frame_sigma: float) -> Link:
-        """The link of a converter.
+        """Return the link of a converter.
 
         Args:
             readout: bounds and rounding.
-            frame_sigma: noise of one frame [counts]; NaN where clipping does not show.
+            frame_sigma: noise of one frame [counts]; NaN if clipping does not show.
         """
         if not np.isfinite(frame_sigma) or readout.value_min is None:
             empty = np.empty(0)
@@ -67,11 +69,11 @@ class Link:
 
     @property
     def clips(self) -> bool:
-        """Return whether it is other than the identity."""
+        """Return whether the link is other than the identity."""
         return len(self.values) > 0
 
     def mean_at(self, values: Floats) -> Floats:
-        """Mean counts (…) of values above the bound (…)."""
+        """Return mean counts (…) of values above the bound (…)."""
         if not self.clips:
             return values
         at = (values - self.values[0]) / (self.values[1] - self.values[0])
@@ -80,12 +82,13 @@ class Link:
         return values + lift[low] + (at - low) * (lift[low + 1] - lift[low])
 
     def scatter(self, values: Floats) -> Floats:
-        """Part of the noise (…) that clipping leaves at values above the bound (…)."""
+        """Return the fraction of the noise (…) that clipping leaves at values above the bound (…)."""
         return np.interp(values, self.values, self.share) if self.clips else np.ones_like(values)
 
 
 @lru_cache(maxsize=16)
 def _tabled(integer: bool, sigma: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return values, mean, slope and noise fraction of a link with lower bound 0."""
     readout = Readout(0.0, None, integer)
     values = np.linspace(-_REACH * sigma, _REACH * sigma + 1.0, _KNOTS)
     mean = expected_counts(values, sigma, readout)
@@ -95,13 +98,13 @@ def _tabled(integer: bool, sigma: float) -> tuple[Floats, Floats, Floats, Floats
 
 
 class Response(NamedTuple):
-    """Response of a taxel to a signal: the counts above rest for signals x that a straight response would read.
+    """Response of a taxel: counts above rest for a signal x, which a linear taxel would read unchanged.
 
-    y = x c (1 + (x / s)^q)^(-k / q): a straight line up to the knee s, the power 1 - k beyond it. With k = 1 it
+    y = x c (1 + (x / s)^q)^(-k / q): linear up to the knee s, the power 1 - k beyond it. With k = 1 it
     saturates, with k < 0 it grows faster than the load.
 
     Attributes:
-        lost: k, power that is lost beyond the knee; 0 for a straight line.
+        lost: k, loss of power beyond the knee; 0 for a linear response.
         knee_counts: s.
         sharpness: q, of the bend at the knee.
         factor: c.
@@ -113,29 +116,30 @@ class Response(NamedTuple):
     factor: float = 1.0
 
     def of(self, signal: float) -> float:
-        """Return the counts above rest for a signal [counts]; compiled: :func:`skincal.fitting.residuals.answered`."""
+        """Return the counts above rest for a signal [counts]; the compiled twin is ``residuals.apply_response``."""
         beyond = (max(signal, 0.0) / self.knee_counts) ** self.sharpness
         return signal * self.factor * (1.0 + beyond) ** (-self.lost / self.sharpness)
 
 
 STRAIGHT = Response()
+"""The linear response."""
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Readings, and the weight of each.
+    """Readings and their weights.
 
     Attributes:
         target: (K, J) counts above the lower bound, 0 where not read.
         read: (K, J) whether a taxel was read.
-        offset: (J,) level at rest above the lower bound.
+        offset: (J,) rest level above the lower bound.
         link: from values above the bound to counts.
-        share: (K, J) part of the noise that clipping leaves.
+        share: (K, J) fraction of the noise that clipping leaves.
         signal: (K, J) size ``a`` that the error of the model grows with [counts].
-        noise_counts: noise of a hold mean where nothing clips, as untouched taxels tell it.
-        floor_counts: no reading is better known than this: rounding, and the exactness of simulated images.
-        typical_counts: usual largest signal of a press.
-        near: (J, J) which taxels lie next to each other.
+        noise_counts: noise of a hold mean where nothing clips, from untouched taxels.
+        floor_counts: lower bound of the noise: rounding, and the error of simulated images.
+        typical_counts: median over presses of the largest signal.
+        near: (J, J) whether two taxels are neighbours.
         response: of the taxels to the load.
     """
 
@@ -155,14 +159,14 @@ class Readings:
     def of(
         cls, seen: Observed, counts: Floats, readout: Readout, layout: TaxelLayout, rows: np.ndarray
     ) -> Readings:
-        """The readings of some presses.
+        """Return the readings of some presses.
 
         Args:
-            seen: what the counts of all presses became.
+            seen: unclipped values of all presses.
             counts: (K, J) counts of all presses.
             readout: of the converter.
             layout: the taxels.
-            rows: of the presses that are used.
+            rows: rows of the presses that are used.
         """
         values = seen.values[rows]
         read = np.isfinite(values)
@@ -196,35 +200,35 @@ class Readings:
         return replace(base, signal=base.spread(np.where(values < _DARK * noise, 0.0, positive)))
 
     def spread(self, signal: Floats) -> Floats:
-        """The size ``a`` (K, J) for the signals (K, J) of the taxels."""
-        beside = np.stack([signal[:, row].max(axis=1, initial=0.0) for row in self.near], axis=1)
-        return np.maximum(signal, NEIGHBOUR * beside)
+        """Return the size ``a`` (K, J) for signals (K, J): the own signal, or a fraction of the largest neighbour's."""
+        neighbours = np.stack([signal[:, row].max(axis=1, initial=0.0) for row in self.near], axis=1)
+        return np.maximum(signal, NEIGHBOUR * neighbours)
 
     def at(self, signal: Floats) -> Readings:
-        """The same with sizes and scatter as simulated signals (K, J) have them, not as noisy readings do."""
+        """Return the readings with size and scatter from simulated signals (K, J), not from noisy readings."""
         return replace(self, signal=self.spread(signal), share=self.link.scatter(signal + self.offset))
 
     def subset(self, keep: Bools) -> Readings:
-        """The readings of some presses (K,)."""
+        """Return the readings of some presses (K,)."""
         return replace(
             self, **{name: getattr(self, name)[keep] for name in ("target", "read", "share", "signal")}
         )
 
     def parts(self, used: Bools) -> tuple[Floats, Floats]:
-        """Return what sigma_n² and tau² are multiplied by in the variances of some readings (K, J): (n,) each."""
+        """Return the coefficients (n,) of sigma_n² and of tau² in the variances of some readings (K, J)."""
         return self.share[used] ** 2, self.signal[used] ** 2
 
     def variance(self, noise: Floats, misfit: Floats, press: np.ndarray) -> Floats:
-        """Variance (n, J) of readings of presses (n,), for sigma_n (n,) [counts] and tau (n,)."""
+        """Return the variance (n, J) of readings of presses (n,), for sigma_n (n,) [counts] and tau (n,)."""
         own = self.share[press] * noise[:, None]
         return own * own + (self.signal[press] * misfit[:, None]) ** 2
 
 
 def _noise(seen: Observed, readout: Readout, typical: float) -> float:
-    """Noise of a hold mean of a taxel away from the bounds [counts].
+    """Return the noise of a hold mean of a taxel away from the bounds [counts].
 
-    Clipping takes four tenths off the scatter of a taxel at rest on its bound; that is undone. Where no taxel is ever
-    untouched, one percent of the usual signal stands in.
+    Clipping reduces the scatter of a taxel at rest on its bound by four tenths; this is undone. If no taxel
+    is ever untouched, one percent of the typical signal stands in.
     """
     scatter, frame = seen.rest_sigma_counts, seen.frame_sigma_counts
     if not np.isfinite(scatter):

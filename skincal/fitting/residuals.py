@@ -1,4 +1,4 @@
-"""Residuals of presses and the search for their nuisance, compiled: see :mod:`skincal.fitting.presses`."""
+"""Residuals of presses, and the compiled search for their nuisance parameters: see :mod:`skincal.fitting.presses`."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skincal.fitting.lookup import Tables, compiled, inlined, look_up, room_for
+from skincal.fitting.lookup import Tables, allocate_lookup, compiled, inlined, look_up
 from skincal.fitting.types import Floats, Ints
 
 _DESCENTS = 6
-"""Levenberg's steps at most."""
+"""Most Levenberg steps."""
 _BLUNT_FROM = 6
-"""Gauss-Newton's steps from this one on are damped a little."""
+"""From this step on, Gauss-Newton is slightly damped."""
 _AT_REST = 2e-4
-"""Part of the largest step below which a press is at rest."""
+"""A press has converged if its step is below this fraction of the largest step allowed."""
 
 
 class Presses(NamedTuple):
-    """Data of K presses and of the J taxels, for the compiled search.
+    """Data of K presses and J taxels for the compiled search.
 
     Attributes:
-        at: (K, 6) measured position across and along [m], logarithm of the force [N], and the slack [m] and force error
-            about which the press's own are scattered.
-        which: (K, 2) indenter, and number in the session.
-        readings: (5, K, J) target, share and signal of :class:`skincal.fitting.readings.Readings`; 1 where a reading
-            counts; 1 where it is at the converter's upper bound.
-        taxels: (2, J) gain, and level above the converter's lower bound [counts].
+        at: (K, 6) measured position across and along [m], log force [N], and the prior mean of slack [m] and
+            log force error.
+        which: (K, 2) indenter, and row in the session.
+        readings: (5, K, J) target, share and signal of :class:`skincal.fitting.readings.Readings`; 1 where a
+            reading counts; 1 where it is at the converter's upper bound.
+        taxels: (2, J) gain, and rest level above the converter's lower bound [counts].
         link: (3, N) values, mean and slope of the converter's link.
         response: (4,) numbers of :class:`skincal.fitting.readings.Response`.
     """
@@ -40,7 +40,7 @@ class Presses(NamedTuple):
     response: Floats
 
     def scattered_about(self, press: Ints, centre_m: Floats) -> Presses:
-        """Presses (n,), some more than once, each with a slack (n, 2) [m] of its own about which it is scattered."""
+        """Return presses (n,), perhaps repeated, each with a prior mean of its slack (n, 2) [m] of its own."""
         at = self.at[press]
         at[:, 3:5] = centre_m
         readings = np.ascontiguousarray(self.readings[:, press])
@@ -48,8 +48,8 @@ class Presses(NamedTuple):
 
 
 @inlined
-def answered(load: float, response: Any) -> Any:  # pragma: no cover - compiled
-    """Value and slope for a signal that is not negative: :class:`skincal.fitting.readings.Response`."""
+def apply_response(load: float, response: Any) -> Any:  # pragma: no cover - compiled
+    """Return value and slope for a signal that is not negative: :class:`skincal.fitting.readings.Response`."""
     lost, knee, sharp, factor = response
     if lost == 0.0:
         return load, 1.0
@@ -59,8 +59,8 @@ def answered(load: float, response: Any) -> Any:  # pragma: no cover - compiled
 
 
 @inlined
-def expected(above: float, link: Any) -> Any:  # pragma: no cover - compiled
-    """Mean count and slope for a value above the converter's bound: :class:`skincal.fitting.readings.Link`."""
+def expected_count(above: float, link: Any) -> Any:  # pragma: no cover - compiled
+    """Return mean count and slope for a value above the converter's bound: :class:`skincal.fitting.readings.Link`."""
     values, mean, slope = link[0], link[1], link[2]
     if len(values) == 0:
         return above, 1.0
@@ -73,21 +73,21 @@ def expected(above: float, link: Any) -> Any:  # pragma: no cover - compiled
 
 
 @inlined
-def _in_the_dark(presses: Any, sigmas: Any, k: int, dark: Any) -> float:  # pragma: no cover - compiled
-    """Fill ``dark`` (3, J) with residuals, slopes by the level, and weights of what press ``k`` does not load.
+def _evaluate_unloaded(presses: Any, sigmas: Any, k: int, dark: Any) -> float:  # pragma: no cover - compiled
+    """Fill ``dark`` (3, J) for press ``k`` without load: residuals, slopes by the rest level, and weights.
 
     Returns:
-        The sum of the squares of the residuals.
+        The sum of the squared residuals.
     """
     readings, total = presses.readings, 0.0
     for j in range(presses.taxels.shape[1]):
-        mean, rate = expected(presses.taxels[1, j], presses.link)
+        mean, rate = expected_count(presses.taxels[1, j], presses.link)
         weight = 0.0
         if readings[3, k, j] > 0:
             own, grown = readings[1, k, j] * sigmas[2], readings[2, k, j] * sigmas[3]
             weight = 1.0 / math.sqrt(own * own + grown * grown)
         difference = mean - readings[0, k, j]
-        # A saturated taxel only says "at least this".
+        # A saturated reading is only a lower bound.
         read = 0.0 if readings[4, k, j] > 0 and difference > 0 else weight
         dark[0, j], dark[1, j], dark[2, j] = read * difference, read * rate, weight
         total += dark[0, j] * dark[0, j]
@@ -102,7 +102,7 @@ def _evaluate(
     sigmas: Any,
     k: int,
     x: Any,
-    room: Any,
+    workspace: Any,
     count: int,
     i: int,
     whole: bool,
@@ -116,20 +116,20 @@ def _evaluate(
         presses: the same.
         macro: (5,) macro variables.
         sigmas: (6,) in the order of ``HYPER``.
-        k: which press.
+        k: number of the press.
         x: (3,) nuisance.
-        room: cosine and sine of the turn, sum of squares in the dark, ``dark`` of :func:`_in_the_dark`, and the room
-            of the look-up.
-        count: taxels that were found last if that was at ``x``; -1: they are looked up.
+        workspace: cosine and sine of alpha, sum of squares without load, ``dark`` of
+            :func:`_evaluate_unloaded`, and the arrays of the look-up.
+        count: number of taxels of the last look-up if that was at ``x``; -1 to look up anew.
         i: row to fill.
-        whole: whether all of the row is filled.
+        whole: whether to fill all columns of the row.
         found: filled.
         g: (3,) filled: half the gradient of Q.
 
     Returns:
         The number of taxels that the contact may reach.
     """
-    (cos, sin), total, dark, looked, near, seen = room
+    (cos, sin), total, dark, looked, near, seen = workspace
     at, readings = presses.at[k], presses.readings
     across, along = at[0] + x[0] - macro[0], at[1] + x[1] - macro[1]
     u, v = across * cos + along * sin, along * cos - across * sin
@@ -153,8 +153,8 @@ def _evaluate(
         j = near[n]
         counts = scale * presses.taxels[0, j]
         load = counts * seen[0, j]
-        value, gain = answered(load, presses.response)
-        mean, rate = expected(value + presses.taxels[1, j], presses.link)
+        value, gain = apply_response(load, presses.response)
+        mean, rate = expected_count(value + presses.taxels[1, j], presses.link)
         difference, weight = mean - readings[0, k, j], dark[2, j]
         if whole:
             found.simulated[i, j] = value
@@ -200,7 +200,7 @@ def _evaluate(
 
 @inlined
 def _step(hessian: Any, g: Any, damping: float, most: Any, out: Any) -> float:  # pragma: no cover - compiled
-    """Fill ``out`` (3,) with a damped step, no axis longer than ``most``; return its longest, in parts of that."""
+    """Fill ``out`` (3,) with a damped step, clipped to ``most`` in each axis; return its largest ratio to ``most``."""
     d0 = (1.0 + damping) * hessian[0, 0]
     d1 = (1.0 + damping) * hessian[1, 1]
     d2 = (1.0 + damping) * hessian[2, 2]
@@ -222,9 +222,9 @@ def _step(hessian: Any, g: Any, damping: float, most: Any, out: Any) -> float:  
     return longest
 
 
-def room_to_search(tables: Tables, taxels: int) -> tuple[Any, ...]:
-    """Return room for the work of :func:`search`."""
-    looked = room_for(tables), np.empty(taxels, dtype=np.int64), np.empty((7, taxels))
+def allocate_workspace(tables: Tables, taxels: int) -> tuple[Any, ...]:
+    """Return the arrays that :func:`search` works in."""
+    looked = allocate_lookup(tables), np.empty(taxels, dtype=np.int64), np.empty((7, taxels))
     return np.empty((3, taxels)), *looked, *np.empty((5, 3)), np.empty((3, 3))
 
 
@@ -239,27 +239,29 @@ def search(
     iterations: int,
     to_rest: bool,
     found: Any,
-    room: Any,
+    workspace: Any,
 ) -> None:  # pragma: no cover - compiled
-    """Gauss-Newton over the nuisance of n pairs of a macro draw and a press; the best point seen is kept.
+    """Run Gauss-Newton over the nuisance of n pairs of a macro draw and a press; keep the best point seen.
 
-    Full steps, not only downhill ones: the images hold a press on a thin curved sheet, and a step along it first
-    leaves the sheet and is brought back by the next. Where the measured value is beyond what any place reaches, the
-    residual does not vanish, and full steps go to and fro across the place; Levenberg's, downhill only, follow there.
+    Full steps are taken even if they go uphill. The images confine a press to a thin curved sheet: a step
+    along the sheet leaves it first, and the next step returns to it. If the measured value is beyond what any
+    position reaches, the residual does not vanish, and full steps oscillate about the solution. Levenberg
+    steps, downhill only, then follow.
 
     Args:
         tables: :class:`skincal.fitting.lookup.Tables`.
         presses: :class:`Presses`.
-        press: (n,) which press.
+        press: (n,) number of the press.
         start: (n, 3) nuisance to start from.
-        bound: (3,) of the nuisance.
-        most: (3,) longest step of each.
-        iterations: full steps at most; 0: only what is at the start.
-        to_rest: whether Levenberg's steps follow.
-        found: :class:`skincal.fitting.presses.PressStates`: macro variables and sigmas as given; the rest is filled.
-        room: of :func:`room_to_search`.
+        bound: (3,) bound of the nuisance.
+        most: (3,) longest step along each axis.
+        iterations: most full steps; 0 to evaluate the start only.
+        to_rest: whether Levenberg steps follow.
+        found: :class:`skincal.fitting.presses.PressStates` with macro variables and sigmas given; the rest is
+            filled.
+        workspace: from :func:`allocate_workspace`.
     """
-    dark, looked, near, seen, x, best, step, g, best_g, best_hessian = room
+    dark, looked, near, seen, x, best, step, g, best_g, best_hessian = workspace
     whole, total = len(found.residual) > 0, 0.0
     for i in range(len(press)):
         k, own, spread = press[i], found.macro[i], found.sigmas[i]
@@ -267,7 +269,7 @@ def search(
         for a in range(len(spread)):
             same = same and spread[a] == found.sigmas[i - 1, a]
         if not same:
-            total = _in_the_dark(presses, spread, k, dark)
+            total = _evaluate_unloaded(presses, spread, k, dark)
         now = (math.cos(own[2]), math.sin(own[2])), total, dark, looked, near, seen
         least, full, descents, damping, last, known = np.inf, 0, 0, 0.3, iterations == 0, -1
         for a in range(3):

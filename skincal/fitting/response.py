@@ -1,10 +1,11 @@
-"""Evidence for a response that bends: the same presses, with taxels that answer by a curve.
+"""Evidence for a nonlinear response: refits of the same presses with taxels that respond along a curve.
 
-Place, E and S take up much of what a bent response does to an image, and the error of the press's force takes up more.
-What is left shows across presses: no skin grows with the force as bent images do. The presses are therefore fitted
-again, from the peak, with a few curves of :class:`skincal.fitting.readings.Response`: powers of the load, and ceilings
-that readings approach. The best evidence is compared with that of a straight line. So forces whose errors a straight
-response would make small tell a bend even where the fit as it is takes them to be wrong.
+Position, E and S absorb much of the effect of a nonlinear response on an image, and the force error of the
+press absorbs more. What remains shows across presses: images of a skin do not grow with the force as
+nonlinear readings do. The presses are therefore fitted again, from the peak, with a few curves of
+:class:`skincal.fitting.readings.Response`: powers of the load, and saturation curves. The best evidence is
+compared with that of the linear response. Force errors that a nonlinear response would reduce are thus
+evidence for it, even if the fit as it is explains them as force errors.
 """
 
 from __future__ import annotations
@@ -19,36 +20,37 @@ from skincal.fitting.problem import FitProblem
 from skincal.fitting.readings import STRAIGHT, Response
 
 POWERS = (-0.25, 0.12, 0.25)
-"""Powers that are lost from the noise on: readings that grow as the load to the power 1.25, 0.88 and 0.75."""
+"""Losses of power from the noise level on: readings that grow as the load to the power 1.25, 0.88 and 0.75."""
 
 CEILINGS = ((1.15, 4.0), (1.5, 2.0))
-"""Ceilings that readings approach, in parts of the largest one, and how sharply."""
+"""Saturation levels as fractions of the largest reading, and the sharpness of the knee."""
 
 
 @dataclass(frozen=True)
 class Bend:
-    """A bend of the response.
+    """Nonlinearity of the response.
 
     Attributes:
-        grows: what the largest reading becomes where the response is made straight and typical readings stay, as a
-            multiple; 1 where no bend explains the presses better.
-        rise: log evidence of the bend over that of a straight response.
+        grows: factor by which the largest reading grows if the response is linearised and typical readings
+            stay; 1 if no nonlinear response explains the presses better.
+        rise: log evidence over that of a linear response.
     """
 
     grows: float = 1.0
     rise: float = 0.0
 
 
-def responses(problem: FitProblem) -> tuple[Response, ...]:
-    """Return the responses that are compared.
+def candidate_responses(problem: FitProblem) -> tuple[Response, ...]:
+    """Return the responses to compare.
 
-    The first is straight: a climb that begins anew may find better places for some presses (13 in log evidence in a
-    session in steps of eight times the noise), and neither a bend nor a contact law may win by that.
+    The first is linear: a climb that restarts may find better positions for some presses (13 in log evidence
+    in a session whose readings had steps of eight times the noise), and neither a nonlinear response nor a
+    contact law may win by that.
     """
     readings, largest = problem.observation, float(problem.values.max())
 
     def bent(lost: float, knee: float, sharpness: float) -> Response:
-        # Typical readings stay, so that a climb begins near its end.
+        # Keep typical readings unchanged, so that a climb starts near its optimum.
         beyond = (readings.typical_counts / knee) ** sharpness
         return Response(lost, knee, sharpness, float((1.0 + beyond) ** (lost / sharpness)))
 
@@ -57,12 +59,12 @@ def responses(problem: FitProblem) -> tuple[Response, ...]:
 
 
 def with_response(problem: FitProblem, response: Response) -> FitProblem:
-    """Return the problem with taxels that answer by a response."""
+    """Return the problem with taxels of the given response."""
     return replace(problem, observation=replace(problem.observation, response=response))
 
 
-def straightened(response: Response, counts: float) -> float:
-    """Return the signal [counts] whose response are ``counts``."""
+def invert_response(response: Response, counts: float) -> float:
+    """Return the signal [counts] at which a response reads ``counts``."""
     from scipy.optimize import brentq  # takes a moment, and a worker has it
 
     return float(brentq(lambda signal: response.of(signal) - counts, 0.0, 1e3 * counts))
@@ -75,8 +77,8 @@ def weigh_bends(
 
     Args:
         problem: the presses.
-        plain: peaks of straight responses by every contact law that is weighed: a law, too, changes how images grow
-            with the force.
+        plain: peaks of linear responses with every contact law that is weighed: a law, too, changes how
+            images grow with the force.
         tried: the responses that were fitted.
         peaks: the peak of each.
     """
@@ -85,5 +87,5 @@ def weigh_bends(
     for response, one in zip(tried, peaks, strict=True):
         rise = one.log_evidence - least
         if np.isfinite(rise) and np.isfinite(one.macro).all():
-            found.append(Bend(straightened(response, largest) / largest, float(rise)))
+            found.append(Bend(invert_response(response, largest) / largest, float(rise)))
     return max(found, key=lambda bend: bend.rise)

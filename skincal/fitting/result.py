@@ -16,12 +16,12 @@ PARAMETERS = ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m", "scale_per_
 """The macro variables in the order of every array of them: pose, elasticity E [Pa/m], scale S [1/N]."""
 
 FEWEST_DRAWS = 20
-"""Weighted draws that are worth fewer independent ones say nothing of how wide the valley is."""
+"""With a smaller effective sample size, the draws do not show the width of the valley."""
 
 
 @dataclass(frozen=True)
 class FitFinding:
-    """Something a person should know of a fit, and what to do about it."""
+    """A finding of a fit, with advice for the user."""
 
     code: str
     severity: Literal["info", "warning"]
@@ -38,8 +38,8 @@ class GridResult:
         mse_counts2: the paper's loss, each press placed by its normalised image [counts²].
         scale_per_n: least-squares scale [1/N].
         slack_rms_m: root mean square slack [m].
-        in_valley: combinations whose loss is within a fixed bound; none where the noise bounds the valley, as the
-            posterior is of the absolute images and bounds no such loss.
+        in_valley: combinations whose loss is within a fixed bound; none if the noise bounds the valley, as
+            the posterior uses absolute images and does not bound this loss.
         mse_at_best_counts2: the same loss at the best point of the fit, between the grid's values [counts²].
     """
 
@@ -61,8 +61,8 @@ class PressFit:
         observed: (K, J) observed values above rest, unclipped [counts].
         simulated: (K, J) simulated values [counts].
         rmse_counts: (K,) root mean square difference over the taxels [counts].
-        good: (K,) the image is matched as well as the noise lets expect.
-        force_off: (K,) logarithm of the force that fits the image best over the measured one.
+        good: (K,) whether the difference is as small as the noise allows.
+        force_off: (K,) log of the force that fits the image best over the measured one.
     """
 
     slack_m: Floats
@@ -76,10 +76,10 @@ class PressFit:
 
 @dataclass(frozen=True)
 class Sigmas:
-    """Uncertainties of the rig and the sensor by the data, one sigma each.
+    """Estimated uncertainties of the rig and the sensor, one standard deviation each.
 
     Attributes:
-        position_m: of a measured position, apart from what presses share [m].
+        position_m: of a measured position, apart from the shared error [m].
         force: of a measured force, relative.
         noise_counts: of a hold mean [counts].
         misfit: of a reading, relative to its signal, beyond its noise.
@@ -97,32 +97,32 @@ class Sigmas:
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """A fit.
+    """Result of a fit.
 
     Attributes:
         best: macro variables of the best point, by the names of ``PARAMETERS``.
-        intervals: low and high of each; (-inf, inf) where the data say nothing.
+        intervals: low and high of each; (-inf, inf) if the data do not bound it.
         mse_counts2: loss at the best point, positions placed within their slack by the absolute images [counts²].
-        valley_mse_counts2: bound of the valley [counts²]: of that same loss where the noise bounds it; of the grid's
-            where the bound is fixed.
-        bound: how that bound came about.
+        valley_mse_counts2: bound of the valley [counts²]: of that same loss if the noise bounds it; of the
+            grid's if the bound is fixed.
+        bound: origin of the bound.
         draws: (N, 5) draws from the valley, in the order of ``PARAMETERS``.
-        sigmas: scatter of positions, forces and images, as the data tell it.
+        sigmas: estimated scatter of positions, forces and images.
         law_spread_m: sideways spread of the contact law that fits best [m]; the model itself has none.
-        law_rise: log evidence of the widest spread that was looked at over that of none; 0 unless it is the best.
-        bend: straightening of the response that explains the presses better, if any does.
-        effective_draws: how many independent draws the weighted ones are worth.
-        force_low: lower end of what the data say of the scatter of forces, one in forty is below.
-        misfit_low: the same of the misfit.
-        rest_counts: level at rest that all taxels share, on the scale of the data [counts].
+        law_rise: log evidence of the widest spread considered over that of none; 0 unless it is the best.
+        bend: nonlinear response that explains the presses better, if any does.
+        effective_draws: effective sample size of the weighted draws.
+        force_low: 2.5 % quantile of the scatter of forces.
+        misfit_low: 2.5 % quantile of the misfit.
+        rest_counts: rest level that all taxels share, on the scale of the data [counts].
         rest_interval: low and high of it.
         grid: the evaluated grid.
         presses: measured against simulated, press by press.
         problem: the presses that were used.
         box: the ranges that were searched.
         scale_per_taxel_per_n: (J,) scale of each taxel [1/N]; None unless asked for.
-        dead_taxels: (J,) taxels that did not answer and were left out.
-        findings: what a person should know.
+        dead_taxels: (J,) dead taxels, which were left out.
+        findings: findings for the user.
     """
 
     best: Mapping[str, float]
@@ -149,6 +149,6 @@ class FitResult:
     findings: tuple[FitFinding, ...]
 
     @property
-    def told(self) -> bool:
-        """Return whether the data tell anything: enough readings, and draws that came to rest."""
+    def gives_intervals(self) -> bool:
+        """Return whether the data bound any parameter: there are enough readings, and the draws have converged."""
         return self.problem.determined and (self.bound == "fixed" or self.effective_draws >= FEWEST_DRAWS)

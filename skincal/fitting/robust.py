@@ -1,4 +1,4 @@
-"""Presses and taxels that must not sway a fit."""
+"""Outlier presses, dropped readings and dead taxels, which must not bias a fit."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Bools
 
 MAX_GLITCHES = 0.2
-"""At most this part of the presses is called a glitch; beyond it the model is wrong, not the presses."""
+"""At most this fraction of the presses counts as outliers; beyond it the model is wrong, not the presses."""
 
 LOST_SIGMAS, LOST_TIMES, MOST_LOST = 5.0, 8.0, 0.03
-"""A reading is lost that is so many standard deviations below the model, and so many times as far off as readings are;
-of more than this part of them the model is wrong, not the readings."""
+"""A reading counts as dropped if it is this many standard deviations below the model, and this multiple of the
+typical residual. If more than the third number (a fraction) are, the model is wrong, not the readings."""
 
 SILENT = 0.2
-"""A taxel that shows less than this part of what it should does not answer."""
+"""A taxel whose signal is less than this fraction of the expected one is dead."""
 
 PRESSED = 0.07
-"""A taxel is pressed where the model gives it this part of the usual largest signal."""
+"""A taxel is pressed if the model gives it this fraction of the typical largest signal."""
 
 
-def glitches(problem: FitProblem, peak: Peak) -> Bools:
-    """Single presses (K,) whose image or force is far from what all others agree on."""
+def find_outlier_presses(problem: FitProblem, peak: Peak) -> Bools:
+    """Return presses (K,) whose image or force is far from what the other presses agree on."""
     states = peak.states
     rms = np.sqrt((states.residual**2).sum(axis=1) / np.maximum((problem.used).sum(axis=1), 1))
     typical = max(float(np.median(rms)), 1.0)
@@ -37,29 +37,29 @@ def glitches(problem: FitProblem, peak: Peak) -> Bools:
     return odd
 
 
-def lost_readings(problem: FitProblem, states: PressStates, gain_sigma: float) -> Bools:
-    """Single readings (K, J) that are far below what all others of their press agree on: a taxel dropped out.
+def find_dropped_readings(problem: FitProblem, states: PressStates, gain_sigma: float) -> Bools:
+    """Return single readings (K, J) that are far below what the others of their press imply: a taxel dropped out.
 
     Args:
         problem: the presses.
-        states: presses at their best places, with no gains.
-        gain_sigma: relative spread of the taxels' gains; what that explains is not lost.
+        states: presses at their best positions, without gains.
+        gain_sigma: relative spread of the taxels' gains; a deficit that it explains is no drop-out.
     """
     used = problem.used
     typical = 1.4826 * float(np.median(np.abs(states.residual[used]))) if used.any() else 0.0
     below = states.residual / np.hypot(1.0, gain_sigma * states.macro_slope[..., 4])
     odd = used & (states.residual > LOST_TIMES * typical) & (below > LOST_SIGMAS)
-    # Where most of a press's lit taxels are off, it is the press that does not fit.
+    # If more than half of a press's lit taxels are off, the press is the outlier.
     odd &= (odd & problem.lit).sum(axis=1, keepdims=True) * 2 <= problem.lit.sum(axis=1, keepdims=True)
     if odd.sum() > MOST_LOST * used.sum():
         return np.zeros_like(odd)
     return np.asarray(odd, dtype=np.bool_)
 
 
-def weak_taxels(problem: FitProblem) -> Bools:
-    """Taxels (J,) whose largest reading is far below those of the others: dead ones, and some that nothing presses.
+def find_weak_taxels(problem: FitProblem) -> Bools:
+    """Return taxels (J,) whose largest reading is far below the others': dead ones, and some that nothing presses.
 
-    A climb from afar goes without them, as silence of a taxel that is thought alive bends everything else.
+    A climb from afar leaves them out: a dead taxel that is taken for alive biases everything else.
     """
     largest = np.where(problem.used, problem.values, 0.0).max(axis=0, initial=0.0)
     alive = problem.used.any(axis=0)
@@ -67,8 +67,8 @@ def weak_taxels(problem: FitProblem) -> Bools:
     return np.asarray(alive & (largest < SILENT * usual), dtype=np.bool_)
 
 
-def dead_taxels(problem: FitProblem, states: PressStates) -> Bools:
-    """Taxels (J,) that stay silent, or never leave one level, where the model says that they are pressed."""
+def find_dead_taxels(problem: FitProblem, states: PressStates) -> Bools:
+    """Return taxels (J,) that stay silent, or never leave one level, although the model says that they are pressed."""
     simulated, observed = states.simulated, problem.values
     pressed = (simulated > PRESSED * problem.observation.typical_counts) & (problem.used)
     enough = pressed.sum(axis=0) >= 3

@@ -1,7 +1,8 @@
-"""Draws of a posterior: adaptive importance sampling, and an ensemble of walkers where its draws are worth too little.
+"""Posterior draws: adaptive importance sampling, and an ensemble of walkers if its effective sample size is too small.
 
-Adaptive importance sampling is that of Cappe et al. (2008) with the mixture weights of Cornuet et al. (2012); proposals
-are fitted to tempered weights. The ensemble is the affine-invariant one of Goodman and Weare (2010), by `emcee`.
+Adaptive importance sampling follows Cappe et al. (2008), with the mixture weights of Cornuet et al. (2012);
+proposals are fitted to tempered weights. The ensemble is the affine-invariant one of Goodman and Weare
+(2010), by `emcee`.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from scipy.special import gammaln, logsumexp
 
 from skincal.fitting.observe import TO_SIGMA
 from skincal.fitting.posterior import Peak
-from skincal.fitting.problem import NOWHERE, FitError, FitProblem
+from skincal.fitting.problem import NO_DENSITY, FitError, FitProblem
 from skincal.fitting.types import Floats
 
-_SHAPE = 8
-"""The shape of a proposal is told by so many independent draws for each of its dimensions."""
+_DRAWS_PER_DIMENSION = 8
+"""Least effective sample size per dimension to which the weights are tempered when a proposal is fitted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +28,9 @@ class Draws:
     """Weighted draws of the posterior.
 
     Attributes:
-        points: (W, 11) macro variables and log sigmas.
+        points: (W, 11) macro variables and logs of the sigmas.
         weight: (W,) normalised weights.
-        correlation: steps of a walker after which it has forgotten where it was; 1 for independent draws.
+        correlation: autocorrelation time of a walker in steps; 1 for independent draws.
     """
 
     points: Floats
@@ -38,12 +39,12 @@ class Draws:
 
     @property
     def effective(self) -> float:
-        """Return how many independent draws the weighted ones are worth."""
+        """Effective sample size."""
         return float(1.0 / (self.weight**2).sum() / max(self.correlation, 1.0))
 
     @property
     def mean(self) -> Floats:
-        """The weighted mean (11,): the best point, and the logarithms of the sigmas."""
+        """Weighted mean (11,): the best point, and the logs of the sigmas."""
         return self.weight @ self.points
 
     @property
@@ -52,17 +53,17 @@ class Draws:
         return np.maximum(np.sqrt(self.weight @ (self.points - self.mean) ** 2), 1e-300)
 
     def resampled(self, rng: np.random.Generator, count: int) -> Floats:
-        """(count, 11) draws of equal weight, by systematic resampling."""
+        """Return (count, 11) draws of equal weight, by systematic resampling."""
         at = (rng.random() + np.arange(count)) / count
         rows = np.minimum(np.searchsorted(np.cumsum(self.weight), at), len(self.weight) - 1)
         return self.points[rng.permutation(rows)]
 
 
 Density = Callable[[Floats], Floats]
-"""Takes points (W, 11) to log densities (W,); may spread them over workers."""
+"""Log density (W,) of points (W, 11); may run on several workers."""
 
-SOUND = 50
-"""Draws that are worth so many independent ones say where a smooth term of the log density matters."""
+TERM_DRAWS = 50
+"""Least effective sample size from which the smooth term of the log density is fitted."""
 
 
 def sample(
@@ -73,34 +74,34 @@ def sample(
     *,
     size: int,
     rounds: tuple[int, int],
-    worth: float,
-    lacking: Density | None = None,
-    checked: int = 0,
+    enough_draws: float,
+    missing_term: Density | None = None,
+    term_points: int = 0,
     on_round: Callable[[int], None] = lambda _done: None,
 ) -> tuple[Draws, Density]:
-    """Adaptive importance sampling round a peak.
+    """Run adaptive importance sampling around a peak.
 
     Args:
         peak: where to start.
         problem: the presses.
         density: the log posterior.
-        rng: the only source of chance.
-        size: draws in each round; after each the proposal is fitted to all draws so far.
+        rng: only source of randomness.
+        size: draws in each round; after each round the proposal is fitted to all draws so far.
         rounds: fewest and most.
-        worth: enough are draws that are worth so many independent ones.
-        lacking: a smooth term that the density lacks, and that takes long to find; it is fitted and added before the
-            last of the fewest rounds, and anew where the draws then go elsewhere.
-        checked: points at which it is found.
-        on_round: told the rounds done.
+        enough_draws: effective sample size at which sampling stops.
+        missing_term: a smooth, expensive term that the density lacks. It is fitted and added before the last
+            of the fewest rounds, and fitted again if the draws then move elsewhere.
+        term_points: number of points at which the term is evaluated.
+        on_round: callback with the number of finished rounds.
 
     Returns:
-        All draws, weighted against the mixture of all proposals, and the density that they are of.
+        All draws, weighted against the mixture of all proposals, and the density that they follow.
 
     Raises:
-        FitError: the presses have no density anywhere near the peak.
+        FitError: the density is zero everywhere near the peak.
     """
     if not np.isfinite(peak.covariance).all():
-        raise FitError(NOWHERE)
+        raise FitError(NO_DENSITY)
     lit, presses = float(problem.lit.sum()), len(problem)
     hyper = np.array([0.7 / presses**0.5, 0.8, 0.7 / lit**0.5, 0.8, 0.8, 0.8]) ** 2
     covariance = np.zeros((5 + len(hyper), 5 + len(hyper)))
@@ -110,52 +111,54 @@ def sample(
     points, plain = np.empty((0, len(covariance))), np.empty(0)
     fewest, most = rounds
     term: Density | None = None
-    stale, left, about = lacking is not None, FITS, points
+    stale, left, about = missing_term is not None, MOST_TERM_FITS, points
     while True:
         fresh = proposals[-1].draw(rng, size)
         found = density(fresh)
         points = np.concatenate([points, fresh])
         plain = np.concatenate([plain, np.where(np.isfinite(found), found, -np.inf)])
         if not np.isfinite(plain).any():
-            raise FitError(NOWHERE)
-        draws, done = _weighted(points, plain, term, proposals), len(proposals)
-        # Have the draws gone from where the term was fitted, about a mean, with a spread?
+            raise FitError(NO_DENSITY)
+        draws, done = _weigh_draws(points, plain, term, proposals), len(proposals)
+        # Refit the term if the draws have moved away from where it was fitted (mean and spread in
+        # ``about``).
         stale = stale or (
-            term is not None and left > 0 and bool((np.abs(draws.mean - about[0]) > STRAYED * about[1]).any())
+            term is not None and left > 0 and bool((np.abs(draws.mean - about[0]) > DRIFT * about[1]).any())
         )
         if (
-            lacking is not None
+            missing_term is not None
             and stale
-            and (done >= most or (done >= fewest - 1 and draws.effective >= SOUND))
+            and (done >= most or (done >= fewest - 1 and draws.effective >= TERM_DRAWS))
         ):
             about, left, stale = np.stack([draws.mean, draws.spread]), left - 1, False
-            term = smooth_term(draws, lacking, checked, rng)
-            draws = _weighted(points, plain, term, proposals)
+            term = smooth_term(draws, missing_term, term_points, rng)
+            draws = _weigh_draws(points, plain, term, proposals)
         on_round(done)
-        if done >= most or (done >= fewest and draws.effective >= worth and not stale):
+        if done >= most or (done >= fewest and draws.effective >= enough_draws and not stale):
             return draws, density if (own := term) is None else lambda points: density(points) + own(points)
-        proposals.append(_adapted(draws, proposals[-1]))
+        proposals.append(_adapt_proposal(draws, proposals[-1]))
 
 
-FITS, STRAYED = 3, 1.5
-"""A smooth term is fitted so often, each time as the draws have gone by so many standard deviations since."""
+MOST_TERM_FITS, DRIFT = 3, 1.5
+"""The smooth term is fitted at most this often, each time after the mean has moved by ``DRIFT`` standard deviations."""
 
 
-def _weighted(points: Floats, plain: Floats, term: Density | None, proposals: Sequence[_Student]) -> Draws:
-    """Draws weighted against the mixture of all proposals, which have drawn equally many points."""
+def _weigh_draws(points: Floats, plain: Floats, term: Density | None, proposals: Sequence[_Student]) -> Draws:
+    """Weight draws against the mixture of all proposals, each of which has drawn equally many points."""
     values = plain if term is None else plain + term(points)
     log_weight = values - logsumexp([p.log_density(points) for p in proposals], axis=0)
     weight = np.exp(log_weight - log_weight.max())
     return Draws(points, weight / weight.sum())
 
 
-def smooth_term(draws: Draws, lacking: Density, count: int, rng: np.random.Generator) -> Density:
-    """A fit to a smooth term of a log density, where the draws are, from its values at ``count`` points.
+def smooth_term(draws: Draws, missing_term: Density, count: int, rng: np.random.Generator) -> Density:
+    """Fit a smooth term of a log density near the draws, from its values at ``count`` points.
 
-    It is linear in all variables and quadratic in log E and log S, by least squares with a prior of one unit for each
-    coefficient in standard deviations of the draws; the term may be noisier than that.
+    The fit is linear in all variables and quadratic in log E and log S. It is a robust least-squares fit with
+    a unit Gaussian prior on each coefficient, in standard deviations of the draws; values of the term may be
+    noisy.
     """
-    some = Draws(draws.points, _tempered(draws.weight, float(count)))
+    some = Draws(draws.points, _temper(draws.weight, float(count)))
     middle, spread = some.mean, some.spread
 
     def parts(at: Floats) -> Floats:
@@ -163,7 +166,7 @@ def smooth_term(draws: Draws, lacking: Density, count: int, rng: np.random.Gener
         return np.column_stack([np.ones(len(z)), z, z[:, 3] ** 2, z[:, 4] ** 2, z[:, 3] * z[:, 4]])
 
     points = some.resampled(rng, count)
-    rise = lacking(points)
+    rise = missing_term(points)
     known = np.isfinite(rise)
     x, y = parts(points[known]), rise[known]
     keep, found = np.ones(len(y), dtype=bool), np.zeros(x.shape[1])
@@ -178,18 +181,18 @@ def smooth_term(draws: Draws, lacking: Density, count: int, rng: np.random.Gener
 
 
 WALKERS, BURN_IN, STEPS = 44, 60, 220
-"""Walkers of the ensemble (four a dimension), steps that they first take to spread, and steps that are kept."""
+"""Walkers of the ensemble (four per dimension), burn-in steps, and steps that are kept."""
 
 
-def walk(density: Density, start: Draws, rng: np.random.Generator) -> Draws:
-    """Draws of an ensemble of walkers, which needs no proposal that resembles the posterior."""
+def run_ensemble(density: Density, start: Draws, rng: np.random.Generator) -> Draws:
+    """Draw by an ensemble of walkers, which needs no proposal that resembles the posterior."""
     import emcee  # pyright: ignore[reportMissingTypeStubs] - it loads scipy.stats, and few fits need it
 
-    spread = Draws(start.points, _tempered(start.weight, float(WALKERS)))
+    spread = Draws(start.points, _temper(start.weight, float(WALKERS)))
     scale = spread.spread
     at, found = np.empty((0, start.points.shape[1])), 0
     while len(at) < WALKERS and found < 50:
-        # Nudged, so that no two walkers stand at one point and all directions are open.
+        # Perturb the starts, so that no two walkers coincide and they span all directions.
         some = spread.resampled(rng, WALKERS)
         some = some + 0.1 * scale * rng.standard_normal(some.shape)
         at, found = np.concatenate([at, some[np.isfinite(density(some))]]), found + 1
@@ -206,7 +209,7 @@ def walk(density: Density, start: Draws, rng: np.random.Generator) -> Draws:
 
 
 class _Student:
-    """A multivariate t distribution with 6 degrees of freedom: tails heavier than the target's."""
+    """A multivariate t distribution with 6 degrees of freedom: its tails are heavier than the target's."""
 
     def __init__(self, mean: Floats, covariance: Floats, freedom: float = 6.0) -> None:
         self.mean, self.freedom = mean, freedom
@@ -217,11 +220,13 @@ class _Student:
         self.covariance = covariance
 
     def draw(self, rng: np.random.Generator, count: int) -> Floats:
+        """Return draws (count, D)."""
         normal = rng.standard_normal((count, len(self.mean)))
         stretch = np.sqrt(self.freedom / rng.chisquare(self.freedom, count))
         return self.mean + (normal * stretch[:, None]) @ self.root.T
 
     def log_density(self, points: Floats) -> Floats:
+        """Return the log density (W,) of points (W, D)."""
         d, v = len(self.mean), self.freedom
         z = np.linalg.solve(self.root, (points - self.mean).T)
         constant = gammaln((v + d) / 2) - gammaln(v / 2) - d / 2 * np.log(v * np.pi)
@@ -229,16 +234,16 @@ class _Student:
         return constant - determinant - (v + d) / 2 * np.log1p((z**2).sum(axis=0) / v)
 
 
-def _adapted(draws: Draws, last: _Student) -> _Student:
-    """A proposal with the moments of the draws so far, tempered where a few heavy ones would tell the shape."""
-    tempered = _tempered(draws.weight, _SHAPE * draws.points.shape[1])
+def _adapt_proposal(draws: Draws, last: _Student) -> _Student:
+    """Return a proposal with the moments of all draws; tempering keeps a few heavy draws from dominating it."""
+    tempered = _temper(draws.weight, _DRAWS_PER_DIMENSION * draws.points.shape[1])
     mean = tempered @ draws.points
     covariance = (tempered[:, None] * (draws.points - mean)).T @ (draws.points - mean)
     return _Student(mean, 1.15 * covariance + 1e-3 * np.diag(np.diag(last.covariance)))
 
 
-def _tempered(weight: Floats, least: float) -> Floats:
-    """Weights to the highest power up to 1 at which they are worth ``least`` independent draws."""
+def _temper(weight: Floats, least: float) -> Floats:
+    """Raise weights to the highest power up to 1 at which their effective sample size is at least ``least``."""
     logs = np.log(np.maximum(weight, 1e-300))
 
     def at(power: float) -> Floats:

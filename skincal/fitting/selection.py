@@ -1,14 +1,14 @@
-"""The chance that a press was taken: a press is fitted for what it read, and the likelihood has to know it.
+"""The selection probability: a press is fitted because of its readings, and the likelihood has to account for that.
 
-A press with fewer active taxels than are asked for is left out. Of a stiff skin more are left out than of a soft one,
-and of those that are left the images are wider than its usual ones. So what a press tells is the density of its
-readings *among those of presses that are taken*,
+A press with too few active taxels is left out. A stiff skin loses more presses this way than a soft one, and
+those that remain have wider images than usual. The likelihood of a press is therefore the density of its
+readings *among presses that are taken*,
 
     p(y | taken, m) = p(y | m) / P(taken | m),    P(taken | m) = sum_s w_s P(enough taxels active | m, slack s),
 
-with the slacks s on a lattice that stands for their normal distribution. Without the denominator E comes out too low,
-by half of its standard deviation. It is a smooth function of the parameters, so it is found for some of the draws only
-(:func:`skincal.fitting.sampling.smooth_term`).
+with slacks s on a lattice that represents their normal distribution. Without the denominator E is biased low,
+by half of its standard deviation. The probability is a smooth function of the parameters, so it is evaluated
+for some of the draws only (:func:`skincal.fitting.sampling.smooth_term`).
 """
 
 from __future__ import annotations
@@ -21,34 +21,34 @@ from skincal.fitting.presses import PressModel
 from skincal.fitting.types import Floats, Ints
 
 SPACING, REACH = 0.75, 2.7
-"""Lattice of slacks, and how far it goes, in standard deviations of the slack."""
+"""Step and extent of the lattice of slacks, in standard deviations of the slack."""
 
 CERTAIN = 1e-3
-"""A press that is taken but for so small a chance is taken whatever the parameters are."""
+"""A press that is not taken with less than this probability counts as certain for all parameters."""
 
 
-def log_chance(model: PressModel, points: Floats) -> Floats:
-    """Log chance (W,) that all presses of a problem were taken.
+def log_selection_probability(model: PressModel, points: Floats) -> Floats:
+    """Return the log probability (W,) that all presses of a problem are taken.
 
     Args:
-        model: the presses, with what each had to read to be taken.
-        points: (W, 11) macro variables and logarithms of the sigmas.
+        model: the presses, with the threshold and number of active taxels required.
+        points: (W, 11) macro variables and logs of the sigmas.
     """
     every = np.arange(len(model.problem))
-    doubtful = np.flatnonzero(_chances(model, points.mean(axis=0), every) < 1 - CERTAIN)
-    return np.array([np.log(_chances(model, p, doubtful)).sum() for p in points])
+    uncertain = np.flatnonzero(_taken_probabilities(model, points.mean(axis=0), every) < 1 - CERTAIN)
+    return np.array([np.log(_taken_probabilities(model, p, uncertain)).sum() for p in points])
 
 
-def _chances(model: PressModel, point: Floats, press: Ints) -> Floats:
-    """Chance (n,) of each of some presses (n,) to be taken, at one point (11,)."""
-    # Slacks in their standard deviation, and how much each stands for.
-    # In this order, as the chance of a press that is hardly ever taken is what rounding leaves of a sum.
+def _taken_probabilities(model: PressModel, point: Floats, press: Ints) -> Floats:
+    """Return the probability (n,) that each of some presses (n,) is taken, at one point (11,)."""
+    # Lattice in standard deviations of the slack, and the weight of each node. The order matters for
+    # rounding: a press that is hardly ever taken has a probability that is what rounding leaves of a sum.
     problem, lattice = model.problem, disc(SPACING, REACH)[:, ::-1]
     weight = np.exp(-0.5 * (lattice**2).sum(axis=1))
     weight /= weight.sum()
     sigmas, each = np.exp(point[5:]), np.repeat(press, len(weight))
     nuisance = np.zeros((len(each), 3))
-    # Tables of the general way go no further than the declared slack.
+    # Image tables of the general way only cover the declared slack.
     nuisance[:, :2] = np.clip(
         problem.shared.shift_m[each] + sigmas[0] * np.tile(lattice, (len(press), 1)),
         -problem.rig.slack_m,
@@ -56,20 +56,20 @@ def _chances(model: PressModel, point: Floats, press: Ints) -> Floats:
     )
     state = model.evaluate(point[:5], sigmas, each, nuisance)
     signal = state.simulated
-    # What a reading may be off by, and how far the signal changes from one point of the lattice to the next.
+    # Noise of a reading, plus the variation of the signal within a cell of the lattice.
     own = np.sqrt(problem.observation.variance(state.sigmas[:, 2], state.sigmas[:, 3], each))
     slope = state.nuisance_slope * own[..., None]
     cell = (SPACING * sigmas[0]) ** 2 / 12 * (slope[..., :2] ** 2).sum(axis=2)
     spread = np.sqrt(sigmas[2] ** 2 + (sigmas[3] ** 2 + sigmas[1] ** 2) * signal**2 + cell)
     above = (signal + problem.shared.level - problem.active_above) / spread
     active: Floats = np.asarray(ndtr(above), dtype=np.float64)
-    short = _fewer(np.where(problem.used[each], active, 0.0), problem.min_active)
+    short = _probability_of_fewer(np.where(problem.used[each], active, 0.0), problem.min_active)
     taken = 1.0 - short.reshape(len(press), len(weight)) @ weight
     return np.maximum(taken, np.finfo(float).tiny)
 
 
-def _fewer(active: Floats, least: int) -> Floats:
-    """Chance (n,) that fewer than ``least`` of independent taxels (n, J) are active."""
+def _probability_of_fewer(active: Floats, least: int) -> Floats:
+    """Return the probability (n,) that fewer than ``least`` of independent taxels (n, J) are active."""
     many = np.zeros((len(active), max(least, 1)))
     many[:, 0] = 1.0
     for one in active.T[:, :, None]:

@@ -1,6 +1,6 @@
-"""The integral over the errors that presses share, :mod:`skincal.fitting.shared`, in closed form.
+"""The integral over the shared errors of :mod:`skincal.fitting.shared`, in closed form.
 
-With the slack and the force of every press eliminated (Schur complement),
+With slack and force of every press eliminated (Schur complement),
 
     log integral = -Q(theta_0)/2 + G' (H + P)^-1 G / 2 - log|H + P| / 2 + log|P| / 2.
 """
@@ -9,21 +9,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from skincal.fitting.presses import PressStates, half_inverse
+from skincal.fitting.presses import PressStates, factor_inverse
 from skincal.fitting.shared import Shared
 from skincal.fitting.types import Bools, Floats
 
 
-def eliminated(
+def eliminate_nuisance(
     shared: Shared, state: PressStates, weight: Floats, *, macro: bool = False
 ) -> tuple[Floats, Floats]:
-    """Gradient (W, T) and Hessian (W, T, T) of Q/2 by the shared errors, slack and force of every press eliminated.
+    """Return gradient (W, T) and Hessian (W, T, T) of Q/2 by the shared errors, with slack and force eliminated.
 
     Args:
-        shared: present values; their precision is left out.
-        state: presses settled at N places for W macro points, W * N pairs.
-        weight: (W, N) of the places.
-        macro: whether they are by the five macro variables, too, those first.
+        shared: present values; their prior precision is not included.
+        state: presses fitted at N positions for W macro points, W * N pairs.
+        weight: (W, N) of the positions.
+        macro: whether to prepend the five macro variables.
     """
     count, spots = weight.shape
     taxels, press = state.residual.shape[1], state.press[:spots]
@@ -32,7 +32,7 @@ def eliminated(
         for array in (state.macro_slope, state.nuisance_slope, state.level_slope, state.residual)
     )
     gain, level, residual = slope[..., 4], level[..., 0], residual[..., 0]
-    half_inverses = half_inverse(state.hessian)[0].reshape(count, spots, 3, 3)
+    half_inverses = factor_inverse(state.hessian)[0].reshape(count, spots, 3, 3)
     sigmas = state.sigmas[::spots]
     off = state.nuisance.reshape(count, spots, 3) - shared.centre[press]
     basis, stiff, p = shared.basis[press], sigmas[:, :1] ** -2, weight[..., None]
@@ -65,7 +65,7 @@ def eliminated(
         hessian[:, at, at] = square
         mixed[:, at] = -basis.T[None, :, :, None] * (stiff[..., None] * weighted[:, :, d])[:, None]
     flat = mixed.reshape(count, size, -1)
-    # What a press's own place and force would still take up, where they are not quite at rest.
+    # Nuisance that is not quite converged leaves a gradient of its own; eliminate it, too.
     own = np.einsum("wnjd,wnj->wnd", own_slope, residual) + off * sigmas[:, None, [0, 0, 1]] ** -2
     taken = np.sqrt(p) * np.einsum("wnde,wnd->wne", half_inverses, own)
     gradient -= np.matmul(flat, taken.reshape(count, -1, 1))[..., 0]
@@ -73,25 +73,24 @@ def eliminated(
 
 
 def log_integral(shared: Shared, state: PressStates, chance: Floats, alive: Bools) -> Floats:
-    """Logarithm (W,) of the integral over the shared errors, relative to the integrand at their present values.
+    """Return the log (W,) of the integral over the shared errors, relative to the integrand at their present values.
 
-    The mean of the gains is held, as the scale is that of the taxels as they are
-    (:meth:`skincal.fitting.shared.Shared.directions`).
+    The mean gain is held fixed (:meth:`skincal.fitting.shared.Shared.directions`).
 
     Args:
         shared: present values.
-        state: presses settled at N places for W macro points, W * N pairs.
-        chance: (W, N) probability of each place of a press.
+        state: presses fitted at N positions for W macro points, W * N pairs.
+        chance: (W, N) probability of each position of a press.
         alive: (J,) taxels that are read.
     """
     sigmas, taxels = state.sigmas[:: chance.shape[1]], len(alive)
     precision = shared.precision(sigmas[:, 4], sigmas[:, 5])
-    g, hessian = eliminated(shared, state, chance)
+    g, hessian = eliminate_nuisance(shared, state, chance)
     size = g.shape[1]
     g += precision * shared.theta
     hessian[:, range(size), range(size)] += precision
-    # With the mean gain held, by the bordered matrix: |V'HV| = |H| a'H⁻¹a for V orthogonal to the unit vector a. Gains
-    # that nothing reads have their own precision alone, and drop out.
+    # Fix the mean gain by the bordered matrix: |V'HV| = |H| a'H⁻¹a for V orthogonal to the unit vector a.
+    # Gains of unread taxels only have their prior precision, which cancels.
     g[:, :taxels][:, ~alive] = 0.0
     mean = np.zeros(size)
     mean[:taxels][alive] = 1.0 / np.sqrt(max(int(alive.sum()), 1))

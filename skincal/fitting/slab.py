@@ -1,13 +1,15 @@
-"""The micro problems of the grid, compiled: every press under every centre of the sensor, at one turn and one E.
+"""The compiled micro problems of the grid: every press under every centre of the sensor, at one turn and one E.
 
-For one press with observed image D, simulated shares g and the free amplitude c of the normalisation, the objective is
+For one press with observed image D, simulated shares g and the free amplitude c of the normalisation, the
+objective is
 
     Q(delta) = |c g(delta) - D|^2 / sigma^2 + |delta|^2 / sigma_p^2,    |delta_i| <= slack
 
-with the best c >= 0 (:mod:`skincal.fitting.micro`). A lattice of contacts that all centres share is looked up first,
-to the nearest node; from the best of the slack's square Gauss-Newton goes on, the amplitude eliminated (variable
-projection, Kaufman 1975). It takes full steps, not only downhill ones: where two taxels answer, Q is a thin curved
-valley, and a step along it first leaves it and is brought back by the next. The best point seen is kept.
+with the best c >= 0 (:mod:`skincal.fitting.micro`). First, a lattice of contacts that all centres share is
+looked up, to the nearest node. Gauss-Newton then continues from the best node within the slack, with the
+amplitude eliminated (variable projection, Kaufman 1975). It takes full steps even uphill: if two taxels
+respond, Q is a thin curved valley, and a step along the valley leaves it first, and the next step returns to
+it. The best point seen is kept.
 """
 
 from __future__ import annotations
@@ -16,25 +18,28 @@ from typing import Any
 
 import numpy as np
 
-from skincal.fitting.lookup import at_level, compiled, inlined
+from skincal.fitting.lookup import compiled, inlined, look_up_level
 
 ITERATIONS = 8
-"""Gauss-Newton steps."""
+"""Most Gauss-Newton steps."""
 
 MOST_STEP_M = 0.5e-3
+"""Longest Gauss-Newton step along one direction [m]."""
 _REST_M = 1e-6
+"""Step at which Gauss-Newton has converged [m]."""
 _TINY = 1e-12
+"""Least power of an image, against division by zero."""
 
 
 @inlined
 def mismatches(
     tables: Any, weight: Any, observed: Any, across: Any, along: Any, turn: Any, out: Any
 ) -> None:  # pragma: no cover - compiled
-    """Fill ``out`` (P, Q) with D^2 (1 - cos^2) [counts²] of one press at a lattice of contacts, to the nearest node.
+    """Fill ``out`` (P, Q) with D^2 (1 - cos^2) [counts²] of one press on a lattice of contacts, to the nearest node.
 
     Args:
         tables: planes (K, M, N, N), sizes (J,), centres (J, 2), lattice as for
-            :func:`skincal.fitting.lookup.at_level`, and which press.
+            :func:`skincal.fitting.lookup.look_up_level`, and the number of the press.
         weight: (J,) of the readings.
         observed: (J,) weighted image.
         across: (P,) contacts from the centre [m].
@@ -73,10 +78,10 @@ def descend(
     turn: Any,
     settings: Any,
     slack: Any,
-    room: Any,
+    workspace: Any,
     shares: Any,
 ) -> float:  # pragma: no cover - compiled
-    """Gauss-Newton from ``slack`` (2,), which is moved to the best point seen; returns Q there.
+    """Run Gauss-Newton from ``slack`` (2,), and move it to the best point seen; return Q there.
 
     Args:
         tables: as for :func:`mismatches`.
@@ -86,18 +91,18 @@ def descend(
         turn: cosine and sine of alpha.
         settings: 1 / sigma² [1/counts²], 1 / sigma_p² [1/m²], bound of the slack [m].
         slack: changed.
-        room: (3, J) and (J,), for work.
+        workspace: arrays (3, J) and (J,).
         shares: (J,) filled: weighted load shares at the best point.
     """
     planes, size_of, centres, lattice, press = tables
     cos, sin = turn
     certain, stiff, most = settings
-    image, near = room
+    image, near = workspace
     x, y = slack[0], slack[1]
     best = np.inf
     for _ in range(ITERATIONS + 1):
         a, o = at[0] + x, at[1] + y
-        count = at_level(
+        count = look_up_level(
             planes, size_of, centres, lattice, a * cos + o * sin, o * cos - a * sin, press, near, image
         )
         power = product = gx = gy = 0.0
@@ -136,7 +141,7 @@ def descend(
                 shares[j] = image[0, j]
         xx, xy, yy = certain * xx + stiff, certain * xy, certain * yy + stiff
         rx, ry = certain * rx + stiff * x, certain * ry + stiff * y
-        # Where the image says nothing and the prior is off, the damping keeps the step finite.
+        # If the image has no gradient and there is no prior, damping keeps the step finite.
         floor = 1e-4 * (xx + yy) + 1.0
         xx, yy = xx + floor, yy + floor
         determinant = xx * yy - xy * xy
@@ -159,31 +164,33 @@ def place(
     stride: Any,
     how: Any,
     found: Any,
-    room: Any,
+    workspace: Any,
 ) -> None:  # pragma: no cover - compiled
     """Place every press (K,) for every centre (X, Y) of the sensor.
 
     Args:
-        tables: planes (K, M, N, N) at this turn and E, sizes (J,), centres (J, 2), lattice, as for :func:`at_level`.
+        tables: planes (K, M, N, N) at this turn and E, sizes (J,), centres (J, 2), lattice as for
+            :func:`mismatches`.
         images: weights of the readings (K, J), and weighted images (K, J).
-        lattice: contacts from the sensor's centre across (K, P) and along (K, Q), falling centre first [m].
+        lattice: contacts from the sensor's centre across (K, P) and along (K, Q), last centre first [m].
         at_zero: contacts from the centre at slack zero, across (K, X) and along (K, Y) [m].
-        window: slacks (W,) and (V,) of the lattice's nodes round a centre [m].
+        window: slacks (W,) and (V,) of the lattice's nodes around a centre [m].
         stride: nodes from centre to centre, across and along.
         how: cosine and sine of alpha, and settings as for :func:`descend`.
         found: slacks (K, X, Y, 2) [m] and weighted load shares there (K, X, Y, J), filled.
-        room: (P, Q), twice (Y, P), and that of :func:`descend`, for work.
+        workspace: arrays (P, Q), twice (Y, P), and those of :func:`descend`.
     """
     planes, size_of, centres, step_and_half = tables
     (weight, observed), (across, along), (grid_across, grid_along) = images, lattice, at_zero
     (wide, long), (turn, settings), (slack, shares) = window, how, found
-    mismatch, row, at_row, own_room = room
+    mismatch, row, at_row, own_workspace = workspace
     certain, stiff, _ = settings
     last_x, last_y = grid_across.shape[1] - 1, grid_along.shape[1] - 1
     for k in range(len(weight)):
         one = planes, size_of, centres, step_and_half, k
         mismatches(one, weight[k], observed[k], across[k], along[k], turn, mismatch)
-        # The prior is a sum over both directions: the best slack along is the same for all centres across.
+        # The prior is a sum over both directions, so the best slack along y is the same for all
+        # centres across.
         for y in range(last_y + 1):
             second = (last_y - y) * stride[1]
             for p in range(across.shape[1]):
@@ -203,4 +210,4 @@ def place(
                         least = q
                         own[0], own[1] = wide[i], at_row[y, first + i]
                 at = grid_across[k, x], grid_along[k, y]
-                descend(one, weight[k], observed[k], at, turn, settings, own, own_room, shares[k, x, y])
+                descend(one, weight[k], observed[k], at, turn, settings, own, own_workspace, shares[k, x, y])

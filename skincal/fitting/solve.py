@@ -1,4 +1,4 @@
-"""The fit, stage by stage: grid, peak, contact law, draws, valley."""
+"""Run the fit stage by stage: grid, peak, contact law, draws, valley."""
 
 from __future__ import annotations
 
@@ -16,76 +16,92 @@ from skincal.fitting.general_table import (
     ROUGH,
     SkinTable,
     TableReach,
-    joined,
-    name_of,
-    parts_of,
-    reach_of,
-    run_table,
+    choose_reach,
+    join_tables,
+    make_table_key,
+    split_presses,
+    tabulate_presses,
 )
 from skincal.fitting.grid import GridSlab, MacroGrid, span
 from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import COORDINATES, FEW_PRESSES, FitError, FitProblem
-from skincal.fitting.response import Bend, responses, weigh_bends, with_response
+from skincal.fitting.response import Bend, candidate_responses, weigh_bends, with_response
 from skincal.fitting.result import FitResult, GridResult
-from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
-from skincal.fitting.sampling import Density, Draws, sample, walk
-from skincal.fitting.tasks import Mapper, Neighbourhood, climb_near, density_at, evaluate_slab, lacking_at
+from skincal.fitting.robust import (
+    find_dead_taxels,
+    find_dropped_readings,
+    find_outlier_presses,
+    find_weak_taxels,
+)
+from skincal.fitting.sampling import Density, Draws, run_ensemble, sample
+from skincal.fitting.tasks import (
+    Mapper,
+    Neighbourhood,
+    climb_near,
+    evaluate_density,
+    evaluate_missing_terms,
+    evaluate_slab,
+)
 from skincal.fitting.types import Bools, Floats
 
-LEAST_TO_FIT = 3
-"""Fewer cannot tell five parameters, however many taxels they light."""
+MIN_PRESSES = 3
+"""Least number of presses of a fit; fewer cannot determine five parameters, however many taxels they load."""
 
 MOST_COMBINATIONS = 5_000_000
-"""A grid of more would need hours and gigabytes."""
+"""Largest grid; a larger one would need hours and gigabytes."""
 
 GRID_NOISE = 0.007
-"""Noise on the grid as a part of the usual signal, at least: with less, no node of its lattices is near a minimum."""
+"""Lower bound of the noise on the grid, as a fraction of the typical signal. With less noise, no node of the
+lattices is near a minimum."""
 
-WORTH = 100
-"""Importance sampling whose draws are worth fewer independent ones gives way to an ensemble of walkers."""
+MIN_EFFECTIVE_DRAWS = 100
+"""If importance sampling has a smaller effective sample size, an ensemble of walkers continues from its draws."""
 
-ROUGH_ROUNDS = 2
-"""Times the fewest rounds after which draws that are worth too little tell that a density is rough."""
+LONE_ROUNDS = 2
+"""With presses of one active taxel, sampling stops after this multiple of the fewest rounds. If the effective
+sample size is still too small then, the density is rough, and more rounds do not help."""
 
-CHECKED, SMOOTH = 120, 60
-"""Draws at which it is found what the log posterior misses, :func:`skincal.fitting.tasks.lacking_at`: with presses of
-one taxel, where it is rough, and without."""
+TERM_POINTS_LONE, TERM_POINTS = 120, 60
+"""Number of draws at which :func:`skincal.fitting.tasks.evaluate_missing_terms` is evaluated: with presses of
+one active taxel, where the term is rough, and without."""
 
-POLISH = 2
-"""Times that a peak is climbed anew with the noise of readings as simulated images have it, and with shared errors."""
-RIVAL, RIVALS = 30.0, 2
-"""Peaks of the local surface within so much log evidence of its best are looked at by the skin model, the best few."""
+POLISH_CLIMBS = 2
+"""Number of climbs that follow the removal of outliers. Each takes the noise of the readings from the simulated
+images of the last peak, and starts from its shared errors."""
+RIVAL_NATS, MOST_RIVALS = 30.0, 2
+"""Peaks of the local surface whose log evidence is within ``RIVAL_NATS`` of the best are refined with the skin
+model; at most ``MOST_RIVALS``."""
 
-STARTS = 4
-"""Grid points that the continuous part of a fit begins from, at most."""
+MOST_STARTS = 4
+"""Most grid points from which the continuous part of a fit starts (multistart)."""
 
-TABLES = 3
-"""A peak of the general way that leaves the table it was climbed on is tabled anew so many times at most."""
+MOST_TABLES = 3
+"""Most image tables that the general way makes for one peak, if the peak keeps leaving its table."""
 
 Progress = Callable[[str, int, int], None]
-"""Told the stage, how much of it is done, and of how much."""
+"""Progress callback: takes the stage, the number of steps done, and the total."""
 
 
 class Store(Protocol):
-    """Keeps parts of a fit between its runs."""
+    """Checkpoint of a fit: keeps finished parts between runs."""
 
     def keep(self, turn: int, slab: GridSlab, /) -> None:
-        """Keep a turn of the grid."""
+        """Store the results of one turn of the grid."""
         ...
 
     def table(self, name: str, /) -> SkinTable | None:
-        """The table of images that was kept under a name; None where there is none."""
+        """Return the image table stored under a name; None if there is none."""
         ...
 
     def keep_table(self, name: str, table: SkinTable, /) -> None:
-        """Keep a table of images, on which the general way spends its time."""
+        """Store an image table. Tables take most of the time of the general way."""
         ...
 
 
 def default_steps(problem: FitProblem) -> GridSteps:
-    """Steps of the macro grid that the way of the fit affords."""
+    """Return the default steps of the macro grid for the method of the fit."""
     if problem.contacts is None:
         return STEPS["fast"]
     return STEPS["nlopt" if problem.contacts.on_grid is None else "general"]
@@ -95,13 +111,13 @@ def plan_grid(problem: FitProblem, box: SearchBox, options: FitOptions) -> Macro
     """Lay out the macro grid.
 
     Raises:
-        FitError: no press can be used, or fewer than the parameters need; or there are too many combinations.
+        FitError: there are fewer usable presses than the parameters need, or too many combinations.
     """
     if len(problem) == 0:
         raise FitError("no press can be used")
-    if len(problem) < LEAST_TO_FIT:
+    if len(problem) < MIN_PRESSES:
         used = f"only {len(problem)} press{'es' if len(problem) > 1 else ''} can be used"
-        raise FitError(f"{used}, and the five parameters need at least {LEAST_TO_FIT}")
+        raise FitError(f"{used}, and the five parameters need at least {MIN_PRESSES}")
     steps = options.steps or default_steps(problem)
     grid = MacroGrid(
         span(*box.across_m, steps.across_m),
@@ -135,21 +151,21 @@ def solve(
     progress: Progress = lambda _stage, _done, _total: None,
     meanwhile: Callable[[], None] = lambda: None,
 ) -> FitResult:
-    """Fits.
+    """Run grid search, MAP refinement and posterior sampling.
 
     Args:
-        problem: presses that are used.
+        problem: the presses to fit.
         box: ranges to search.
         options: settings.
-        rng: the only source of chance.
-        mapper: spreads independent work; the result does not depend on it.
-        slabs: turns of the grid that have been evaluated before.
-        store: keeps what is done, so that another run need not do it again.
-        progress: told how far the work is.
-        meanwhile: called when workers have nothing to do for a while, to begin what the fit does not need.
+        rng: only source of randomness.
+        mapper: runs independent tasks, perhaps in parallel; the result does not depend on it.
+        slabs: results of turns of the grid that an earlier run has evaluated, by the number of the turn.
+        store: checkpoint for finished parts; None for none.
+        progress: progress callback.
+        meanwhile: called once the workers are mostly idle, so that the caller can start other work there.
 
     Returns:
-        Best point, intervals, grid, draws, and what a person should know.
+        Best point, intervals, grid, draws and findings.
 
     Raises:
         FitError: the presses do not allow a fit.
@@ -164,7 +180,7 @@ def solve(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """What all stages of a fit need: bounds of the macro variables, and the arguments of :func:`solve`."""
+    """Context of all stages: bounds of the macro variables, and the arguments of :func:`solve`."""
 
     bounds: Bounds
     box: SearchBox
@@ -176,12 +192,12 @@ class _Fit:
     meanwhile: Callable[[], None]
 
     def solve(self, problem: FitProblem, grid: MacroGrid, slabs: dict[int, GridSlab]) -> FitResult:
-        """See :func:`solve`."""
+        """Run all stages; see :func:`solve`."""
         settings, on_grid = micro_settings(problem), problem.on_grid
-        in_order = self._on_grid(on_grid, grid, settings, slabs)
-        problem, kept, dead, peak, around = self._refine(problem, _starts(on_grid, grid, in_order))
-        problem, peak, draws = self._drawn(problem, peak, around)
-        law, bend = self._laws_and_bends(problem, peak, around)
+        in_order = self._evaluate_grid(on_grid, grid, settings, slabs)
+        problem, kept, dead, peak, around = self._refine(problem, _choose_starts(on_grid, grid, in_order))
+        problem, peak, draws = self._draw_posterior(problem, peak, around)
+        law, bend = self._weigh_laws_and_responses(problem, peak, around)
         at = MacroGrid(*draws.mean[:4, None])  # none of the grid's values
         at_best = float(evaluate_slab(on_grid, at, 0, settings).mse_counts2[0, 0, 0])
         mse, scale, slack = (np.stack(arrays) for arrays in zip(*in_order, strict=True))
@@ -193,18 +209,18 @@ class _Fit:
             box=self.box, options=self.options, rng=self.rng,
         )  # fmt: skip
 
-    def _spread(self, function: Callable[..., Any], arguments: Iterable[Sequence[Any]]) -> Iterable[Any]:
-        """Results of a function for some arguments, spread by the mapper."""
+    def _map(self, function: Callable[..., Any], arguments: Iterable[Sequence[Any]]) -> Iterable[Any]:
+        """Return the results of a function for many argument tuples, by the mapper."""
         return self.mapper(call, [partial(function, *some) for some in arguments])
 
-    def _on_grid(
+    def _evaluate_grid(
         self, problem: FitProblem, grid: MacroGrid, settings: MicroSettings, done: dict[int, GridSlab]
     ) -> list[GridSlab]:
-        """The turns of the grid, those that are not done evaluated and kept."""
+        """Evaluate and store the turns of the grid that are missing; return the results of all turns in order."""
         turns = len(grid.alpha_rad)
         missing = [t for t in range(turns) if t not in done]
         self.progress("grid", turns - len(missing), turns)
-        found = self._spread(evaluate_slab, [(problem, grid, t, settings) for t in missing])
+        found = self._map(evaluate_slab, [(problem, grid, t, settings) for t in missing])
         for turn, slab in zip(missing, found, strict=True):
             done[turn] = slab
             if self.store is not None:
@@ -213,20 +229,20 @@ class _Fit:
         return [done[t] for t in range(turns)]
 
     def _climb_all(self, problem: FitProblem, bounds: Bounds, starts: Iterable[Floats]) -> list[Peak]:
-        """Peaks of climbs from afar on kernels, the one with most posterior mass under it first (Laplace)."""
-        peaks = self._spread(climb_near, [(problem, bounds, start) for start in starts])
+        """Climb from each start on kernel tables; return the peaks, the largest evidence (Laplace) first."""
+        peaks = self._map(climb_near, [(problem, bounds, start) for start in starts])
         return sorted(peaks, key=lambda peak: -peak.log_evidence)
 
     def _refine(
         self, problem: FitProblem, starts: list[Floats]
     ) -> tuple[FitProblem, Bools, Bools, Peak, Neighbourhood]:
-        """The highest peak, after glitches and dead taxels have been left out.
+        """Find the highest peak, and leave out dead taxels, dropped readings and outlier presses.
 
         Returns:
-            Problem, kept presses, dead taxels, peak, and where images are tabled round it.
+            Reduced problem, mask of kept presses, mask of dead taxels, peak, and the tables around it.
         """
         self.progress("peak", 0, 2)
-        weak = weak_taxels(problem)
+        weak = find_weak_taxels(problem)
         strong = problem.without_taxels(weak) if weak.any() else problem
         general = problem.contacts is not None
         if general:
@@ -238,90 +254,92 @@ class _Fit:
             peak = max(rough, key=lambda one: one.log_evidence)
         else:
             peak = self._climb_all(strong, self.bounds, starts)[0]
-        peak, around = self._tabled(strong, peak)
-        # What follows goes not far from here, one climb after the other.
+        peak, around = self._tabulate_around(strong, peak)
+        # From here on, single climbs follow each other near this peak, so workers are idle.
         self.meanwhile()
-        dead = dead_taxels(problem, peak.states)
+        dead = find_dead_taxels(problem, peak.states)
         if dead.any():
             problem = problem.without_taxels(dead)
         if (dead ^ weak).any():
             peak = climb_near(problem, self.bounds, peak.macro, around)
         self.progress("peak", 1, 2)
-        lost = lost_readings(problem, peak.states, float(peak.sigmas[4]))
+        lost = find_dropped_readings(problem, peak.states, float(peak.sigmas[4]))
         if lost.any():
-            # How much gains differ is told by a climb from near by only; a weak taxel has not dropped out.
+            # Only a climb with shared errors estimates the spread of the gains. Judge the
+            # readings again with that spread, so that a taxel of low gain is not taken for a
+            # dropped reading.
             without = climb_near(problem.without_readings(lost), self.bounds, peak.macro, around, peak.sigmas)
-            lost = lost_readings(problem, peak.states, float(without.sigmas[4]))
+            lost = find_dropped_readings(problem, peak.states, float(without.sigmas[4]))
             problem = problem.without_readings(lost)
             peak = climb_near(problem, self.bounds, without.macro, around)
-        keep = ~glitches(problem, peak)
+        keep = ~find_outlier_presses(problem, peak)
         if not keep.all():
             problem = problem.subset(keep, "glitch: its image or force does not fit with the other presses")
             again: list[tuple[Any, ...]] = [(problem, self.bounds, peak.macro, around)]
-            if not general:  # a table goes no further than the peak that it was made for
+            if not general:  # an image table only covers the neighbourhood of its own peak
                 again.append((problem, self.bounds, starts[0], None))
-            peak = max(self._spread(climb_near, again), key=lambda one: one.log_evidence)
-        for _ in range(POLISH):
+            peak = max(self._map(climb_near, again), key=lambda one: one.log_evidence)
+        for _ in range(POLISH_CLIMBS):
             problem = problem.with_signal(peak.states.simulated).with_shared(peak.theta)
             peak = climb_near(problem, self.bounds, peak.macro, around, peak.sigmas)
         if not around.holds(peak.macro):
-            peak, around = self._tabled(problem, peak)
+            peak, around = self._tabulate_around(problem, peak)
         self.progress("peak", 2, 2)
         return problem.with_shared(peak.theta), keep, dead, peak, around
 
     def _local_peaks(self, problem: FitProblem, starts: list[Floats]) -> list[Floats]:
-        """Where climbs on the surface that looks the same everywhere end: the best, and one nearly as good."""
+        """Climb on the uniform local surface; return the best peak and near rivals (macro variables)."""
         assert problem.contacts is not None
         local = problem.contacts.on_grid
         if local is None:
             return starts
-        # The centre may leave the box a little; what follows keeps to it.
+        # Arc lengths may put the centre slightly outside the box; clip it.
         peaks = self._climb_all(local.problem(problem), local.bounds(self.bounds), map(local.arcs, starts))
         reach = np.array([ROUGH.centre_m, ROUGH.centre_m, ROUGH.alpha_rad, ROUGH.log_ratio, np.inf])
         found: list[Floats] = []
         for peak in peaks:
             macro = np.clip(local.labels(peak.macro), self.bounds.low, self.bounds.high)
-            near = peaks[0].log_evidence - peak.log_evidence < RIVAL
+            near = peaks[0].log_evidence - peak.log_evidence < RIVAL_NATS
             if near and all((np.abs(macro - other) > 0.5 * reach).any() for other in found):
                 found.append(macro)
-        return found[:RIVALS]
+        return found[:MOST_RIVALS]
 
     def _table(self, problem: FitProblem, macro: Floats, reach: TableReach) -> SkinTable:
-        """A table of images, made part by part but for those that an earlier run has made."""
-        arguments = [(problem, presses, macro, reach) for presses in parts_of(problem)]
-        names = [name_of(*some) for some in arguments]
+        """Return an image table of all presses; compute the parts that the checkpoint does not have."""
+        arguments = [(problem, presses, macro, reach) for presses in split_presses(problem)]
+        names = [make_table_key(*some) for some in arguments]
         parts = [None if self.store is None else self.store.table(name) for name in names]
         missing = [n for n, part in enumerate(parts) if part is None]
         done = len(names) - len(missing)
         self.progress("images", done, len(names))
-        made = self._spread(run_table, [arguments[n] for n in missing])
+        made = self._map(tabulate_presses, [arguments[n] for n in missing])
         for n, part in zip(missing, made, strict=True):
             parts[n], done = part, done + 1
             if self.store is not None:
                 self.store.keep_table(names[n], part)
             self.progress("images", done, len(names))
-        return joined([part for part in parts if part is not None])
+        return join_tables([part for part in parts if part is not None])
 
-    def _tabled(self, problem: FitProblem, peak: Peak) -> tuple[Peak, Neighbourhood]:
-        """Where images are tabled round a peak; in the general way, which tables them, the peak on that fine table."""
+    def _tabulate_around(self, problem: FitProblem, peak: Peak) -> tuple[Peak, Neighbourhood]:
+        """Return the peak and the tables around it; in the general way, table images and climb again on them."""
         if problem.contacts is None:
             return peak, Neighbourhood.around(peak.macro)
         around, tries = None, 0
-        while around is None or (tries < TABLES and not around.holds(peak.macro)):
-            around = Neighbourhood.around(peak.macro, self._table(problem, peak.macro, reach_of(peak)))
+        while around is None or (tries < MOST_TABLES and not around.holds(peak.macro)):
+            around = Neighbourhood.around(peak.macro, self._table(problem, peak.macro, choose_reach(peak)))
             peak, tries = climb_near(problem, self.bounds, peak.macro, around), tries + 1
         return peak, around
 
-    def _drawn(
+    def _draw_posterior(
         self, problem: FitProblem, peak: Peak, around: Neighbourhood
     ) -> tuple[FitProblem, Peak, Draws]:
-        """Draws round the peak, and the problem and the peak that they are of.
+        """Draw from the posterior around a peak; return the problem and the peak that the draws belong to, too.
 
-        Without noise the density of presses of one taxel is too rough to be drawn from; those presses are then left
-        out.
+        With very little noise, presses of one active taxel make the density too rough to sample. Those
+        presses are then left out.
         """
         draws, density = self._sample(problem, peak, around)
-        worth, lone = min(WORTH, self.options.enough_draws), problem.lone
+        worth, lone = min(MIN_EFFECTIVE_DRAWS, self.options.enough_draws), problem.has_one_taxel
         if draws.effective < worth and lone.any() and (~lone).sum() >= FEW_PRESSES:
             problem = problem.subset(~lone, "1 active taxel, beside presses of more that tell far more")
             problem = replace(problem, min_active=COORDINATES)
@@ -329,79 +347,88 @@ class _Fit:
             problem = problem.with_shared(peak.theta)
             draws, density = self._sample(problem, peak, around)
         if draws.effective < worth:
-            draws = max(draws, walk(density, draws, self.rng), key=lambda d: d.effective)
+            draws = max(draws, run_ensemble(density, draws, self.rng), key=lambda d: d.effective)
         return problem, peak, draws
 
     def _sample(self, problem: FitProblem, peak: Peak, around: Neighbourhood) -> tuple[Draws, Density]:
+        """Run importance sampling around a peak; return the draws and the density that they follow."""
         fewest, most = self.options.rounds
-        lone = bool(problem.lone.any())
+        lone = bool(problem.has_one_taxel.any())
 
-        def halved(function: Callable[..., Floats], about: object, points: Floats) -> Floats:
-            # A fixed division, so that results do not depend on the number of workers.
+        def in_two_parts(function: Callable[..., Floats], about: object, points: Floats) -> Floats:
+            # Split into a fixed number of parts, so that results do not depend on the number of
+            # workers.
             parts = [(problem, around, peak.places, about, part) for part in np.array_split(points, 2)]
-            return np.concatenate(list(self._spread(function, parts)))
+            return np.concatenate(list(self._map(function, parts)))
 
         self.progress("draws", 0, fewest)
         return sample(
             peak,
             problem,
-            lambda points: halved(density_at, self.bounds, points),
+            lambda points: in_two_parts(evaluate_density, self.bounds, points),
             self.rng,
             size=self.options.round_size,
-            rounds=(fewest, min(most, ROUGH_ROUNDS * fewest) if lone else most),
-            worth=self.options.enough_draws,
-            lacking=lambda points: halved(lacking_at, points.mean(axis=0), points),
-            checked=CHECKED if lone else SMOOTH,
+            rounds=(fewest, min(most, LONE_ROUNDS * fewest) if lone else most),
+            enough_draws=self.options.enough_draws,
+            missing_term=lambda points: in_two_parts(evaluate_missing_terms, points.mean(axis=0), points),
+            term_points=TERM_POINTS_LONE if lone else TERM_POINTS,
             on_round=lambda done: self.progress("draws", min(done, fewest), fewest),
         )
 
-    def _laws_and_bends(
+    def _weigh_laws_and_responses(
         self, problem: FitProblem, peak: Peak, around: Neighbourhood
     ) -> tuple[LawSpread, Bend]:
-        """How likely other contact laws are, and responses that bend; every climb begins anew at the peak."""
+        """Weigh contact laws and nonlinear responses by their evidence; every climb restarts from the peak."""
         spreads = self.options.law_spreads_m
         self.progress("contact law", 0, 1)
 
-        wide = [
+        spread_tasks = [
             (problem, self.bounds, peak.macro, replace(around, spread_m=spread), peak.sigmas)
             for spread in spreads[1:]
         ]
-        bare: list[tuple[Any, ...]] = []
+        unprojected_tasks: list[tuple[Any, ...]] = []
         local = None if problem.contacts is None else problem.contacts.local
-        if wide and problem.contacts is None:
-            bare = [(problem, self.bounds, peak.macro, replace(around, projected=False), peak.sigmas)]
-        elif wide and local is not None:
-            # Tables of the skin model have the projections in them. There taxels that feel the pressure itself are
-            # compared by kernels, on the surface as it is round the sensor; without those they are not.
+        if spread_tasks and problem.contacts is None:
+            unprojected_tasks = [
+                (problem, self.bounds, peak.macro, replace(around, projected=False), peak.sigmas)
+            ]
+        elif spread_tasks and local is not None:
+            # Image tables contain the projections. Compare taxels that feel the pressure itself
+            # by kernels instead, on the uniform local surface; where there is none, skip the
+            # comparison.
             start = local.arcs(peak.macro)
             plain = Neighbourhood.around(start)
-            bare = [
+            unprojected_tasks = [
                 (local.problem(problem), local.bounds(self.bounds), start, law, peak.sigmas)
                 for law in (plain, replace(plain, projected=False))
             ]
-        tried = responses(problem)
-        bent = [(with_response(problem, one), self.bounds, peak.macro, around, peak.sigmas) for one in tried]
-        found: list[Peak] = list(self._spread(climb_near, [*wide, *bare, *bent]))
+        candidates = candidate_responses(problem)
+        response_tasks = [
+            (with_response(problem, one), self.bounds, peak.macro, around, peak.sigmas) for one in candidates
+        ]
+        peaks: list[Peak] = list(self._map(climb_near, [*spread_tasks, *unprojected_tasks, *response_tasks]))
         self.progress("contact law", 1, 1)
-        laws, bare_peaks = [peak, *found[: len(wide)]], found[len(wide) : len(wide) + len(bare)]
-        bent_peaks = found[len(wide) + len(bare) :]
-        # The first is straight. All others begin anew at the peak, too; none may win by the places that this
-        # finds.
-        laws[0] = max(peak, bent_peaks[0], key=lambda one: one.log_evidence)
-        comparable = laws + (bare_peaks if len(bare) == 1 else [])
-        # A worker has loaded what these need, to look for another order of the taxels.
-        [bend] = self._spread(weigh_bends, [(problem, comparable, tried, bent_peaks)])
-        [law] = self._spread(weigh_laws, [(np.array(spreads), laws)])
-        if bare:
-            law = law.with_bare(laws[0] if len(bare) == 1 else bare_peaks[0], bare_peaks[-1])
+        first, last = len(spread_tasks), len(spread_tasks) + len(unprojected_tasks)
+        laws, unprojected_peaks, response_peaks = [peak, *peaks[:first]], peaks[first:last], peaks[last:]
+        # The first candidate is the straight response. It restarts from the peak like all others, so
+        # that no law or response wins only because the restart found better contact positions.
+        laws[0] = max(peak, response_peaks[0], key=lambda one: one.log_evidence)
+        comparable = laws + (unprojected_peaks if len(unprojected_tasks) == 1 else [])
+        # Run these in a worker, which has already imported SciPy for the search of the taxel order.
+        [bend] = self._map(weigh_bends, [(problem, comparable, candidates, response_peaks)])
+        [law] = self._map(weigh_laws, [(np.array(spreads), laws)])
+        if unprojected_tasks:
+            law = law.with_unprojected(
+                laws[0] if len(unprojected_tasks) == 1 else unprojected_peaks[0], unprojected_peaks[-1]
+            )
         return law, bend
 
 
-def _starts(problem: FitProblem, grid: MacroGrid, slabs: Sequence[GridSlab]) -> list[Floats]:
-    """The best grid points that are not neighbours of each other, as macro variables (5,)."""
+def _choose_starts(problem: FitProblem, grid: MacroGrid, slabs: Sequence[GridSlab]) -> list[Floats]:
+    """Return the best grid points that are not neighbours of each other, as macro variables (5,)."""
     mse, scale, slack = (np.stack(arrays) for arrays in zip(*slabs, strict=True))
-    # What is left at the best grid point is mostly what normalised images do not tell of the places of presses; it
-    # serves as the noise here.
+    # Normalised images do not determine contact positions fully. The loss that remains at the best grid
+    # point is mostly due to that, and serves as the noise here.
     noise = max(float(mse.min()), problem.noise_sigma_counts**2)
     sigma = problem.rig.position_sigma_m
     stiff = 1.0 / sigma**2 if np.isfinite(sigma) and sigma > 0 else 0.0
@@ -419,7 +446,7 @@ def _starts(problem: FitProblem, grid: MacroGrid, slabs: Sequence[GridSlab]) -> 
         apart = np.array([1.2e-3, 1.2e-3, np.radians(7.0), 0.5, np.inf])
         if all((np.abs(point - s) > apart).any() for s in starts):
             starts.append(point)
-        if len(starts) == STARTS:
+        if len(starts) == MOST_STARTS:
             break
     if not starts:
         raise FitError(

@@ -1,7 +1,8 @@
-"""The pieces of a fit that can run side by side: plain functions of arguments that can be pickled.
+"""The independent tasks of a fit: plain functions of arguments that can be pickled.
 
-Who spreads them over processes is up to the caller: a mapper takes a function and a sequence of arguments to the
-results in the same order, as the built-in ``map`` does. Results do not depend on it.
+The caller decides how to distribute them over processes: a mapper takes a function and a sequence of
+arguments, and returns the results in the same order, as the built-in ``map`` does. Results do not depend on
+the mapper.
 """
 
 from __future__ import annotations
@@ -24,23 +25,23 @@ from skincal.fitting.posterior import Bounds, Peak, climb, log_posterior, press_
 from skincal.fitting.press_evidence import find_narrow_slacks, log_evidence
 from skincal.fitting.presses import Places, PressModel
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.selection import log_chance
+from skincal.fitting.selection import log_selection_probability
 from skincal.fitting.types import Floats
 
 REACH = 0.9
-"""How far log E may stray from the middle of the kernels that are tabled for the continuous part of a fit."""
+"""How far log E may deviate from the middle of the kernel tables in the continuous part of a fit."""
 
 
 class Mapper(Protocol):
     """Applies a function to every argument; results come in the order of the arguments."""
 
     def __call__(self, function: Callable[[Any], Any], arguments: Sequence[Any], /) -> Iterable[Any]:
-        """Results in the order of the arguments."""
+        """Return the results in the order of the arguments."""
         ...
 
 
 def evaluate_slab(problem: FitProblem, macro_grid: MacroGrid, turn: int, settings: MicroSettings) -> GridSlab:
-    """Evaluate one turn of the grid, by tables or by the skin model itself."""
+    """Evaluate one turn of the grid, by kernel tables or with the skin model."""
     if problem.contacts is None:
         return grid.evaluate_slab(problem, macro_grid, turn, settings)
     local = problem.contacts.on_grid
@@ -51,14 +52,14 @@ def evaluate_slab(problem: FitProblem, macro_grid: MacroGrid, turn: int, setting
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
-    """Range over which kernels are tabled for the continuous part of a fit.
+    """Range of the tables for the continuous part of a fit.
 
     Attributes:
-        alphas_rad: three turns round the centre [rad].
-        log_elasticity: logarithm of E at the centre.
+        alphas_rad: three turns around the centre [rad].
+        log_elasticity: log E at the centre.
         spread_m: sideways spread of the contact law [m].
-        projected: whether taxels feel the projected pressure; otherwise by kernels only.
-        table: images of the skin model there, for the general way, which has no kernels.
+        projected: whether taxels feel the projected pressure; only kernel tables can do otherwise.
+        table: image table of the skin model, for the general way; None for kernel tables.
     """
 
     alphas_rad: Floats
@@ -69,19 +70,19 @@ class Neighbourhood:
 
     @classmethod
     def around(cls, macro: Floats, table: SkinTable | None = None) -> Neighbourhood:
-        """Centred at macro variables (5,)."""
+        """Return the neighbourhood of macro variables (5,)."""
         alphas = float(macro[2]) + np.radians([-6.0, 0.0, 6.0])
         return cls(alphas, float(macro[3]), table=table)
 
     def holds(self, macro: Floats) -> bool:
-        """Return whether macro variables (5,) lie well inside of what is tabled."""
+        """Return whether macro variables (5,) lie well inside the tables."""
         if self.table is not None:
             return self.table.holds(macro)
         turn, stiffness = abs(macro[2] - self.alphas_rad[1]), abs(macro[3] - self.log_elasticity)
         return bool(turn <= np.radians(5.0) and stiffness <= 0.6)
 
     def model(self, problem: FitProblem) -> PressModel:
-        """Return presses with kernels, or with what is tabled, spread."""
+        """Return the press model with the tables of the neighbourhood."""
         if self.table is not None:
             return PressModel(problem, self.table.spread(self.spread_m).tables())
         log_force = np.log(problem.force_n)
@@ -96,9 +97,9 @@ class Neighbourhood:
 
 @lru_cache(maxsize=1)
 def _kernels(asked: bytes, spread_m: float, projected: bool) -> Tables:
-    """The kernels that were asked for last: the draws of a fit come in many rounds, all from the same.
+    """Return kernel tables; cached, as many rounds of draws ask for the same.
 
-    They are known by what they are made of, as every task brings a copy of its own.
+    The key is pickled content, because every task brings its own copy of the objects.
     """
     return Tables(build_table(*pickle.loads(asked), spread_m=spread_m, projected=projected), NO_IMAGES)
 
@@ -110,14 +111,14 @@ def climb_near(
     around: Neighbourhood | None = None,
     sigmas: Floats | None = None,
 ) -> Peak:
-    """Climb to a peak of the posterior; where it lies far from where kernels were tabled, table them anew and go on.
+    """Climb to a peak of the posterior; if it leaves the kernel tables, build new ones around it and climb on.
 
     Args:
         problem: the presses.
         bounds: box of the macro variables.
         start: (5,) macro variables.
-        around: where images are tabled; None for kernels round the start.
-        sigmas: (6,) of a peak nearby, where there is one.
+        around: tables to use; None for kernel tables around the start.
+        sigmas: (6,) of a nearby peak; None for a climb from afar.
     """
     around = around or Neighbourhood.around(start)
     peak = climb(around.model(problem), bounds, start, sigmas=sigmas)
@@ -129,7 +130,7 @@ def climb_near(
     return peak
 
 
-def density_at(
+def evaluate_density(
     problem: FitProblem, around: Neighbourhood, places: Places, bounds: Bounds, points: Floats
 ) -> Floats:
     """Return the log posterior (W,) of points (W, 11); arguments as :func:`skincal.fitting.posterior.log_posterior`."""
@@ -138,17 +139,18 @@ def density_at(
     return np.concatenate([log_posterior(model, places, bounds, block) for block in blocks])
 
 
-def lacking_at(
+def evaluate_missing_terms(
     problem: FitProblem, around: Neighbourhood, places: Places, centre: Floats, points: Floats
 ) -> Floats:
-    """Return what is to be added to the log posterior (W,) at points (W, 11), up to a constant.
+    """Return the terms (W,) that the log posterior lacks at points (W, 11), up to a constant.
 
-    It is for the choice of presses and for Laplace's approximation: presses of one taxel need their evidence by narrow
-    slacks, seen from ``centre`` (11,); of the others the approximation is as good.
+    These are the selection of presses, and the error of the Laplace approximation. The latter is evaluated
+    only for presses of one active taxel, by narrow slack priors found at ``centre`` (11,); for other presses
+    the approximation is accurate.
     """
     model = around.model(problem)
-    missing = -log_chance(model, points)
-    if problem.lone.any():
+    missing = -log_selection_probability(model, points)
+    if problem.has_one_taxel.any():
         slacks = find_narrow_slacks(model, places, centre[:5], np.exp(centre[5:]))
         missing += log_evidence(model, slacks, points)
         missing -= press_evidence(model, places, points)[0]

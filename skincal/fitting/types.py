@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.floating[Any]]
-"""Floating-point numbers; single precision in the grid, where there are very many of them, else double."""
+"""Floating-point numbers; single precision in large tables, else double."""
 
 Ints = NDArray[np.intp]
+"""Indices."""
 Bools = NDArray[np.bool_]
+"""Masks."""

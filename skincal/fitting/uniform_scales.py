@@ -1,13 +1,12 @@
 """The scale of each taxel under uniform pressure.
 
-A pressure that is the same everywhere gives taxel j the load F phi_j whatever pose and elasticity are, so that of the
-skin model only
+A uniform pressure gives taxel j the load F phi_j, whatever pose and elasticity are, so the skin model reduces to
 
-    D_kj = S_j F_k phi_j
+    D_kj = S_j F_k phi_j:
 
-is left: a straight line for each taxel, whose slope is found by least squares in which values far off count less
-(Huber's weights, Ann. Math. Stat. 35 (1964) 73). Where there are presses enough the line need not meet the origin, so
-that neither the zero of a pressure gauge nor a level that jumps is taken for a scale.
+a straight line for each taxel. Its slope is found by robust least squares (Huber's weights, Ann. Math. Stat.
+35 (1964) 73). With enough presses the line need not pass through the origin, so that neither a zero offset of
+a pressure gauge nor a jump of the rest level biases the scale.
 """
 
 from __future__ import annotations
@@ -20,9 +19,11 @@ from skincal.fitting.observe import TO_SIGMA
 from skincal.fitting.types import Bools, Floats
 
 _HUBER = 1.345
+"""Huber's constant, for 95 % efficiency with normal noise."""
 _ROUNDS = 30
+"""Most rounds of reweighting."""
 _FREE = 5
-"""So many presses leave a line free to miss the origin."""
+"""From this many presses on, a line may miss the origin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +31,14 @@ class Scales:
     """Scales of taxels.
 
     Attributes:
-        scale_per_n: (J,) S_j [1/N]; 0 for a taxel that tells nothing.
+        scale_per_n: (J,) S_j [1/N]; 0 for a taxel that does not respond.
         sigma_per_n: (J,) their standard errors [1/N].
-        offset_counts: (J,) where the lines meet no load [counts]: the zero of the gauge, or a level that has moved.
-        common_per_n: the median over the taxels that tell something [1/N].
-        residual: (K, J) values less S_j F phi, and less the offset where the level at rest was not seen [counts]; NaN
-            where a value was not used.
-        told: (J,) taxels that answered.
+        offset_counts: (J,) values of the lines at no load [counts]: zero offset of the gauge, or a level that
+            has moved.
+        common_per_n: the median over the taxels that respond [1/N].
+        residual: (K, J) values less S_j F phi, and less the offset if the rest level was not seen [counts];
+            NaN where a value was not used.
+        responding: (J,) taxels that respond.
     """
 
     scale_per_n: Floats
@@ -44,27 +46,28 @@ class Scales:
     offset_counts: Floats
     common_per_n: float
     residual: Floats
-    told: Bools
+    responding: Bools
 
 
 def fit_scales(
     loads_n: Floats, values: Floats, use: Bools, least_counts: float, *, rest_known: bool = True
 ) -> Scales:
-    """Finds the scale of each taxel.
+    """Fit the scale of each taxel.
 
     Args:
         loads_n: (K, J) loads F phi [N].
-        values: (K, J) values above the level at rest [counts].
-        use: (K, J) values that are believed.
-        least_counts: a taxel that never rises so far tells nothing.
-        rest_known: whether the level at rest was seen: few values are laid through it then, else lines are free.
+        values: (K, J) values above the rest level [counts].
+        use: (K, J) values to use.
+        least_counts: value that a taxel must exceed in two presses to count as responding.
+        rest_known: whether the rest level was seen. If so, lines of few values pass through it; else all
+            lines are free.
     """
     use = use & np.isfinite(values) & (loads_n > 0)
     y, x = np.where(use, values, 0.0), np.where(use, loads_n, 0.0)
-    told = (use.sum(axis=0) >= 2) & ((y > least_counts).sum(axis=0) >= 2)
-    # One load alone, as of a press that is drawn again and again, has no line.
-    told &= rest_known | (np.ptp(np.where(use, x, x.max(axis=0)), axis=0) > 0)
-    free = told & ((use.sum(axis=0) >= _FREE) | (not rest_known))
+    responding = (use.sum(axis=0) >= 2) & ((y > least_counts).sum(axis=0) >= 2)
+    # A single load, as of one press resampled again and again, defines no line.
+    responding &= rest_known | (np.ptp(np.where(use, x, x.max(axis=0)), axis=0) > 0)
+    free = responding & ((use.sum(axis=0) >= _FREE) | (not rest_known))
     weight = use.astype(np.float64)
     scale = offset = np.zeros(y.shape[1])
     squares = np.ones(y.shape[1])
@@ -81,26 +84,28 @@ def fit_scales(
         weight = use * np.minimum(1.0, limit / np.maximum(off, 1e-12))
         if np.allclose(scale, last, rtol=1e-9):
             break
-    told &= scale > 0
-    scale, offset = np.where(told, scale, 0.0), np.where(told, offset, 0.0)
-    residual = np.where(use & told, values - scale * x, np.nan)
-    about = np.where(use & told, residual - offset, 0.0)
+    responding &= scale > 0
+    scale, offset = np.where(responding, scale, 0.0), np.where(responding, offset, 0.0)
+    residual = np.where(use & responding, values - scale * x, np.nan)
+    about = np.where(use & responding, residual - offset, 0.0)
     spread = np.sqrt((about**2).sum(axis=0) / np.maximum(use.sum(axis=0) - 2, 1))
-    common = float(np.median(scale[told])) if told.any() else 0.0
+    common = float(np.median(scale[responding])) if responding.any() else 0.0
     if not rest_known:  # the offset is then a part of the level
         residual = residual - offset
-    return Scales(scale, np.where(told, spread / np.sqrt(squares), 0.0), offset, common, residual, told)
+    return Scales(
+        scale, np.where(responding, spread / np.sqrt(squares), 0.0), offset, common, residual, responding
+    )
 
 
 def _medians(off: Floats, use: Bools) -> Floats:
-    """Median (J,) of each column of (K, J) over what is used; 0 where nothing is."""
+    """Return the median (J,) of each column of (K, J) over the values that are used; 0 if there are none."""
     ranked = np.sort(np.where(use, off, np.inf), axis=0)
     number = use.sum(axis=0)
     middle = np.stack([np.maximum(number - 1, 0) // 2, number // 2]).clip(max=len(off) - 1)
     return np.where(number, np.take_along_axis(ranked, middle, axis=0).mean(axis=0), 0.0)
 
 
-def common_draws(
+def bootstrap_common_scale(
     loads_n: Floats,
     values: Floats,
     use: Bools,
@@ -110,10 +115,10 @@ def common_draws(
     *,
     rest_known: bool = True,
 ) -> Floats:
-    """Draws of the common scale [1/N], presses resampled (bootstrap); arguments as :func:`fit_scales`.
+    """Return draws of the common scale [1/N] by a bootstrap over presses; arguments as for :func:`fit_scales`.
 
-    Those in which no taxel tells anything, as of one press drawn again and again, are left out: at most ``count`` are
-    there.
+    Draws in which no taxel responds, as of one press resampled again and again, are left out, so there may be
+    fewer than ``count``.
     """
     rows = rng.integers(0, len(values), (count, len(values)))
     drawn = [

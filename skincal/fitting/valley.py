@@ -1,4 +1,4 @@
-"""The valley: which combinations are as good as the data can tell, and the intervals that bound it."""
+"""The valley: combinations that the data cannot tell from the best one, and the intervals that bound it."""
 
 from __future__ import annotations
 
@@ -14,28 +14,29 @@ from skincal.fitting.result import GridResult
 from skincal.fitting.types import Floats
 
 UNBOUNDED_FROM = 0.9
-"""A parameter whose interval fills this part of the searched range is not identified by the data."""
+"""A parameter whose interval fills this fraction of the searched range is not identified."""
 
 ONE_PLACE = 0.25
-"""Presses within this part of the patch lie at one place."""
+"""Presses within this fraction of the patch count as one place."""
 
 POSE = ("across_m", "y_m", "alpha_rad")
+"""Names of the pose parameters."""
 
 OPEN = (-np.inf, np.inf)
-"""The interval of a parameter that the data do not tell."""
+"""Interval of a parameter that the data do not bound."""
 
 
 def interval(
     name: str, draws: Sequence[Floats], best: float, box: SearchBox, level: float
 ) -> tuple[float, float]:
-    """Central interval of draws, or (-inf, inf) where it fills the searched range.
+    """Return the central interval of draws, or (-inf, inf) if it fills the searched range.
 
     Args:
         name: of the parameter.
         draws: values from the valley, (N,) for each contact law; the interval covers that of every law.
         best: the best point; always inside.
-        box: what was searched.
-        level: probability content; 1 for the bounds of the draws.
+        box: the searched ranges.
+        level: probability content; 1 for the range of the draws.
     """
     tail = (1.0 - level) / 2
     bounds = np.array([np.quantile(law, [tail, 1.0 - tail]) for law in draws])
@@ -44,7 +45,7 @@ def interval(
 
 
 def closed(name: str, low: float, high: float, box: SearchBox) -> tuple[float, float]:
-    """An interval, or (-inf, inf) where it fills the searched range: a valley that does not close in it."""
+    """Return an interval, or (-inf, inf) if it fills the searched range: the valley does not close in it."""
     searched = getattr(box, name, None)
     if searched is not None and searched[1] > searched[0]:
         log = name == "elasticity_pa_per_m"
@@ -55,31 +56,31 @@ def closed(name: str, low: float, high: float, box: SearchBox) -> tuple[float, f
 
 
 def extent_m(problem: FitProblem) -> float:
-    """Return how far apart the presses lie, along the direction in which they are spread more [m]."""
+    """Return the larger of the two extents of the presses, across and along [m]."""
     return float(max(np.ptp(problem.across_m), np.ptp(problem.along_m)))
 
 
 def at_one_place(problem: FitProblem) -> bool:
-    """Return whether the presses lie so close together that turn and position of the sensor cannot be told apart."""
+    """Return whether the presses lie too close together to separate turn and position of the sensor."""
     size = float(np.ptp(problem.rig.layout.centres_m, axis=0).max()) or problem.rig.slack_m
     return extent_m(problem) < ONE_PLACE * size
 
 
 def valley_loss(model: PressModel, places: Places, points: Floats, rng: np.random.Generator) -> float:
-    """The loss [counts²] that 98 % of the draws stay below: the bound that the noise of the data gives the valley.
+    """Return the loss [counts²] that 98 % of the draws stay below: the bound of the valley that follows from the noise.
 
     Args:
-        model: the presses, with tables round the peak.
-        places: where each press could have been.
-        points: (N, 11) draws of macro variables and log sigmas.
-        rng: picks the draws that are looked at.
+        model: the presses, with tables around the peak.
+        places: possible contact positions of each press.
+        points: (N, 11) draws of macro variables and logs of the sigmas.
+        rng: selects the draws that are evaluated.
     """
     problem = model.problem
     some = points[rng.choice(len(points), min(60, len(points)), replace=False)]
-    state = model.settle_at(places, some[:, :5], np.exp(some[:, 5:]), forces_known=True, iterations=10)
+    state = model.fit_at_places(places, some[:, :5], np.exp(some[:, 5:]), forces_known=True, iterations=10)
     variance = problem.observation.variance(state.sigmas[:, 2], state.sigmas[:, 3], state.press)
     squares = (state.residual**2 * variance).sum(axis=1)
-    # Each press at its best place, for each draw.
+    # Each press at its best position, for each draw.
     each = state.press + np.repeat(np.arange(len(some)) * len(problem), len(places.press))
     best = best_of_each(each, state.objective, len(some) * len(problem))
     total = squares[best].reshape(len(some), -1).sum(axis=1)
@@ -87,12 +88,12 @@ def valley_loss(model: PressModel, places: Places, points: Floats, rng: np.rando
 
 
 def choose(grid: GridResult, count: int, rng: np.random.Generator) -> Floats:
-    """Draws (N, 5) of the combinations in the valley of a fixed bound; the best one where none is."""
+    """Return draws (N, 5) of the combinations in the valley of a fixed bound; the best one if there is none."""
     inside = np.argwhere(grid.in_valley)
     if len(inside) == 0:
         inside = np.argwhere(grid.mse_counts2 == grid.mse_counts2.min())
     if len(inside) > count:
-        # The combinations that bound the valley stay: their box is the interval.
+        # Keep the combinations that bound the valley: their box is the interval.
         edge = {int(f(inside[:, d])) for d in range(4) for f in (np.argmin, np.argmax)}
         scale = grid.scale_per_n[tuple(inside.T)]
         edge |= {int(np.argmin(scale)), int(np.argmax(scale))}

@@ -1,14 +1,15 @@
-"""Taxels in another order than the data say: which permutation of them explains the images best.
+"""Search for the permutation of the taxels that explains the images best.
 
-Where a press was is measured, so a nominal contact says which taxels it loads and how much. A taxel's readings over all
-presses, its trace, are therefore predicted up to the sensor's pose, the width of the contact and one scale. Traces are
-assigned to places by the squared differences between every measured and every predicted trace: all permutations are
-searched by the assignment problem (Kuhn 1955; ``scipy.optimize.linear_sum_assignment``), and those that a cable or
-a reading order makes are tried by name. Each is given its own best pose and places of the presses within their slack.
-Measured positions may also err in a way that presses share: a constant beyond the range of poses, a stretch, a shear, a
-bend. Every order, the one of the data among them, gets the error of this kind that suits it best, at the price of its
-prior. So an order is told only if it explains what no such error does: if its score beats that of the data's order by
-more than the number of permutations that were open to it.
+Where a press was is measured, so a nominal contact predicts which taxels it loads and how much. A taxel's
+readings over all presses, its trace, are therefore predicted up to the sensor's pose, the width of the
+contact and one scale. Traces are assigned to positions by the squared differences between every measured and
+every predicted trace. All permutations are searched by the assignment problem (Kuhn 1955;
+``scipy.optimize.linear_sum_assignment``); those that a cable or a reading order makes are tried by name. Each
+candidate gets its own best pose and press positions within their slack. Measured positions may also have an
+error that presses share: a constant beyond the range of poses, a stretch, a shear, a bend. Every order, that
+of the data among them, gets the best error of this kind, at the cost of its prior. An order is therefore
+reported only if it explains what no such error does: its score must beat that of the data's order by more
+than the log number of permutations that it competes with.
 """
 
 from __future__ import annotations
@@ -28,35 +29,36 @@ from skincal.fitting.types import Floats, Ints
 from skincal.fitting.wiring_orders import Order, mapping_of, named_orders
 
 MOST_PRESSES = 150
-"""Of more presses so many are looked at, evenly spread."""
+"""Most presses that are used; of more, this many are chosen evenly."""
 
-_EXPLAINED = 0.5
-"""A permutation must explain so much of what the taxels that it moves differ by (stated prior)."""
+_MIN_EXPLAINED = 0.5
+"""Fraction of the squared difference of the moved taxels that a permutation must explain (stated prior)."""
 
-_NATS = 10.0
-"""Log likelihood by which a permutation must win besides the logarithm of the number of rivals: odds of 1 to 20000."""
+_WIN_NATS = 10.0
+"""Log likelihood by which a permutation must win beyond the log number of rivals: odds of 1 to 20000."""
 
-_ASSIGNED = 10
-"""Starting poses from which all permutations are searched."""
+_MOST_ASSIGNED = 10
+"""Number of starting poses from which all permutations are searched."""
 
-_NAMED = 4
-"""So many of the orders that have a reason get a pose and places of their own."""
+_MOST_NAMED = 4
+"""Number of named orders that are refined with a pose and press positions of their own."""
 
 _ROUNDS = 3
+"""Rounds of alternating fits."""
 
 _POSE = 5
-"""Numbers of a pose before those of the smooth error of positions."""
+"""Number of pose parameters, which come before those of the smooth error of positions."""
 
-_BUMP = 0.05
-"""A nominal contact's images differ by so much of the signal from those of a skin: 3 to 4 % from a sphere's on an
-elastic foundation, plane and cylinder; of taxels that are not alike by their gains besides."""
+_NOMINAL_ERROR = 0.05
+"""Error of a nominal contact's images, relative to the signal. Against a sphere on an elastic foundation, plane
+and cylinder, it is 3 to 4 %; differences of the taxels' gains add to it."""
 
-_STRETCHED, _SHIFTED = 0.12, 0.25
-"""Smooth error of positions, one sigma: stretch, shear and bend as parts of how far presses are spread, and a constant
-beyond the range of poses, as a part of the pitch (stated prior)."""
+_STRETCH_SIGMA, _SHIFT_SIGMA = 0.12, 0.25
+"""Prior standard deviations of the smooth error of positions (stated prior): of stretch, shear and bend as a
+fraction of the spread of the presses, and of a constant beyond the range of poses as a fraction of the pitch."""
 
-_FARTHEST = 3.0
-"""No error of positions is so many times what it is worth: one that mirrors or turns the patch is none."""
+_FIELD_BOUND = 3.0
+"""Bound of the smooth error in prior standard deviations; it excludes errors that would mirror or turn the patch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +66,11 @@ class TaxelOrder:
     """An order of the taxels that explains the images where the order of the data does not.
 
     Attributes:
-        order: (J,) index in the data of the taxel that belongs at each place.
-        mapping: the line or lines of a mapping file, under ``[taxels]``, that put it right.
+        order: (J,) index in the data of the taxel that belongs at each position.
+        mapping: lines of a mapping file, under ``[taxels]``, that correct the order.
         rms_before: root mean square difference from the nominal images in the order of the data, per lit reading.
         rms_after: the same in the order found.
-        log_odds: log likelihood by which it wins, less the logarithm of the number of rivals.
+        log_odds: log likelihood by which it wins, less the log number of rivals.
     """
 
     order: Ints
@@ -79,37 +81,37 @@ class TaxelOrder:
 
     @property
     def moved(self) -> Ints:
-        """Places whose taxel is another."""
+        """Positions whose taxel differs."""
         return np.flatnonzero(self.order != np.arange(len(self.order)))
 
 
-def order_of_problem(problem: FitProblem, box: SearchBox) -> TaxelOrder | None:
-    """The order of taxels that explains the images of a problem; None where the order of the data does as well."""
+def find_taxel_order(problem: FitProblem, box: SearchBox) -> TaxelOrder | None:
+    """Return the order of taxels that explains the images of a problem; None if that of the data does as well."""
     layout = problem.rig.layout
     if layout.taxels < 2 or len(problem) < 3 or not np.isfinite(problem.rig.position_sigma_m):
-        return None  # a place that is not known predicts no trace
+        return None  # an unknown position predicts no trace
     if len(problem) > MOST_PRESSES:
         some = np.linspace(0, len(problem) - 1, MOST_PRESSES).astype(np.intp)
         problem = problem.subset(np.isin(np.arange(len(problem)), some), "one of many")
     whole = _Search(problem, box)
     if whole.lit < 2 * _POSE:
-        return None  # they tell a pose at most
+        return None  # they determine a pose at most
     names = named_orders(layout.rows, layout.cols)
     nominal, *tried = whole.candidates(names)
     for _ in range(_ROUNDS - 1):
-        # From an order that is nearly right, the rest is found with a better pose.
+        # From an order that is nearly right, a better pose finds the rest.
         near = min(tried, key=lambda one: one.squares, default=nominal)
-        if near.squares > (1 - _EXPLAINED) * nominal.squares:
+        if near.squares > (1 - _MIN_EXPLAINED) * nominal.squares:
             break
         order = near.order
         ordered = replace(problem, values=problem.values[:, order], weight=problem.weight[:, order])
         found = _Search(ordered, box).candidates(names)
         further = [replace(one, order=order[one.order]) for one in found]
-        tried += [replace(one, rivals=_rivals(one.order, names)) for one in further]
+        tried += [replace(one, rivals=_log_rivals(one.order, names)) for one in further]
         if min(further, key=lambda one: one.squares).order.tolist() == order.tolist():
             break
     one = max(tried, key=whole.score, default=nominal)
-    odds = whole.score(one) - whole.score(nominal) - _NATS
+    odds = whole.score(one) - whole.score(nominal) - _WIN_NATS
     if odds <= 0 or (one.order == nominal.order).all() or not whole.explains(nominal, one):
         return None
     lit = max(int((problem.values * (problem.weight > 0) > 0).sum()), 1)
@@ -119,7 +121,7 @@ def order_of_problem(problem: FitProblem, box: SearchBox) -> TaxelOrder | None:
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """An order with the pose and places that suit it best."""
+    """An order with its best pose and press positions."""
 
     order: Ints
     rivals: float  # logarithm of the number of orders that were open to it
@@ -129,8 +131,8 @@ class _Candidate:
     moved: float  # squares of the errors of positions, smooth and of each press, in sigmas
 
 
-class _Bumps(NamedTuple):
-    """Nominal images, how far presses lie from taxels [m], and variances of what a taxel gets [m²]; all (K, J)."""
+class _NominalImages(NamedTuple):
+    """Nominal images, offsets of presses from taxels [m], and variances of the contact at a taxel [m²]; all (K, J)."""
 
     shares: Floats
     across_m: Floats
@@ -140,7 +142,7 @@ class _Bumps(NamedTuple):
 
 
 class _Search:
-    """Candidates for one session."""
+    """Search for candidates in one session."""
 
     def __init__(self, problem: FitProblem, box: SearchBox) -> None:
         self.layout, self.rig = problem.rig.layout, problem.rig
@@ -151,110 +153,111 @@ class _Search:
         lit = self.observed > max(4 * noise, 0.03 * float(self.observed.max(initial=0.0)))
         self.lit = int(lit.sum())
         self.least_variance = max(
-            noise**2, _BUMP**2 * float((self.observed[lit] ** 2).mean()) if self.lit else 0.0
+            noise**2, _NOMINAL_ERROR**2 * float((self.observed[lit] ** 2).mean()) if self.lit else 0.0
         )
         # Median distance of a taxel from the nearest other [m].
         self.pitch = float(np.median(self.layout.apart_m.min(axis=1)))
         self.basis = _smooth_basis(self.place_m)
-        # What each function (2 M,) of a smooth error of positions is worth, one sigma [m].
-        stretched = _STRETCHED * np.repeat(self.place_m.std(axis=0).max(), self.basis.shape[1])
-        stretched[0] = max(_SHIFTED * self.pitch, self.rig.position_sigma_m)
+        # Prior standard deviation of each function (2 M,) of the smooth error of positions [m].
+        stretched = _STRETCH_SIGMA * np.repeat(self.place_m.std(axis=0).max(), self.basis.shape[1])
+        stretched[0] = max(_SHIFT_SIGMA * self.pitch, self.rig.position_sigma_m)
         self.field_sigma = np.tile(np.maximum(stretched, 1e-9), 2)
         self.spread = np.sqrt(self.force_n / np.median(self.force_n))
         low, high = np.array([box.across_m, box.y_m, box.alpha_rad]).T
         wide = np.log([(0.1 * self.pitch) ** 2] * 2)
         widest = np.log([(30 * self.pitch) ** 2] * 2)
-        field = _FARTHEST * self.field_sigma
+        field = _FIELD_BOUND * self.field_sigma
         self.low = np.concatenate([low - 1e-6, wide, -field])
         self.high = np.concatenate([high + 1e-6, widest, field])
 
     def candidates(self, names: list[Order]) -> list[_Candidate]:
-        """The order of the data, the best named one, and the best of all."""
-        starts = self._starts()
-        matrices = [self._matrices(start) for start in starts]
+        """Return the order of the data, the best named orders, and the best permutations."""
+        starts = self._build_starts()
+        matrices = [self._trace_products(start) for start in starts]
         orders = np.stack([one.order for one in names])
-        costs = np.stack([_cost(m, orders) for m in matrices])  # (starts, orders)
+        costs = np.stack([_order_costs(m, orders) for m in matrices])  # (starts, orders)
         least = costs.min(axis=0)
-        tried: list[int] = [0, *(np.argsort(least[1:])[:_NAMED] + 1).tolist()]
+        tried: list[int] = [0, *(np.argsort(least[1:])[:_MOST_NAMED] + 1).tolist()]
         where: list[int] = costs.argmin(axis=0).tolist()
-        found = [self._refined(orders[n], starts[where[n]], names) for n in tried]
-        bound = [float(_pairs(m).min(axis=0).sum()) for m in matrices]
-        near: list[int] = [*(where[n] for n in tried), *np.argsort(bound)[:_ASSIGNED].tolist()]
-        assigned = {s: _assigned(matrices[s]) for s in dict.fromkeys(near)}
-        best = min(assigned, key=lambda s: _cost(matrices[s], assigned[s][None])[0])
+        found = [self._fit_order(orders[n], starts[where[n]], names) for n in tried]
+        bound = [float(_pair_costs(m).min(axis=0).sum()) for m in matrices]
+        near: list[int] = [*(where[n] for n in tried), *np.argsort(bound)[:_MOST_ASSIGNED].tolist()]
+        assigned = {s: _assign_traces(matrices[s]) for s in dict.fromkeys(near)}
+        best = min(assigned, key=lambda s: _order_costs(matrices[s], assigned[s][None])[0])
         likely = max(found[1:], key=self.score, default=found[0])
         seeds = [(assigned[best], starts[best])]
         for one in (found[0], likely):
-            # Bent positions suit the order that they were bent for.
+            # Restart without the position error, which was fitted to another order.
             straight = np.where(np.arange(len(one.pose)) < _POSE, one.pose, 0.0)
-            seeds += [(one.order, straight), (_assigned(self._matrices(straight)), straight)]
-        found += [self._free(order, pose, names) for order, pose in seeds]
-        # The order of the data has as good a chance of its best pose as its rivals have.
+            seeds += [(one.order, straight), (_assign_traces(self._trace_products(straight)), straight)]
+        found += [self._search_from(order, pose, names) for order, pose in seeds]
+        # Give the order of the data as many chances of finding its best pose as its rivals have.
         own = orders[0]
-        first: list[int] = np.argsort(costs[:, 0])[1:_NAMED].tolist()
+        first: list[int] = np.argsort(costs[:, 0])[1:_MOST_NAMED].tolist()
         poses = [starts[s] for s in first]
         poses += [one.pose for one in sorted(found, key=self.score)[-2:]]
-        again = [self._refined(own, pose, names) for pose in poses]
+        again = [self._fit_order(own, pose, names) for pose in poses]
         again += [one for one in found if (one.order == own).all()]
         rivals = [one for one in found if (one.order != own).any()]
         return [max(again, key=self.score), *rivals]
 
     def score(self, one: _Candidate) -> float:
-        """Return the log likelihood of an order with the priors of its errors of positions, less its rivals."""
+        """Return the log likelihood of an order with its position priors, less the log number of rivals."""
         variance = max(one.squares / self.lit, self.least_variance)
         fits = -0.5 * self.lit * np.log(variance) - 0.5 * one.squares / variance
         return float(fits - 0.5 * one.moved - one.rivals)
 
     def explains(self, nominal: _Candidate, one: _Candidate) -> bool:
-        """Return whether an order accounts for the traces of the taxels that it moves."""
+        """Return whether an order explains the traces of the taxels that it moves."""
         moved = np.flatnonzero(one.order != nominal.order)
-        here, there = (self._bumps(c.pose, c.slack_m).shares for c in (nominal, one))
+        here, there = (self._nominal_images(c.pose, c.slack_m).shares for c in (nominal, one))
         before = self._differences(here, nominal.order)[:, moved]
         after = self._differences(there, one.order)[:, moved]
         left = float((after**2).sum()) / max(float((before**2).sum()), 1e-300)
-        return left < 1 - _EXPLAINED
+        return left < 1 - _MIN_EXPLAINED
 
-    def _free(self, order: Ints, pose: Floats, names: list[Order]) -> _Candidate:
-        """The best of all permutations, searched in turn with pose and places."""
+    def _search_from(self, order: Ints, pose: Floats, names: list[Order]) -> _Candidate:
+        """Return the best of all permutations, searched in turn with pose and press positions."""
         slack = np.zeros((len(self.observed), 2))
         for _ in range(_ROUNDS):
-            pose = self._posed(order, pose, slack)
-            slack = self._placed(order, pose, slack)
-            last, order = order, _assigned(self._matrices(pose, slack))
+            pose = self._fit_pose(order, pose, slack)
+            slack = self._fit_slack(order, pose, slack)
+            last, order = order, _assign_traces(self._trace_products(pose, slack))
             if (order == last).all():
                 break
-        order = self._only_what_matters(order, self._matrices(pose, slack))
-        return self._refined(order, pose, names)
+        order = self._drop_weak_cycles(order, self._trace_products(pose, slack))
+        return self._fit_order(order, pose, names)
 
-    def _only_what_matters(self, order: Ints, matrices: tuple[Floats, Floats]) -> Ints:
-        """The order without those exchanges that change the images by less than they cost."""
-        pairs = _pairs(matrices)
+    def _drop_weak_cycles(self, order: Ints, matrices: tuple[Floats, Floats]) -> Ints:
+        """Return the order without those cycles that change the images by less than they cost."""
+        pairs = _pair_costs(matrices)
         columns = np.arange(len(order))
         own = (self.weight * self.observed**2).sum(axis=0)
         square = max(
             float((own[order] + pairs[order, columns]).sum()) / max(self.lit, 1), self.least_variance, 1e-30
         )
         kept = columns.copy()
-        for cycle in _cycles(order):
+        for cycle in _find_cycles(order):
             before, after = own[cycle] + pairs[cycle, cycle], own[order[cycle]] + pairs[order[cycle], cycle]
             before, after = float(before.sum()), float(after.sum())
-            enough = len(cycle) * np.log(len(order)) + _NATS
-            if before - after > 2 * square * enough and after < (1 - _EXPLAINED) * before:
+            enough = len(cycle) * np.log(len(order)) + _WIN_NATS
+            if before - after > 2 * square * enough and after < (1 - _MIN_EXPLAINED) * before:
                 kept[cycle] = order[cycle]
         return kept
 
-    def _refined(self, order: Ints, pose: Floats, names: list[Order]) -> _Candidate:
-        """Pose, places and score of an order."""
+    def _fit_order(self, order: Ints, pose: Floats, names: list[Order]) -> _Candidate:
+        """Fit pose and press positions to an order; return the candidate."""
         slack = np.zeros((len(self.observed), 2))
         for _ in range(_ROUNDS):
-            pose = self._posed(order, pose, slack)
-            slack = self._placed(order, pose, slack)
-        off = self._differences(self._bumps(pose, slack).shares, order)
+            pose = self._fit_pose(order, pose, slack)
+            slack = self._fit_slack(order, pose, slack)
+        off = self._differences(self._nominal_images(pose, slack).shares, order)
         sigma = max(self.rig.position_sigma_m, 1e-9)
         moved = float((slack**2).sum()) / sigma**2 + float(((pose[_POSE:] / self.field_sigma) ** 2).sum())
-        return _Candidate(order, _rivals(order, names), pose, slack, float((off**2).sum()), moved)
+        return _Candidate(order, _log_rivals(order, names), pose, slack, float((off**2).sum()), moved)
 
-    def _starts(self) -> list[Floats]:
+    def _build_starts(self) -> list[Floats]:
+        """Return a grid of starting poses."""
         span = self.high[:3] - self.low[:3]
         steps = np.array([0.6 * self.pitch, 0.6 * self.pitch, np.radians(25.0)])
         counts = np.clip(np.ceil(span / steps), 1, [6, 6, 15]).astype(np.intp) + 1
@@ -266,8 +269,8 @@ class _Search:
         both: Floats = np.concatenate([poses, width, straight], axis=1)
         return list(both)
 
-    def _bumps(self, pose: Floats, slack_m: Floats | None = None) -> _Bumps:
-        """Nominal images of any scale: a bump of the contact's width, of the force's volume."""
+    def _nominal_images(self, pose: Floats, slack_m: Floats | None = None) -> _NominalImages:
+        """Return nominal images of any scale: a Gaussian of the contact's width, with the force as volume."""
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
         u, v = self.layout.centres_m.T
         place = self.place_m + self.basis @ pose[_POSE:].reshape(2, -1).T
@@ -279,22 +282,22 @@ class _Search:
         wide, long = (np.exp(pose[3 + i]) * self.spread[:, None] + size[:, i] for i in (0, 1))
         area = np.prod(self.layout.sizes_m, axis=1)
         bump = np.exp(-0.5 * (across**2 / wide + along**2 / long)) / np.sqrt(wide * long)
-        return _Bumps(self.force_n[:, None] * area * bump, across, along, wide, long)
+        return _NominalImages(self.force_n[:, None] * area * bump, across, along, wide, long)
 
-    def _scaled(self, shares: Floats, order: Ints) -> tuple[Floats, Floats, float, float]:
-        """Observed values and weights (K, J) with places in our order, the best scale, and the power of the images."""
+    def _apply_order(self, shares: Floats, order: Ints) -> tuple[Floats, Floats, float, float]:
+        """Return observed values and weights (K, J) in an order, the best scale, and the power of the images."""
         observed, weight = self.observed[:, order], self.weight[:, order]
         power = max(float((weight * shares**2).sum()), 1e-300)
         return observed, weight, max(float((weight * shares * observed).sum()), 0.0) / power, power
 
     def _differences(self, shares: Floats, order: Ints) -> Floats:
-        """Weighted differences (K, J), places in our order, with the best scale."""
-        observed, weight, scale, _ = self._scaled(shares, order)
+        """Return weighted differences (K, J) in an order, with the best scale."""
+        observed, weight, scale, _ = self._apply_order(shares, order)
         return np.sqrt(weight) * (scale * shares - observed)
 
-    def _slopes(self, bumps: _Bumps, pose: Floats, order: Ints) -> Floats:
-        """Slopes (K J, P) of the differences by the pose, the scale that suits it included."""
-        shares, across, along, wide, long = bumps
+    def _difference_slopes(self, images: _NominalImages, pose: Floats, order: Ints) -> Floats:
+        """Return slopes (K J, P) of the differences by the pose, including the change of the best scale."""
+        shares, across, along, wide, long = images
         u, v = self.layout.centres_m.T
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
         to_across, to_along = across / wide, along / long
@@ -310,53 +313,55 @@ class _Search:
             ],
             axis=-1,
         )
-        observed, weight, scale, power = self._scaled(shares, order)
+        observed, weight, scale, power = self._apply_order(shares, order)
         rise = np.einsum("kj,kja->a", weight * (observed - 2 * scale * shares), by) / power * (scale > 0)
         slopes = np.sqrt(weight)[..., None] * (scale * by + shares[..., None] * rise)
         return slopes.reshape(-1, len(pose))
 
-    def _matrices(self, pose: Floats, slack_m: Floats | None = None) -> tuple[Floats, Floats]:
-        """Products (J, J) of measured with predicted traces, and squares of the predicted ones as measured."""
-        shares = self._bumps(pose, slack_m).shares
+    def _trace_products(self, pose: Floats, slack_m: Floats | None = None) -> tuple[Floats, Floats]:
+        """Return products (J, J) of measured and predicted traces, and weighted squares of the predicted ones."""
+        shares = self._nominal_images(pose, slack_m).shares
         shares = shares / max(float(np.sqrt((shares**2).mean())), 1e-300)
         return (self.weight * self.observed).T @ shares, self.weight.T @ shares**2
 
-    def _posed(self, order: Ints, pose: Floats, slack_m: Floats) -> Floats:
-        """Return the pose, with the smooth error of positions, that suits an order and places best."""
+    def _fit_pose(self, order: Ints, pose: Floats, slack_m: Floats) -> Floats:
+        """Fit the pose, with the smooth error of positions, to an order and press positions."""
         scale = np.concatenate([[1e-3, 1e-3, 0.1, 1.0, 1.0], self.field_sigma])
         inside = np.clip(pose, self.low + 1e-9, self.high - 1e-9)
 
         @lru_cache(maxsize=1)
-        def bumps(x: bytes) -> _Bumps:  # slopes are asked for where differences were
-            return self._bumps(np.frombuffer(x) * scale, slack_m)
+        def images(x: bytes) -> _NominalImages:  # differences and slopes are evaluated at the same point
+            return self._nominal_images(np.frombuffer(x) * scale, slack_m)
 
         def off(x: Floats) -> Floats:
-            return self._differences(bumps(x.tobytes()).shares, order)
+            return self._differences(images(x.tobytes()).shares, order)
 
-        # What a reading differs by weighs against the prior of the field.
+        # Scale the prior of the field by the residual noise, so that both terms have one unit.
         one = np.sqrt(self._variance(off(inside / scale)))
         prior = one * np.eye(len(pose))[_POSE:]
         got = least_squares(
             lambda x: np.concatenate([off(x).ravel(), one * x[_POSE:]]),
             inside / scale,
-            lambda x: np.concatenate([self._slopes(bumps(x.tobytes()), x * scale, order) * scale, prior]),
+            lambda x: np.concatenate(
+                [self._difference_slopes(images(x.tobytes()), x * scale, order) * scale, prior]
+            ),
             bounds=(self.low / scale, self.high / scale),
             max_nfev=12,
         )
         return got.x * scale
 
     def _variance(self, off: Floats) -> float:
-        """Return the variance that differences (K, J) of lit readings show, no less than that of a nominal contact."""
+        """Return the variance of differences (K, J) of lit readings, at least that of a nominal contact."""
         return max(float((off**2).mean()), self.least_variance, 1e-30)
 
-    def _placed(self, order: Ints, pose: Floats, slack_m: Floats) -> Floats:
-        """Places of the presses within their slack, by Gauss-Newton."""
+    def _fit_slack(self, order: Ints, pose: Floats, slack_m: Floats) -> Floats:
+        """Fit the press positions within their slack, by Gauss-Newton."""
         sigma, slack = self.rig.position_sigma_m, slack_m
         bound, step = min(self.rig.slack_m, 3 * sigma), 0.5 * self.pitch
-        noise = self._variance(self._differences(self._bumps(pose, slack).shares, order))
+        noise = self._variance(self._differences(self._nominal_images(pose, slack).shares, order))
         for _ in range(4):
-            shares, across, along, wide, long = self._bumps(pose, slack)
-            observed, weight, scale, _ = self._scaled(shares, order)
+            shares, across, along, wide, long = self._nominal_images(pose, slack)
+            observed, weight, scale, _ = self._apply_order(shares, order)
             image = scale * shares
             by = np.stack([-image * across / wide, -image * along / long], axis=-1)
             hessian = np.einsum("kj,kja,kjb->kab", weight, by, by) / noise
@@ -367,42 +372,42 @@ class _Search:
 
 
 def _smooth_basis(place_m: Floats) -> Floats:
-    """Return functions (K, 6) of a smooth error of positions: constant, linear, quadratic; each of about one, rms."""
+    """Return functions (K, 6) of a smooth error of positions: constant, linear, quadratic, each of rms about one."""
     off = place_m - place_m.mean(axis=0)
     x, y = (off / np.maximum(off.std(axis=0), 1e-9)).T
     return np.stack([np.ones_like(x), x, y, (x**2 - 1) / np.sqrt(2), x * y, (y**2 - 1) / np.sqrt(2)], axis=1)
 
 
-def _scale(matrices: tuple[Floats, Floats]) -> float:
-    """Scale that suits the best pairs."""
+def _best_scale(matrices: tuple[Floats, Floats]) -> float:
+    """Return the scale that fits the best pairs."""
     product, square = matrices
     order = linear_sum_assignment(product, maximize=True)
     return float(product[order].sum()) / max(float(square[order].sum()), 1e-300)
 
 
-def _pairs(matrices: tuple[Floats, Floats]) -> Floats:
-    """Squared differences (J, J) of measured and predicted traces, less what no order changes."""
+def _pair_costs(matrices: tuple[Floats, Floats]) -> Floats:
+    """Return squared differences (J, J) of measured and predicted traces, up to a term that no order changes."""
     product, square = matrices
-    scale = _scale(matrices)
+    scale = _best_scale(matrices)
     return scale**2 * square - 2 * scale * product
 
 
-def _assigned(matrices: tuple[Floats, Floats]) -> Ints:
-    """The measured trace that suits each place best, all places together."""
-    # Transposed, the rows are places, in order.
-    return np.asarray(linear_sum_assignment(_pairs(matrices).T)[1], dtype=np.intp)
+def _assign_traces(matrices: tuple[Floats, Floats]) -> Ints:
+    """Return the best assignment of measured traces to all positions together."""
+    # Transposed, the rows are positions, in order.
+    return np.asarray(linear_sum_assignment(_pair_costs(matrices).T)[1], dtype=np.intp)
 
 
-def _cost(matrices: tuple[Floats, Floats], orders: Ints) -> Floats:
-    """Squared differences (O,) of orders (O, J) with each its best scale, less what no order changes."""
+def _order_costs(matrices: tuple[Floats, Floats], orders: Ints) -> Floats:
+    """Return squared differences (O,) of orders (O, J) with their best scales, up to an order-independent term."""
     product, square = matrices
     columns: Ints = np.arange(orders.shape[-1], dtype=np.intp)
     found, power = product[orders, columns].sum(axis=1), square[orders, columns].sum(axis=1)
     return -(np.maximum(found, 0.0) ** 2) / np.maximum(power, 1e-300)
 
 
-def _cycles(order: Ints) -> list[Ints]:
-    """The exchanges that a permutation is made of."""
+def _find_cycles(order: Ints) -> list[Ints]:
+    """Return the cycles of a permutation."""
     left, cycles = set(np.flatnonzero(order != np.arange(len(order))).tolist()), list[Ints]()
     while left:
         cycle = [left.pop()]
@@ -413,13 +418,13 @@ def _cycles(order: Ints) -> list[Ints]:
     return cycles
 
 
-def _rivals(order: Ints, names: list[Order]) -> float:
-    """Logarithm of the number of orders that were open to one; one that has a name costs no more than the names."""
+def _log_rivals(order: Ints, names: list[Order]) -> float:
+    """Return the log number of orders that compete with an order; a named one only competes with the named ones."""
     named = any((one.order == order).all() for one in names)
-    return min(_freedom(order), float(np.log(len(names)))) if named else _freedom(order)
+    return min(_log_permutations(order), float(np.log(len(names)))) if named else _log_permutations(order)
 
 
-def _freedom(order: Ints) -> float:
-    """Logarithm of the number of permutations that move as many taxels, and of those that move fewer of them."""
+def _log_permutations(order: Ints) -> float:
+    """Return the log number of permutations that move at most as many taxels."""
     taxels, moved = len(order), int((order != np.arange(len(order))).sum())
     return float(gammaln(taxels + 1) - gammaln(taxels - moved + 1))

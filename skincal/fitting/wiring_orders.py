@@ -1,4 +1,4 @@
-"""Orders of taxels that reading an array or plugging in a cable makes, and how a mapping file writes them."""
+"""Orders of taxels that a reading order or a cable can cause, and their lines in a mapping file."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class Order:
     """An order of taxels.
 
     Attributes:
-        order: (J,) index in the data of the taxel that belongs at each place.
-        mapping: lines of a mapping file that make it.
+        order: (J,) index in the data of the taxel that belongs at each position.
+        mapping: lines of a mapping file that produce it.
     """
 
     order: Ints
@@ -24,16 +24,17 @@ class Order:
 
 
 def named_orders(rows: int, cols: int) -> list[Order]:
-    """Orders that have a reason, the one of the data first, each once.
+    """Return orders that have a plausible cause, that of the data first, each once.
 
-    The array is read by rows or by columns, straight or in a serpentine, from any of its corners. Its rows or columns
-    may be shifted, round the end; two of them may be exchanged; or the even ones come first, then the odd ones.
+    The array is read by rows or by columns, straight or in a serpentine, from any of its corners. Its rows or
+    columns may be shifted cyclically; two of them may be exchanged; or the even ones come first, then the odd
+    ones.
     """
     found: dict[bytes, Order] = {}
 
     def add(image: Ints, lines: tuple[str, ...] | None) -> None:
         order = np.ascontiguousarray(image.ravel())
-        mapping = "\n".join(lines) if lines is not None else _listed(order)
+        mapping = "\n".join(lines) if lines is not None else _format_order(order)
         found.setdefault(order.tobytes(), Order(order, mapping))
 
     flat = np.arange(rows * cols)
@@ -51,7 +52,10 @@ def named_orders(rows: int, cols: int) -> list[Order]:
     for image, lines in plain:
         add(image, lines)
     wound = [
-        _wound(image, first, by_rows) for image, _ in plain for first in (0, 1) for by_rows in (True, False)
+        _serpentine(image, first, by_rows)
+        for image, _ in plain
+        for first in (0, 1)
+        for by_rows in (True, False)
     ]
     for image in wound:
         add(image, None)
@@ -63,13 +67,13 @@ def named_orders(rows: int, cols: int) -> list[Order]:
         add(np.roll(flat, shift), None)
     image = flat.reshape(rows, cols)
     for axis, length in ((0, rows), (1, cols)):
-        for lines in _exchanged(length):
+        for lines in _exchange_lines(length):
             add(image.take(lines, axis=axis), None)
     return list(found.values())
 
 
-def _exchanged(length: int) -> list[Ints]:
-    """Orders of rows, or columns, with two exchanged, or read in two banks."""
+def _exchange_lines(length: int) -> list[Ints]:
+    """Return orders of rows, or columns, with two exchanged, or read in two banks."""
     plain = np.arange(length)
     found = [np.concatenate([plain[::2], plain[1::2]]), np.concatenate([plain[1::2], plain[::2]])]
     found += [np.argsort(one) for one in found]
@@ -81,19 +85,19 @@ def _exchanged(length: int) -> list[Ints]:
 
 
 def mapping_of(order: Ints, rows: int, cols: int) -> str:
-    """Lines of a mapping file, under ``[taxels]``, that bring an order about: the shortest there are.
+    """Return the shortest lines of a mapping file, under ``[taxels]``, that produce an order.
 
     Args:
-        order: (J,) index in the data of the taxel that belongs at each place.
+        order: (J,) index in the data of the taxel that belongs at each position.
         rows: of the layout.
         cols: of the layout.
     """
     named = (one.mapping for one in named_orders(rows, cols) if (one.order == order).all())
-    return next(named, _listed(order))
+    return next(named, _format_order(order))
 
 
-def _wound(image: Ints, first: int, by_rows: bool) -> Ints:
-    """The image with every other row (or column), from ``first`` on, the other way round."""
+def _serpentine(image: Ints, first: int, by_rows: bool) -> Ints:
+    """Return the image with every other row (or column), from ``first`` on, reversed."""
     out = image.copy()
     if by_rows:
         out[first::2] = out[first::2, ::-1]
@@ -102,5 +106,6 @@ def _wound(image: Ints, first: int, by_rows: bool) -> Ints:
     return out
 
 
-def _listed(order: Ints) -> str:
+def _format_order(order: Ints) -> str:
+    """Return an order as a line of a mapping file."""
     return f"order = [{', '.join(str(j) for j in order.tolist())}]"

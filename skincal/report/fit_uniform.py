@@ -24,7 +24,7 @@ def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str 
     folder, calibration, unit = Path(folder), outcome.calibration, dataset.meta.sensor.unit
     figures = {"scales": scales_figure(outcome), "answers": answers_figure(outcome, dataset)}
     low, high = calibration.intervals["scale_per_n"]
-    responding = outcome.scales.told
+    responding = outcome.scales.responding
     write_page(
         "fit_uniform.html",
         folder,
@@ -43,12 +43,12 @@ def write_uniform_report(outcome: UniformOutcome, dataset: Dataset, folder: str 
 def scales_figure(outcome: UniformOutcome) -> Figure:
     """Draw the scales on the patch, and their distribution."""
     scales, layout = outcome.scales, outcome.calibration.layout()
-    own = scales.scale_per_n[scales.told]
+    own = scales.scale_per_n[scales.responding]
     figure = new_figure(11, 5.2, "Scale of each taxel [counts/N]")
     axes, distribution = figure.subplots(1, 2)
     low, high = np.quantile(own, [0.02, 0.98])
     norm = Normalize(float(low), max(float(high), float(low) + 1e-9))
-    boxes = draw_taxels(axes, layout, np.where(scales.told, scales.scale_per_n, np.nan), norm, "YlGnBu")
+    boxes = draw_taxels(axes, layout, np.where(scales.responding, scales.scale_per_n, np.nan), norm, "YlGnBu")
     equal_axes_mm(axes, "u", "v")
     figure.colorbar(boxes, ax=axes, extend="both")
     distribution.hist(own, bins=min(40, max(5, len(own) // 4)), color=BLUE)
@@ -62,7 +62,7 @@ def scales_figure(outcome: UniformOutcome) -> Figure:
 def answers_figure(outcome: UniformOutcome, dataset: Dataset) -> Figure:
     """Draw values and residuals of the taxels against their load."""
     scales = outcome.scales
-    taxels = np.flatnonzero(scales.told)
+    taxels = np.flatnonzero(scales.responding)
     taxels = taxels[np.unique(np.linspace(0, len(taxels) - 1, _MOST_LINES).round().astype(int))]
     branch = dataset.presses.column("branch")
     down = np.zeros(len(outcome.values), dtype=np.bool_) if branch is None else branch.astype(str) == "down"

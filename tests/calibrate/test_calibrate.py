@@ -26,7 +26,7 @@ from skincal.dataset import Dataset, PositionSpec
 from skincal.errors import InputError, WorkError
 from skincal.fitting.fit_options import FitOptions
 from skincal.fitting.grid import GridSlab
-from skincal.fitting.problem import NOWHERE, FitError
+from skincal.fitting.problem import NO_DENSITY, FitError
 from skincal.model import Cylinder, Plane
 from skincal.workers.processes import interrupt_afterwards, mapper
 from tests.fitting.conftest import QUICK, ROUGH
@@ -312,7 +312,7 @@ def test_advice_fits_what_is_known_of_the_places(
     session: Dataset, monkeypatch: pytest.MonkeyPatch, sigma_m: float
 ) -> None:
     def nowhere(*_: object, **__: object) -> None:
-        raise FitError(NOWHERE)
+        raise FitError(NO_DENSITY)
 
     monkeypatch.setattr(dataset_fit, "solve", nowhere)
     placed = replace(session, meta=replace(session.meta, position=PositionSpec(sigma_m, 2e-3)))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.sessions import make_session
-from skincal.calibrate.data_findings import for_the_rig, has_joints
+from skincal.calibrate.data_findings import adapt_to_rig, has_joints
 from skincal.calibration import Finding
 
 SCATTER = Finding("force_scatter", "warning", "Forces scatter.", "Check the torque sensors' zero.")
@@ -20,5 +20,5 @@ def test_a_stage_is_told_of_its_load_cell() -> None:
     hand = replace(stage, presses=replace(stage.presses, columns={**columns, "tau_0": np.zeros(3)}))
     assert not has_joints(stage)
     assert has_joints(hand)
-    assert "load cell" in for_the_rig((SCATTER,), stage)[0].advice
-    assert for_the_rig((SCATTER,), hand) == (SCATTER,)
+    assert "load cell" in adapt_to_rig((SCATTER,), stage)[0].advice
+    assert adapt_to_rig((SCATTER,), hand) == (SCATTER,)

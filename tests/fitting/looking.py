@@ -9,7 +9,7 @@ import numpy as np
 
 from skincal.fitting import lookup
 from skincal.fitting.general_table import SkinTable
-from skincal.fitting.lookup import NO_IMAGES, KernelTable, Tables, compiled, look_up, room_for
+from skincal.fitting.lookup import NO_IMAGES, KernelTable, Tables, allocate_lookup, compiled, look_up
 from skincal.fitting.presses import to_patch
 from skincal.fitting.problem import FitProblem
 
@@ -31,16 +31,16 @@ def looked_up(
     log_ratio: np.ndarray,
 ) -> np.ndarray:
     out = np.zeros((len(uv), 7, tables.images.plane.shape[1] + len(tables.kernels.centres_m)))
-    room, near = room_for(tables), np.empty(out.shape[2], dtype=np.int64)
+    room, near = allocate_lookup(tables), np.empty(out.shape[2], dtype=np.int64)
     _look_up(tables, kind, row, macro, uv, log_ratio, room, near, out)
     return out
 
 
 @compiled
-def at_level(
+def look_up_level(
     planes: Any, size_of: Any, centres: Any, lattice: Any, u: float, v: float, press: int, near: Any, out: Any
 ) -> None:
-    lookup.at_level(planes, size_of, centres, lattice, u, v, press, near, out)
+    lookup.look_up_level(planes, size_of, centres, lattice, u, v, press, near, out)
 
 
 def shares(

@@ -12,9 +12,9 @@ import pytest
 from skincal.fitting.fit_findings import BENT_NATS
 from skincal.fitting.observe import Readout
 from skincal.fitting.posterior import Bounds, Peak
-from skincal.fitting.problem import FitProblem, pose_problem
+from skincal.fitting.problem import FitProblem, build_problem
 from skincal.fitting.readings import STRAIGHT
-from skincal.fitting.response import Bend, responses, straightened, weigh_bends, with_response
+from skincal.fitting.response import Bend, candidate_responses, invert_response, weigh_bends, with_response
 from skincal.fitting.tasks import Neighbourhood, climb_near
 from tests.fitting.conftest import BOX, Truth, make_session, rig
 
@@ -27,7 +27,7 @@ def bent_problem(curve: Curve | None, seed: int = 0) -> FitProblem:
     table, _ = make_session(presses=40, seed=seed, noise=0.0)
     counts = table.counts if curve is None else curve(table.counts)
     counts = 20.0 + counts + 0.3 * np.random.default_rng(seed).standard_normal(counts.shape)
-    return pose_problem(rig(UNCLIPPED), replace(table, counts=counts))
+    return build_problem(rig(UNCLIPPED), replace(table, counts=counts))
 
 
 def start_of(truth: Truth) -> np.ndarray:
@@ -53,14 +53,14 @@ def climbed(name: str) -> tuple[FitProblem, Peak, list[Peak]]:
     bounds, around = Bounds(low, high), Neighbourhood.around(start)
     peak = climb_near(problem, bounds, start, around)
     peak = climb_near(problem, bounds, peak.macro, around, peak.sigmas)
-    tried = (with_response(problem, one) for one in responses(problem))
+    tried = (with_response(problem, one) for one in candidate_responses(problem))
     return problem, peak, [climb_near(one, bounds, peak.macro, around, peak.sigmas) for one in tried]
 
 
 @pytest.mark.parametrize("name", CURVES)
 def test_bends_show_in_hold_means(name: str) -> None:
     bends, (problem, peak, peaks) = CURVES[name][1], climbed(name)
-    found = weigh_bends(problem, [peak], responses(problem), peaks)
+    found = weigh_bends(problem, [peak], candidate_responses(problem), peaks)
     assert (found.rise > BENT_NATS) == (bends != 0)
     assert not bends or np.sign(found.grows - 1) == bends
 
@@ -77,19 +77,19 @@ def test_a_bend_that_no_peak_likes_better_is_none() -> None:
     problem = bent_problem(None)
     peak = type("Peak", (), {"log_evidence": -3.0, "macro": np.zeros(5)})
     lost = type("Peak", (), {"log_evidence": np.nan, "macro": np.zeros(5)})
-    tried = responses(problem)[:2]
+    tried = candidate_responses(problem)[:2]
     assert weigh_bends(problem, [peak, lost], tried, [peak, lost]) == Bend()  # type: ignore[list-item]
 
 
 def test_typical_readings_stay() -> None:
     problem = bent_problem(None)
     typical = problem.observation.typical_counts
-    straight, *bent = responses(problem)
+    straight, *bent = candidate_responses(problem)
     assert straight == STRAIGHT
     for response in bent:
         assert response.of(typical) == pytest.approx(typical)
         assert response.of(0.0) == 0.0
-        assert response.of(straightened(response, typical / 3)) == pytest.approx(typical / 3)
+        assert response.of(invert_response(response, typical / 3)) == pytest.approx(typical / 3)
 
 
 def test_images_by_a_response(truth: Truth) -> None:
@@ -99,7 +99,7 @@ def test_images_by_a_response(truth: Truth) -> None:
     press, nuisance = np.arange(len(problem)), np.zeros((len(problem), 3))
     around, step = Neighbourhood.around(start), 1e-4
     straight = around.model(problem).evaluate(start, sigmas, press, nuisance)
-    for response in responses(problem):
+    for response in candidate_responses(problem):
         bent = around.model(with_response(problem, response)).evaluate(start, sigmas, press, nuisance)
         low, value, high = (np.vectorize(response.of)(straight.simulated + s) for s in (-step, 0.0, step))
         np.testing.assert_allclose(bent.simulated, value, rtol=1e-9)

@@ -13,11 +13,19 @@ from skincal.fitting.general import evaluate_pose, evaluate_slab
 from skincal.fitting.general_contacts import MARGIN_M, ContactMap
 from skincal.fitting.general_local import LocalPlaces
 from skincal.fitting.general_skin import SkinShares
-from skincal.fitting.general_table import ROUGH, SkinTable, TableReach, joined, parts_of, reach_of, run_table
+from skincal.fitting.general_table import (
+    ROUGH,
+    SkinTable,
+    TableReach,
+    choose_reach,
+    join_tables,
+    split_presses,
+    tabulate_presses,
+)
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds
-from skincal.fitting.problem import FitProblem, PressTable, pose_problem
+from skincal.fitting.problem import FitProblem, PressTable, build_problem
 from skincal.fitting.result import FitResult
 from skincal.fitting.solve import default_steps, plan_grid, solve
 from skincal.fitting.tasks import Neighbourhood, climb_near
@@ -63,7 +71,7 @@ def tabled(eight: FitProblem, truth: Truth) -> SkinTable:
 
 
 def _tabled(problem: FitProblem, macro: np.ndarray, reach: TableReach) -> SkinTable:
-    return joined([run_table(problem, part, macro, reach) for part in parts_of(problem)])
+    return join_tables([tabulate_presses(problem, part, macro, reach) for part in split_presses(problem)])
 
 
 def _pairs(
@@ -170,7 +178,7 @@ class TestGrid:
         assert got.mse_counts2 == pytest.approx((seen**2).mean())
 
     def test_the_default_is_coarse(self, problem: FitProblem, table: PressTable) -> None:
-        assert default_steps(pose_problem(rig(), table)) == GridSteps()
+        assert default_steps(build_problem(rig(), table)) == GridSteps()
         paper = SearchBox((-2.4e-3, 2.4e-3), (0.0195, 0.0275), (math.radians(-20), math.radians(20)))
         assert 100 < plan_grid(problem, paper, FitOptions()).combinations < 1000
 
@@ -250,7 +258,7 @@ class TestTable:
     def test_does_not_depend_on_how_it_was_divided(self, eight: FitProblem, truth: Truth) -> None:
         macro = _macro(truth)
         reach = replace(REACH, levels=3, step_m=0.8e-3)
-        whole = run_table(eight, np.arange(len(eight)), macro, reach)
+        whole = tabulate_presses(eight, np.arange(len(eight)), macro, reach)
         parts = _tabled(eight, macro, reach)
         many, press, nuisance = _pairs(eight, macro)
         assert (
@@ -287,19 +295,19 @@ def test_a_climb_ends_where_that_of_the_fast_way_does(
     # On cells of 0.5 mm tabled every 0.3 mm the centre is 0.6 sigma off, and E and S 0.5.
     tabled = _tabled(problem, _macro(truth), replace(REACH, step_m=0.2e-3, resolution_m=0.25e-3))
     general = climb_near(problem, _bounds(BOX, problem.scales), start, Neighbourhood.around(start, tabled))
-    fast = climb_near(pose_problem(rig(), table, min_active=2), _bounds(BOX, problem.scales), start)
+    fast = climb_near(build_problem(rig(), table, min_active=2), _bounds(BOX, problem.scales), start)
     sigma = np.sqrt(np.diag(fast.covariance))
     assert abs(general.log_density - fast.log_density) < 2.0
     off, width = np.abs(general.macro - fast.macro) / sigma, np.sqrt(np.diag(general.covariance)) / sigma
     assert (off < 0.2).all()
     assert width == pytest.approx(np.ones(5), rel=0.1)
-    assert reach_of(general).centre_m < ROUGH.centre_m
+    assert choose_reach(general).centre_m < ROUGH.centre_m
 
 
 def test_on_a_plane_the_centre_is_x(truth: Truth) -> None:
     flat = replace(rig(), surface=Plane())
     table, _ = make_session(presses=6)
-    problem = pose_problem(flat, table)
+    problem = build_problem(flat, table)
     points = np.column_stack([table.across_m, table.along_m, np.zeros(6)])
     problem = replace(problem, contacts=ContactMap.of(Plane(), points, problem.rows, 2e-3 + MARGIN_M))
     shares = SkinShares(problem, 1e-3, 0.0238, 0.1)
@@ -321,7 +329,7 @@ def test_the_whole_general_fit_agrees_with_the_fast_one(truth: Truth) -> None:
     local = LocalPlaces.of(problem, on_cylinder(table), np.array([0.0, truth.y_m]))
     contacts = replace(problem.contacts, local=local, skin_on_grid=True)
     general = _solved(replace(problem, contacts=contacts), options)
-    fast = _solved(pose_problem(rig(), table, min_active=2), QUICK)
+    fast = _solved(build_problem(rig(), table, min_active=2), QUICK)
     for name, (low, high) in fast.intervals.items():
         assert low <= general.best[name] <= high, name
         own = general.intervals[name]

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from skincal.fitting.general_local import LocalPlaces, LocalSurface
-from skincal.fitting.general_table import SkinTable, TableReach, name_of, parts_of, run_table
+from skincal.fitting.general_table import (
+    SkinTable,
+    TableReach,
+    make_table_key,
+    split_presses,
+    tabulate_presses,
+)
 from skincal.fitting.problem import FitProblem
 from skincal.model import Cylinder, SensorPose
 from tests.fitting.conftest import RADIUS, make_session
@@ -60,11 +66,12 @@ def test_the_local_surface_ends_with_the_skin():
 def test_tables_are_named_by_what_they_depend_on(problem: FitProblem):
     macro = np.array([0.0, Y, 0.0, 20.0, 4.0])
     reach = TableReach(0.2e-3, 0.02, 0.2, levels=2, step_m=1e-3, resolution_m=1e-3)
-    parts = parts_of(problem)
+    parts = split_presses(problem)
     names, again, moved = (
-        [name_of(problem, part, at, reach) for part in parts] for at in (macro, macro.copy(), macro + 1e-5)
+        [make_table_key(problem, part, at, reach) for part in parts]
+        for at in (macro, macro.copy(), macro + 1e-5)
     )
     assert names == again
     assert len(set(names)) == len(names)
     assert not set(names) & set(moved)
-    assert isinstance(run_table(problem, parts[0], macro, reach), SkinTable)
+    assert isinstance(tabulate_presses(problem, parts[0], macro, reach), SkinTable)

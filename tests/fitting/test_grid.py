@@ -11,7 +11,7 @@ from skincal.fitting.grid import MacroGrid, evaluate_slab, span
 from skincal.fitting.kernel import build_table
 from skincal.fitting.lookup import compiled
 from skincal.fitting.micro import MicroSettings, image_mismatch
-from skincal.fitting.problem import pose_problem
+from skincal.fitting.problem import build_problem
 from skincal.fitting.slab import descend, mismatches, place
 from skincal.fitting.types import Floats
 from tests.fitting.conftest import Truth, make_session, rig
@@ -41,7 +41,7 @@ def test_mismatch_ignores_the_scale_of_the_simulated_image() -> None:
 def test_gauss_newton_stays_in_the_slack_and_descends(truth: Truth) -> None:
     """From where the rig saw the presses, with slack that is worth nothing, to where they were."""
     presses, _ = make_session(truth, presses=30, noise=0.0, position_sigma_m=0.4e-3)
-    problem = pose_problem(rig(), presses)
+    problem = build_problem(rig(), presses)
     log_ratio = np.log(problem.force_n) - np.log(truth.elasticity_pa_per_m)
     parts = problem.rig.surface, problem.rig.indenters, problem.rig.layout
     table = build_table(*parts, np.array([truth.alpha_rad]), (log_ratio.min(), log_ratio.max()))
@@ -68,7 +68,7 @@ def test_gauss_newton_stays_in_the_slack_and_descends(truth: Truth) -> None:
 
 def test_the_grid_finds_the_truth_where_there_is_no_noise(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=20, noise=0.0, position_sigma_m=0.0)
-    problem = pose_problem(rig(), presses)
+    problem = build_problem(rig(), presses)
     grid = MacroGrid(
         np.array([-1.0e-3, truth.across_m, 1.8e-3]),
         np.array([truth.y_m - 1e-3, truth.y_m, truth.y_m + 1e-3]),
@@ -90,7 +90,7 @@ def test_another_process_needs_no_other_compilation(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=6, noise=0.0, position_sigma_m=0.4e-3)
     one: Floats = np.zeros(1)
     macro = MacroGrid(one, one, one, np.log([truth.elasticity_pa_per_m]))
-    task = pose_problem(rig(), presses), macro, 0, SETTINGS
+    task = build_problem(rig(), presses), macro, 0, SETTINGS
     compiled: Any = place
     evaluate_slab(*task)
     before = list(compiled.signatures)
@@ -101,7 +101,7 @@ def test_another_process_needs_no_other_compilation(truth: Truth) -> None:
 def test_a_search_window_belongs_to_its_own_centre(truth: Truth) -> None:
     """With the sensor's centre and the presses moved alike, every combination gives the same loss."""
     presses, _ = make_session(truth, presses=12, noise=0.0)
-    problem = pose_problem(rig(), presses)
+    problem = build_problem(rig(), presses)
     log_e = np.log(truth.elasticity_pa_per_m)
     across = np.array([-0.6e-3, 0.4e-3, 1.4e-3])
     y = np.array([0.0228, 0.0238])
@@ -117,11 +117,11 @@ def test_a_search_window_belongs_to_its_own_centre(truth: Truth) -> None:
 
 def test_presses_are_chosen_by_their_active_taxels(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=40)
-    problem = pose_problem(rig(), presses)
+    problem = build_problem(rig(), presses)
     active = (presses.counts > 5.4).sum(axis=1)
     assert abs(len(problem) - (active >= 2).sum()) <= 1
     assert len(problem.status) == 40
-    stricter = pose_problem(rig(), presses, min_active=3)
+    stricter = build_problem(rig(), presses, min_active=3)
     dropped = [s for s in stricter.status if s != "used"]
     assert dropped and all("active taxel" in s for s in dropped)
     assert len(stricter) < len(problem)
@@ -129,13 +129,13 @@ def test_presses_are_chosen_by_their_active_taxels(truth: Truth) -> None:
 
 def test_presses_of_one_taxel_are_taken_where_others_are_few(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=18)
-    problem, paper = pose_problem(rig(), presses), pose_problem(rig(), presses, min_active=2)
+    problem, paper = build_problem(rig(), presses), build_problem(rig(), presses, min_active=2)
     assert 5 <= len(paper) < 16
     assert len(problem) > len(paper) == len(problem.on_grid)
 
 
 def test_presses_of_one_taxel_leave_identifiability_open(truth: Truth) -> None:
-    problem = pose_problem(rig(), make_session(truth, presses=40)[0], min_active=1)
+    problem = build_problem(rig(), make_session(truth, presses=40)[0], min_active=1)
     lit = problem.lit.sum(axis=1)
     chosen = np.isin(np.arange(len(lit)), [*np.flatnonzero(lit >= 3)[:6], *np.flatnonzero(lit == 1)[:5]])
     few = problem.subset(chosen, "another")
@@ -146,5 +146,5 @@ def test_incomplete_presses_are_dropped_and_reported(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=30)
     force, across, counts = presses.force_n.copy(), presses.across_m.copy(), presses.counts.copy()
     force[0], force[1], across[2], counts[3] = -1.0, np.nan, np.nan, np.nan
-    status = pose_problem(rig(), replace(presses, across_m=across, force_n=force, counts=counts)).status
+    status = build_problem(rig(), replace(presses, across_m=across, force_n=force, counts=counts)).status
     assert status[:4] == ("no positive force", "no positive force", "no position", "no taxel read")

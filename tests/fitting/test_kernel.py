@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from skincal.fitting.kernel import build_table, gaussian_blur
-from skincal.fitting.lookup import cubic
+from skincal.fitting.lookup import look_up_cubic
 from skincal.model import (
     Contacts,
     Converter,
@@ -21,7 +21,7 @@ from skincal.model import (
     Surface,
     TaxelLayout,
 )
-from tests.fitting.looking import at_level, shares
+from tests.fitting.looking import look_up_level, shares
 
 LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 UNEVEN = TaxelLayout(
@@ -37,7 +37,7 @@ def test_cubic_look_up_is_exact_for_quadratics() -> None:
     plane = (axis[:, None] - 5) ** 2 + 2 * axis[None, :] * axis[:, None]
     rng = np.random.default_rng(0)
     row, col = rng.uniform(2, 9, (2, 50)).astype(np.float32)
-    got = cubic(plane[None].astype(np.float32), np.zeros(50, dtype=np.intp), row, col)
+    got = look_up_cubic(plane[None].astype(np.float32), np.zeros(50, dtype=np.intp), row, col)
     assert got[0] == pytest.approx((row - 5) ** 2 + 2 * row * col, rel=1e-5, abs=1e-4)
     assert got[1] == pytest.approx(2 * (row - 5) + 2 * col, rel=1e-4, abs=1e-3)
     assert got[2] == pytest.approx(2 * row, rel=1e-4, abs=1e-3)
@@ -102,7 +102,7 @@ def test_one_level_gives_the_same_images_as_the_whole_table() -> None:
     planes, lattice = images.level(0, ratio, kind)
     near, out = np.empty(LAYOUT.taxels, dtype=np.int64), np.empty((30, 3, LAYOUT.taxels))
     for k, (u, v) in enumerate(uv):
-        at_level(planes, images.size_of, LAYOUT.centres_m, lattice, u, v, k, near, out[k])
+        look_up_level(planes, images.size_of, LAYOUT.centres_m, lattice, u, v, k, near, out[k])
     value, by_u, by_v = out.transpose(1, 0, 2)
     whole = shares(images, uv, np.zeros(30), ratio, kind)
     assert value == pytest.approx(whole.value, abs=1e-5)

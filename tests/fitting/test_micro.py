@@ -14,7 +14,7 @@ from skincal.fitting.general import Combination, evaluate_pose
 from skincal.fitting.general_skin import SkinShares
 from skincal.fitting.grid import MacroGrid, place_presses
 from skincal.fitting.micro import MicroSettings, micro_objective, nlopt_micro, slack_lattice
-from skincal.fitting.problem import FitProblem, pose_problem
+from skincal.fitting.problem import FitProblem, build_problem
 from tests.fitting.conftest import Truth, make_session, rig
 from tests.fitting.geometry import general_problem
 
@@ -55,7 +55,7 @@ def both() -> list[_Both]:
     found = []
     for seed in (0, 5):
         table, _ = make_session(truth, presses=20, seed=seed)
-        general, fast = general_problem(table), pose_problem(rig(), table, min_active=2)
+        general, fast = general_problem(table), build_problem(rig(), table, min_active=2)
         assert len(fast) >= 10
         found += [_evaluate(general, fast, centre + offset) for offset in OFFSETS]
     return found

@@ -6,13 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skincal.fitting.conclude import as_told
+from skincal.fitting.conclude import add_unseen_errors
 from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.observe import Readout
 from skincal.fitting.posterior import Bounds, Peak, climb
 from skincal.fitting.presses import from_patch, to_patch
-from skincal.fitting.problem import FitError, FitProblem, PressTable, Rig, pose_problem
-from skincal.fitting.robust import dead_taxels, glitches, lost_readings, weak_taxels
+from skincal.fitting.problem import FitError, FitProblem, PressTable, Rig, build_problem
+from skincal.fitting.robust import (
+    find_dead_taxels,
+    find_dropped_readings,
+    find_outlier_presses,
+    find_weak_taxels,
+)
 from skincal.fitting.sampling import Draws, sample
 from skincal.fitting.tasks import Neighbourhood
 from skincal.model import Plane, Sphere, TaxelLayout
@@ -41,7 +46,7 @@ BOUNDS = Bounds(
 
 @pytest.fixture(scope="module")
 def problem(truth: Truth) -> FitProblem:
-    return pose_problem(rig(), make_session(truth, presses=45, seed=4)[0])
+    return build_problem(rig(), make_session(truth, presses=45, seed=4)[0])
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +93,7 @@ def test_settling_never_makes_the_objective_worse(problem: FitProblem, truth: Tr
     press, sigmas = np.arange(n), np.broadcast_to([1e-3, 0.01, 0.3, *REST], (n, 6)).copy()
     start, many = np.zeros((n, 3)), np.broadcast_to(macro, (n, 5)).copy()
     before = model.evaluate(many, sigmas, press, start).objective
-    after = model.settle(many, sigmas, press, start, iterations=10)
+    after = model.fit_nuisance(many, sigmas, press, start, iterations=10)
     assert (after.objective <= before + 1e-9).all()
     assert np.abs(after.nuisance[:, :2]).max() <= 2e-3
 
@@ -119,7 +124,7 @@ def test_draws_have_what_presses_leave_open_whatever_they_are(problem: FitProble
     theta[32 + by_force] = 1e-4  # across
     bent = problem.with_shared(theta)
     same = np.tile(np.concatenate([peak.macro, np.log(peak.sigmas)]), (4000, 1))
-    told = as_told(bent, same, rng) - same
+    told = add_unseen_errors(bent, same, rng) - same
     assert told[:, 4].std() == pytest.approx(peak.sigmas[4] / 4, rel=0.05)
     half = 1e-4 * problem.shared.fading[by_force]
     others = 1e-4 * math.sqrt(2 / len(problem))
@@ -133,7 +138,7 @@ def test_unbounded_gain_scatter_leaves_a_finite_scale(problem: FitProblem, peak:
     """Overflown words: no gains explain them, however different."""
     wild = np.concatenate([peak.macro, np.log(peak.sigmas)])
     wild[9] = np.log(40.0)
-    told = as_told(problem, np.tile(wild, (1000, 1)), np.random.default_rng(0))
+    told = add_unseen_errors(problem, np.tile(wild, (1000, 1)), np.random.default_rng(0))
     low, high = np.log(problem.scales)
     assert ((told[:, 4] >= low) & (told[:, 4] <= high)).all()
     assert low < peak.macro[4] - 5 and high > peak.macro[4] + 5
@@ -157,7 +162,7 @@ def test_presses_at_one_place_unlike_the_model_have_a_density() -> None:
         np.zeros(10, dtype=np.intp),
     )
     bounds = Bounds(np.array([-5e-3, -5e-3, -1.5, 18.4, 0.0]), np.array([5e-3, 5e-3, 1.5, 21.4, 11.0]))
-    problem = pose_problem(flat, table)
+    problem = build_problem(flat, table)
     start = np.array([2.5e-3, -2.5e-3, -0.15, 19.0, 7.0])
     peak = climb(Neighbourhood.around(start).model(problem), bounds, start)
     assert np.isfinite(peak.log_density)
@@ -167,38 +172,38 @@ def test_presses_at_one_place_unlike_the_model_have_a_density() -> None:
 def test_a_press_that_lies_is_called_a_glitch_and_no_other(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=45, seed=5)
     counts = presses.counts.copy()
-    honest = pose_problem(rig(), presses)
+    honest = build_problem(rig(), presses)
     row = int(honest.rows[3])
     counts[row] = counts[row][::-1] * 0.5 + 20.0
-    spoilt = pose_problem(rig(), replace(presses, counts=counts))
+    spoilt = build_problem(rig(), replace(presses, counts=counts))
     start = _macro(truth)
     peak = climb(Neighbourhood.around(start).model(spoilt), BOUNDS, start)
-    assert list(spoilt.rows[glitches(spoilt, peak)]) == [row]
+    assert list(spoilt.rows[find_outlier_presses(spoilt, peak)]) == [row]
     clean = climb(Neighbourhood.around(start).model(honest), BOUNDS, start)
-    assert not glitches(honest, clean).any()
+    assert not find_outlier_presses(honest, clean).any()
 
 
 def test_dropped_reading_is_left_out_without_its_press(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=45, seed=4)
     unclipped = replace(rig(), readout=Readout(None, None, False))
     counts = presses.counts + 20.0
-    honest = pose_problem(unclipped, replace(presses, counts=counts.copy()))
+    honest = build_problem(unclipped, replace(presses, counts=counts.copy()))
     dark = int(honest.rows[0]), int(np.argmin(honest.values[0]))
     counts[dark] = 0.0
-    spoilt = pose_problem(unclipped, replace(presses, counts=counts))
+    spoilt = build_problem(unclipped, replace(presses, counts=counts))
     start = _macro(truth)
     peak = climb(Neighbourhood.around(start).model(spoilt), BOUNDS, start)
-    lost = lost_readings(spoilt, peak.states, 0.05)
+    lost = find_dropped_readings(spoilt, peak.states, 0.05)
     assert [tuple(at) for at in np.argwhere(lost)] == [(0, dark[1])]
     left = spoilt.without_readings(lost)
     assert left.used.sum() == spoilt.used.sum() - 1 and left.alive.all()
     clean = climb(Neighbourhood.around(start).model(honest), BOUNDS, start)
-    assert not lost_readings(honest, clean.states, 0.0).any()
+    assert not find_dropped_readings(honest, clean.states, 0.0).any()
 
 
 def test_a_reading_of_a_weak_taxel_is_not_lost(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=45, seed=4)
-    problem = pose_problem(rig(), presses)
+    problem = build_problem(rig(), presses)
     start = _macro(truth)
     states = climb(Neighbourhood.around(start).model(problem), BOUNDS, start).states
     # A tenth less than the model says, where the noise is a hundredth.
@@ -207,21 +212,21 @@ def test_a_reading_of_a_weak_taxel_is_not_lost(truth: Truth) -> None:
     residual[loud] = 10.0
     slope[loud][4] = 100.0
     weak = states._replace(residual=residual, macro_slope=slope)
-    assert [tuple(at) for at in np.argwhere(lost_readings(problem, weak, 0.0))] == [loud]
-    assert not lost_readings(problem, weak, 0.05).any()
+    assert [tuple(at) for at in np.argwhere(find_dropped_readings(problem, weak, 0.0))] == [loud]
+    assert not find_dropped_readings(problem, weak, 0.05).any()
 
 
 def test_a_taxel_that_stays_silent_is_found(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=60, seed=6)
     counts = presses.counts.copy()
     counts[:, 5] = 0.4
-    spoilt = pose_problem(rig(), replace(presses, counts=counts))
+    spoilt = build_problem(rig(), replace(presses, counts=counts))
     start = _macro(truth)
-    weak = weak_taxels(spoilt)
+    weak = find_weak_taxels(spoilt)
     assert list(np.flatnonzero(weak)) == [5]
     others = spoilt.without_taxels(weak)
     peak = climb(Neighbourhood.around(start).model(others), BOUNDS, start)
-    assert list(np.flatnonzero(dead_taxels(spoilt, peak.states))) == [5]
+    assert list(np.flatnonzero(find_dead_taxels(spoilt, peak.states))) == [5]
     assert (spoilt.without_taxels(np.arange(16) == 5).weight[:, 5] == 0).all()
 
 
@@ -237,7 +242,7 @@ def test_importance_sampling_finds_a_known_density(problem: FitProblem, peak: Pe
     def density(points: np.ndarray) -> np.ndarray:
         return -0.5 * (np.linalg.solve(root, (points - mean).T) ** 2).sum(axis=0)
 
-    draws, _ = sample(peak, problem, density, rng, size=400, rounds=(8, 8), worth=400)
+    draws, _ = sample(peak, problem, density, rng, size=400, rounds=(8, 8), enough_draws=400)
     assert draws.effective > 500
     found = draws.weight @ draws.points
     assert np.abs((found - mean) / sd).max() < 0.15
@@ -251,7 +256,15 @@ def test_importance_sampling_finds_a_known_density(problem: FitProblem, peak: Pe
         return 0.5 * (at[:, 3] - mean[3]) / np.linalg.norm(root[3])
 
     moved, _ = sample(
-        peak, problem, density, rng, size=400, rounds=(8, 8), worth=400, lacking=rising, checked=60
+        peak,
+        problem,
+        density,
+        rng,
+        size=400,
+        rounds=(8, 8),
+        enough_draws=400,
+        missing_term=rising,
+        term_points=60,
     )
     assert moved.effective > 500
     assert (moved.mean - mean)[3] / np.linalg.norm(root[3]) == pytest.approx(0.5, abs=0.12)
@@ -281,14 +294,14 @@ def test_contact_law_widens_elasticity_and_scale_only(problem: FitProblem, truth
 
 def test_bare_pressure_widens_e_and_s(peak: Peak) -> None:
     moved = replace(peak, macro=peak.macro + np.array([1e-4, 1e-4, 0.1, 0.03, -0.02]))
-    law = weigh_laws(np.zeros(1), [peak]).with_bare(peak, moved)
+    law = weigh_laws(np.zeros(1), [peak]).with_unprojected(peak, moved)
     wide = law.shifted(np.zeros((2000, 5)), np.random.default_rng(0))
-    assert law.bare == pytest.approx(0.5)
+    assert law.unprojected == pytest.approx(0.5)
     assert np.unique(wide, axis=0) == pytest.approx(np.array([[0, 0, 0, 0, 0], [0, 0, 0, 0.03, -0.02]]))
-    ruled_out = weigh_laws(np.zeros(1), [peak]).with_bare(
+    ruled_out = weigh_laws(np.zeros(1), [peak]).with_unprojected(
         peak, replace(moved, log_density=peak.log_density - 50)
     )
-    assert ruled_out.bare < 1e-6
+    assert ruled_out.unprojected < 1e-6
 
 
 def test_a_law_without_density_is_ruled_out(peak: Peak) -> None:
@@ -304,4 +317,4 @@ def test_a_density_that_is_nowhere_finite_fails_the_fit(problem: FitProblem, pea
         return np.full(len(points), np.nan)
 
     with pytest.raises(FitError, match="do not belong together"):
-        sample(peak, problem, nowhere, np.random.default_rng(0), size=20, rounds=(1, 1), worth=1)
+        sample(peak, problem, nowhere, np.random.default_rng(0), size=20, rounds=(1, 1), enough_draws=1)

@@ -13,7 +13,7 @@ from skincal.fitting.places import find_places
 from skincal.fitting.posterior import press_evidence
 from skincal.fitting.press_evidence import find_narrow_slacks, log_evidence
 from skincal.fitting.presses import PressModel
-from skincal.fitting.problem import pose_problem
+from skincal.fitting.problem import build_problem
 from skincal.fitting.sampling import Draws, smooth_term
 from skincal.fitting.tasks import Neighbourhood
 from skincal.model import Contacts, Cylinder, Sphere
@@ -28,7 +28,7 @@ def test_presses_of_one_taxel_have_the_mass_of_the_integral() -> None:
     """Their contact lies on a ring, which Laplace's approximation takes for a line."""
     truth = Truth()
     table = make_session(truth, presses=40, seed=21, position_sigma_m=0.7e-3)[0]
-    problem = pose_problem(rig(), table, min_active=1)
+    problem = build_problem(rig(), table, min_active=1)
     problem = problem.subset(problem.active[problem.rows] == 1, "two taxels")
     assert len(problem) >= 5
     macro = np.array([
@@ -65,7 +65,7 @@ def test_a_press_at_the_middle_of_a_taxel_tells_e() -> None:
     contacts = Contacts(points, Cylinder(RADIUS).normal_at(points), np.full(3, 3.0))
     table.across_m[:3], table.along_m[:3], table.force_n[:3] = across, along, 3.0
     table.counts[:3] = skin(truth).values(Sphere(0.006), contacts)
-    problem = pose_problem(rig(), table, min_active=1)
+    problem = build_problem(rig(), table, min_active=1)
     problem = problem.subset(problem.rows < 3, "not in the middle")
     macro = np.array([
         truth.across_m, truth.y_m, truth.alpha_rad, math.log(truth.elasticity_pa_per_m), math.log(truth.scale_per_n)

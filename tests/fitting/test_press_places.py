@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from skincal.fitting.places import find_places, mirrored, settled_twice
+from skincal.fitting.places import find_duplicates, find_places, find_tracked_mirrors
 from skincal.fitting.presses import Places, PressModel
-from skincal.fitting.problem import pose_problem
+from skincal.fitting.problem import build_problem
 from skincal.fitting.tasks import Neighbourhood
-from skincal.fitting.volume import Fold, fold_of, log_volume, untracked
+from skincal.fitting.volume import Fold, log_volume, measure_fold, weigh_untracked_mirrors
 from tests.fitting.conftest import Truth, make_session, rig
 
 SIGMAS = np.array([0.7e-3, 0.005, 0.22, 0.002, 0.01, 2e-5])
@@ -48,19 +48,19 @@ def by_brute_force(model: PressModel, macro: np.ndarray, press: int) -> float:
 
 
 def by_places(model: PressModel, macro: np.ndarray, places: Places) -> np.ndarray:
-    state = model.settle_at(places, macro[None], SIGMAS[None], iterations=12)
-    fold = fold_of(model, state)
-    tracked = mirrored(places.press, state.nuisance[:, :2], fold.mirror_m, 1)
-    mirror = untracked(model, state, fold, tracked)
+    state = model.fit_at_places(places, macro[None], SIGMAS[None], iterations=12)
+    fold = measure_fold(model, state)
+    tracked = find_tracked_mirrors(places.press, state.nuisance[:, :2], fold.mirror_m, 1)
+    mirror = weigh_untracked_mirrors(model, state, fold, tracked)
     evidence = -0.5 * state.objective + log_volume(fold, mirror)
-    evidence[settled_twice(places.press, state.uv_m[None], fold)[0]] = -np.inf
+    evidence[find_duplicates(places.press, state.uv_m[None], fold)[0]] = -np.inf
     return np.array([logsumexp(evidence[places.press == k]) for k in range(len(model.problem))])
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.98])
 def test_places_have_the_mass_of_the_integral(scale: float) -> None:
     truth = Truth(scale_per_n=68.0 * scale)
-    problem = pose_problem(rig(), make_session(Truth(), presses=30, seed=21, position_sigma_m=0.7e-3)[0])
+    problem = build_problem(rig(), make_session(Truth(), presses=30, seed=21, position_sigma_m=0.7e-3)[0])
     macro = np.array([
         truth.across_m, truth.y_m, truth.alpha_rad, math.log(truth.elasticity_pa_per_m), math.log(truth.scale_per_n)
     ])  # fmt: skip
@@ -77,7 +77,7 @@ def test_places_have_the_mass_of_the_integral(scale: float) -> None:
 def test_a_low_scale_gains_no_places_that_are_not_there() -> None:
     """Of a low scale most presses lie at a fold. Mirror places that other taxels rule out would speak for it."""
     truth = Truth()
-    problem = pose_problem(rig(), make_session(truth, presses=40, seed=3, position_sigma_m=0.6e-3)[0])
+    problem = build_problem(rig(), make_session(truth, presses=40, seed=3, position_sigma_m=0.6e-3)[0])
     off = []
     for log_e, log_s in ((0.0, 0.0), (-0.1, -0.03)):
         macro = np.array([
@@ -100,27 +100,27 @@ def fold(a: list[float]) -> Fold:
 def test_a_place_counts_once() -> None:
     press = np.array([0, 0, 0, 1])
     uv = np.array([[[0.0, 0.0], [0.01e-3, 0.0], [0.2e-3, 0.0], [0.0, 0.0]]])
-    apart = settled_twice(press, uv, fold([3.0, 3.0, 3.0, 3.0]))
+    apart = find_duplicates(press, uv, fold([3.0, 3.0, 3.0, 3.0]))
     assert apart.tolist() == [[False, True, False, False]]
-    at_the_fold = settled_twice(press, uv, fold([-1.0, -1.0, -1.0, -1.0]))
+    at_the_fold = find_duplicates(press, uv, fold([-1.0, -1.0, -1.0, -1.0]))
     assert at_the_fold.tolist() == [[False, True, True, False]]
 
 
 def test_brief_search_finds_the_whole_objective() -> None:
     """Taxels out of reach of a contact are looked at once, and count like the others."""
     truth = Truth()
-    problem = pose_problem(rig(), make_session(truth, presses=12)[0])
+    problem = build_problem(rig(), make_session(truth, presses=12)[0])
     logs = np.log([truth.elasticity_pa_per_m, truth.scale_per_n])
     macro = np.tile([truth.across_m, truth.y_m, truth.alpha_rad, *logs], (len(problem), 1))
     model, press = Neighbourhood.around(macro[0]).model(problem), np.arange(len(problem))
     sigmas = np.tile(SIGMAS, (len(problem), 1))
     start = np.full((len(problem), 3), 1e-4)
-    state = model.settle(macro, sigmas, press, start, iterations=3)
+    state = model.fit_nuisance(macro, sigmas, press, start, iterations=3)
     own = ((state.nuisance - problem.shared.centre) / SIGMAS[[0, 0, 1]]) ** 2
     assert state.objective == pytest.approx((state.residual**2).sum(axis=1) + own.sum(axis=1), rel=1e-9)
     again = model.evaluate(macro, sigmas, press, state.nuisance)
     assert again.residual == pytest.approx(state.residual, rel=1e-12, abs=1e-12)
-    brief = model.settle(macro, sigmas, press, start, iterations=3, brief=True)
+    brief = model.fit_nuisance(macro, sigmas, press, start, iterations=3, brief=True)
     assert np.array_equal(brief.nuisance, state.nuisance) and np.array_equal(brief.hessian, state.hessian)
     assert brief.objective == pytest.approx(state.objective, rel=1e-12)
     assert len(brief.residual) == 0

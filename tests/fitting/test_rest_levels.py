@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skincal.fitting.observe import Readout
-from skincal.fitting.problem import PressTable, pose_problem
+from skincal.fitting.problem import PressTable, build_problem
 from skincal.fitting.readings import Link
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.shared import smooth_field
@@ -25,7 +25,7 @@ def values_of(seed: int, presses: int = 30) -> PressTable:
 
 
 def fit(table: PressTable, readout: Readout) -> FitResult:
-    problem = pose_problem(rig(readout), table)
+    problem = build_problem(rig(readout), table)
     return solve(problem, BOX, ONE_LAW, np.random.default_rng(0))
 
 
@@ -76,7 +76,7 @@ def test_a_busy_taxel_rests_elsewhere_than_the_others() -> None:
     touched = table.counts[:, busy] > 5
     levels[busy] = 560.0
     table = replace(table, counts=table.counts + levels + rng.standard_normal(table.counts.shape))
-    problem = pose_problem(rig(FLOAT), some_presses(table, touched))
+    problem = build_problem(rig(FLOAT), some_presses(table, touched))
     assert not problem.observed.level_known[busy]
     assert problem.observed.level_known.sum() >= 12
     # How far the levels lie apart is all that is known of it, and that reaches to where it is.

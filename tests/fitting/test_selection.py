@@ -14,7 +14,7 @@ from skincal.fitting import tasks
 from skincal.fitting.fit_options import FitOptions, GridSteps, SearchBox
 from skincal.fitting.presses import PressModel
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.selection import log_chance
+from skincal.fitting.selection import log_selection_probability
 from skincal.fitting.solve import solve
 from skincal.fitting.tasks import Neighbourhood
 from tests.fitting.conftest import QUICK
@@ -40,7 +40,7 @@ def test_chance_is_what_counting_gives() -> None:
         state = one.evaluate(point[:5], SIGMAS, np.zeros(2000, dtype=np.intp), slack)
         read = state.simulated + SIGMAS[2] * rng.standard_normal(state.simulated.shape)
         counted = ((read >= problem.active_above).sum(axis=1) >= problem.min_active).mean()
-        assert abs(math.exp(log_chance(one, point[None])[0]) - counted) < 0.04
+        assert abs(math.exp(log_selection_probability(one, point[None])[0]) - counted) < 0.04
 
 
 def test_a_fit_knows_how_its_presses_were_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -49,7 +49,7 @@ def test_a_fit_knows_how_its_presses_were_chosen(monkeypatch: pytest.MonkeyPatch
     box = SearchBox((-2.5e-3, 2.5e-3), (0.0275, 0.0325), (-0.35, 0.35))
     quick = replace(QUICK, steps=GridSteps(2.5e-3, 2.5e-3, 0.35, 3), law_spreads_m=(0.0,), rounds=(4, 8))
     chosen = solve(problem, box, quick, np.random.default_rng(0))
-    monkeypatch.setattr(tasks, "log_chance", lambda _model, points: np.zeros(len(points)))
+    monkeypatch.setattr(tasks, "log_selection_probability", lambda _model, points: np.zeros(len(points)))
     taken = solve(problem, box, quick, np.random.default_rng(0))
     spread = np.log(taken.draws[:, 3]).std()
     off = math.log(chosen.best["elasticity_pa_per_m"] / taken.best["elasticity_pa_per_m"]) / spread

@@ -5,10 +5,10 @@ import pytest
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
-from skincal.fitting.presses import PressStates, half_inverse
+from skincal.fitting.presses import PressStates, factor_inverse
 from skincal.fitting.shared import Shared
 from skincal.fitting.shared_integral import log_integral
-from skincal.fitting.sigmas import _scatter_loss, _scored
+from skincal.fitting.sigmas import _maximise_scatter, _scatter_loss
 from skincal.fitting.types import Floats
 
 
@@ -19,7 +19,7 @@ def _positive(rng: np.random.Generator, count: int, size: int) -> Floats:
 
 def test_half_of_an_inverse() -> None:
     hessian = _positive(np.random.default_rng(0), 20, 3) * np.array([1e6, 1e3, 1.0]) * [[1e6], [1e3], [1.0]]
-    root, log_volume = half_inverse(hessian)
+    root, log_volume = factor_inverse(hessian)
     unit = np.matmul(np.matmul(root, root.transpose(0, 2, 1)), hessian)
     assert unit == pytest.approx(np.broadcast_to(np.eye(3), unit.shape), abs=1e-6)
     assert log_volume == pytest.approx(-0.5 * np.linalg.slogdet(hessian)[1])
@@ -31,7 +31,7 @@ def test_noise_and_misfit_end_where_a_general_search_ends() -> None:
     parts = np.array([np.ones(400), signal**2])
     squares = rng.normal(size=400) ** 2 * (0.3**2 + (0.02 * signal) ** 2)
     centres, start = np.log([0.25, 0.01]), np.log([1.0, 0.2])
-    found = _scored(squares, parts, centres, start)
+    found = _maximise_scatter(squares, parts, centres, start)
     whole = minimize(
         lambda x: _scatter_loss(squares, parts, centres, x)[0], start, method="Nelder-Mead", tol=1e-9
     )

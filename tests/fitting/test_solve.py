@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skincal.fitting.fit_findings import BENT_NATS, _rig, find
+from skincal.fitting.fit_findings import BENT_NATS, _check_rig, add_findings
 from skincal.fitting.fit_options import GridSteps, SearchBox
 from skincal.fitting.law import LawSpread
-from skincal.fitting.problem import FitError, FitProblem, pose_problem
+from skincal.fitting.problem import FitError, FitProblem, build_problem
 from skincal.fitting.response import Bend
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.solve import plan_grid, solve
@@ -27,7 +27,7 @@ def _fit(
 
 @pytest.fixture(scope="module")
 def fitted(truth: Truth) -> FitResult:
-    return _fit(pose_problem(rig(), make_session(truth, seed=11)[0]))
+    return _fit(build_problem(rig(), make_session(truth, seed=11)[0]))
 
 
 def _codes(result: FitResult) -> set[str]:
@@ -70,7 +70,7 @@ def test_the_grid_and_the_draws_are_kept(fitted: FitResult) -> None:
 def test_a_seed_gives_one_result_for_any_workers_and_turns_kept(truth: Truth) -> None:
     """Interrupted after two turns of the grid and taken up again, with workers that end in another order."""
     options = replace(ROUGH, law_spreads_m=(0.0, 0.2e-3))
-    problem = pose_problem(rig(), make_session(truth, presses=25, seed=11)[0])
+    problem = build_problem(rig(), make_session(truth, presses=25, seed=11)[0])
     kept: dict[int, Any] = {}
     order: list[int] = []
     evaluated: list[int] = []
@@ -108,7 +108,7 @@ def test_a_seed_gives_one_result_for_any_workers_and_turns_kept(truth: Truth) ->
 
 
 def test_the_papers_bound_gives_the_box_below_it(truth: Truth) -> None:
-    problem = pose_problem(rig(), make_session(truth, presses=30, seed=11)[0])
+    problem = build_problem(rig(), make_session(truth, presses=30, seed=11)[0])
     result = _fit(problem, options=replace(ROUGH, bound_counts2=25.0))
     grid, inside = result.grid.grid, result.grid.mse_counts2 <= 25.0
     assert result.bound == "fixed" and result.valley_mse_counts2 == 25.0
@@ -121,7 +121,7 @@ def test_the_papers_bound_gives_the_box_below_it(truth: Truth) -> None:
 
 
 def test_a_range_that_leaves_out_the_truth_is_said(truth: Truth) -> None:
-    problem = pose_problem(rig(), make_session(truth, presses=30, seed=12)[0])
+    problem = build_problem(rig(), make_session(truth, presses=30, seed=12)[0])
     box = replace(BOX, y_m=(0.0242, 0.0262))
     result = _fit(problem, box, ONE_LAW)
     assert "range_edge" in _codes(result)
@@ -134,7 +134,7 @@ def test_crosstalk_is_a_misfit(truth: Truth) -> None:
     table = make_session(truth, presses=30, seed=11)[0]
     apart = np.linalg.norm(LAYOUT.centres_m[:, None] - LAYOUT.centres_m, axis=-1)
     leak = 0.05 * ((apart > 0) & (apart < 1.1 * 0.004))
-    result = _fit(pose_problem(rig(), replace(table, counts=table.counts + table.counts @ leak)), BOX, ROUGH)
+    result = _fit(build_problem(rig(), replace(table, counts=table.counts + table.counts @ leak)), BOX, ROUGH)
     told = next(f for f in result.findings if f.code == "misfit")
     assert told.severity == "warning" and "diagnose" in told.advice
 
@@ -144,7 +144,7 @@ def test_too_few_presses_at_one_place_give_no_interval(truth: Truth) -> None:
     # Between two taxels, so that both answer.
     between = np.array([truth.across_m, truth.y_m + 2e-3])
     near = np.abs(where - between).max(axis=1) < 0.7e-3
-    problem = pose_problem(rig(), some_presses(presses, near))
+    problem = build_problem(rig(), some_presses(presses, near))
     assert len(problem) >= 6
     problem = problem.subset(np.arange(len(problem)) < 6, "left out")
     assert problem.unknowns == 17 and problem.readings <= 17
@@ -161,7 +161,7 @@ def test_presses_at_one_place_tell_no_pose(fitted: FitResult) -> None:
     close = replace(problem, across_m=0.1 * problem.across_m, along_m=0.1 * problem.along_m)
     assert at_one_place(close) and not at_one_place(problem)
     open_pose = {**fitted.intervals, **dict.fromkeys(POSE, OPEN)}
-    found = find(replace(fitted, problem=close, intervals=open_pose), dropped=0)
+    found = add_findings(replace(fitted, problem=close, intervals=open_pose), dropped=0)
     told = [f for f in found.findings if f.code in ("one_place", "not_identified", "range_edge")]
     assert [f.code for f in told] == ["one_place"], "it is said once"
     assert "have no interval" in told[0].text and "Spread the presses" in told[0].advice
@@ -170,17 +170,17 @@ def test_presses_at_one_place_tell_no_pose(fitted: FitResult) -> None:
 def test_misfit_that_the_noise_of_weak_signals_hides(fitted: FitResult) -> None:
     noisy = replace(fitted.problem, observation=replace(fitted.problem.observation, noise_counts=50.0))
     sigmas = replace(fitted.sigmas, noise_counts=50.0, misfit=0.14)
-    found = find(replace(fitted, problem=noisy, sigmas=sigmas, misfit_low=0.1), dropped=0)
+    found = add_findings(replace(fitted, problem=noisy, sigmas=sigmas, misfit_low=0.1), dropped=0)
     told = next(f for f in found.findings if f.code == "misfit")
     assert "14 % of the signal beyond the noise" in told.text
-    assert "misfit" not in _codes(find(replace(fitted, misfit_low=0.03), dropped=0))
+    assert "misfit" not in _codes(add_findings(replace(fitted, misfit_low=0.03), dropped=0))
 
 
 @pytest.mark.parametrize(("evidence", "told"), [([0, 5, 17], True), ([0, 1, 3], False), ([0, 17, 5], False)])
 def test_spread_beyond_what_is_looked_at(fitted: FitResult, evidence: list[float], told: bool) -> None:
     density = np.exp(np.array(evidence, dtype=float))
     law = LawSpread(np.array([0.0, 0.2e-3, 0.4e-3]), density / density.sum(), np.zeros((3, 5)))
-    found = find(replace(fitted, law_spread_m=law.best_m, law_rise=law.rise), dropped=0)
+    found = add_findings(replace(fitted, law_spread_m=law.best_m, law_rise=law.rise), dropped=0)
     assert ("contact_law" in _codes(found)) == told
 
 
@@ -189,7 +189,7 @@ def test_forces_whose_errors_go_with_the_force(fitted: FitResult, power: float, 
     force = fitted.problem.force_n
     off = (power - 1) * np.log(force) + np.random.default_rng(1).normal(0, 0.02, len(force))
     presses = replace(fitted.presses, force_off=off)
-    found = find(replace(fitted, force_low=0.05, presses=presses), dropped=0)
+    found = add_findings(replace(fitted, force_low=0.05, presses=presses), dropped=0)
     told = next(f for f in found.findings if f.code in ("response_bends", "force_scatter"))
     assert told.code == code
     if power < 1:
@@ -198,11 +198,13 @@ def test_forces_whose_errors_go_with_the_force(fitted: FitResult, power: float, 
 
 def test_a_straightened_response_is_told_from_a_bound_on(fitted: FitResult) -> None:
     assert fitted.bend.rise < BENT_NATS
-    found = find(replace(fitted, bend=Bend(2.0, BENT_NATS + 1), force_low=0.05), dropped=0)
+    found = add_findings(replace(fitted, bend=Bend(2.0, BENT_NATS + 1), force_low=0.05), dropped=0)
     [told] = [f for f in found.findings if f.code in ("response_bends", "force_scatter")]
     assert told.code == "response_bends"
     assert "2.0 times as large" in told.text and "answer less" in told.text
-    assert "response_bends" not in _codes(find(replace(fitted, bend=Bend(1.3, BENT_NATS - 1)), dropped=0))
+    assert "response_bends" not in _codes(
+        add_findings(replace(fitted, bend=Bend(1.3, BENT_NATS - 1)), dropped=0)
+    )
 
 
 def test_forces_that_saturation_bends_scatter_besides(fitted: FitResult) -> None:
@@ -214,7 +216,7 @@ def test_forces_that_saturation_bends_scatter_besides(fitted: FitResult) -> None
     def code(off: np.ndarray, force: np.ndarray) -> str:
         problem = replace(fitted.problem, force_n=force)
         presses = replace(fitted.presses, force_off=off)
-        [told] = _rig(replace(fitted, problem=problem, force_low=0.05, presses=presses))
+        [told] = _check_rig(replace(fitted, problem=problem, force_low=0.05, presses=presses))
         return told.code
 
     assert code(off, force) == "response_bends"
@@ -232,21 +234,21 @@ def test_a_fit_of_one_place_gives_its_pose_no_interval(truth: Truth) -> None:
     near = np.flatnonzero(np.abs(where - between).max(axis=1) < 0.4e-3)[:30]
     close = some_presses(presses, near)
     close.across_m[:], close.along_m[:] = where[near].T
-    result = _fit(pose_problem(rig(), close))
+    result = _fit(build_problem(rig(), close))
     assert "one_place" in _codes(result)
     assert all(result.intervals[name] == OPEN for name in POSE)
 
 
 def test_few_presses_with_readings_to_spare_are_said(truth: Truth) -> None:
-    problem = pose_problem(rig(), make_session(truth, presses=200, seed=13)[0])
+    problem = build_problem(rig(), make_session(truth, presses=200, seed=13)[0])
     keep = np.isin(np.arange(len(problem)), np.argsort(-problem.lit.sum(axis=1))[:6])
     few = problem.subset(keep, "left out")
     assert few.determined
     result = _fit(few, BOX, ONE_LAW)
     assert "few_presses" in _codes(result) and "too_few_presses" not in _codes(result)
     assert np.isfinite(list(result.intervals.values())).all()
-    once = find(replace(result, effective_draws=1.2), dropped=0)
-    assert not once.told
+    once = add_findings(replace(result, effective_draws=1.2), dropped=0)
+    assert not once.gives_intervals
     told = next(f for f in once.findings if f.code == "few_draws")
     assert "worth only 1 independent one: too few" in told.text
 
@@ -255,19 +257,19 @@ def test_no_press_at_all_is_an_error(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=10)
     silent = replace(presses, counts=presses.counts * 0)
     with pytest.raises(FitError, match="no press"):
-        plan_grid(pose_problem(rig(), silent), BOX, QUICK)
+        plan_grid(build_problem(rig(), silent), BOX, QUICK)
 
 
 def test_a_copy_of_a_press_is_not_used(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=20)
-    once = pose_problem(rig(), presses, min_active=2)
-    twice = pose_problem(rig(), some_presses(presses, np.r_[0:20, 0:20]), min_active=2)
+    once = build_problem(rig(), presses, min_active=2)
+    twice = build_problem(rig(), some_presses(presses, np.r_[0:20, 0:20]), min_active=2)
     np.testing.assert_array_equal(twice.rows, once.rows)
     assert twice.status[20:] == ("the very numbers of another press",) * 20
     # The same press made again is another measurement.
     again = some_presses(presses, np.r_[0:20, 0:20])
     again.force_n[20:] *= 1.001
-    assert len(pose_problem(rig(), again, min_active=2)) == 2 * len(once)
+    assert len(build_problem(rig(), again, min_active=2)) == 2 * len(once)
 
 
 def test_a_per_taxel_scale_finds_a_weak_taxel(truth: Truth) -> None:
@@ -275,7 +277,7 @@ def test_a_per_taxel_scale_finds_a_weak_taxel(truth: Truth) -> None:
     counts = presses.counts.copy()
     counts[:, 6] = (counts[:, 6] - 0.4) * 0.8 + 0.4
     result = _fit(
-        pose_problem(rig(), replace(presses, counts=counts)), options=replace(ROUGH, per_taxel=True)
+        build_problem(rig(), replace(presses, counts=counts)), options=replace(ROUGH, per_taxel=True)
     )
     scales = result.scale_per_taxel_per_n
     assert scales is not None
@@ -286,13 +288,13 @@ def test_a_per_taxel_scale_finds_a_weak_taxel(truth: Truth) -> None:
 
 def test_a_turned_sensor_is_found_turned(truth: Truth) -> None:
     turned = replace(truth, alpha_rad=math.radians(12.0))
-    result = _fit(pose_problem(rig(), make_session(turned, presses=30, seed=15)[0]), BOX, ONE_LAW)
+    result = _fit(build_problem(rig(), make_session(turned, presses=30, seed=15)[0]), BOX, ONE_LAW)
     low, high = result.intervals["alpha_rad"]
     assert low <= math.radians(12.0) <= high
 
 
 def test_unknown_force_scale_widens_elasticity_and_scale(fitted: FitResult, truth: Truth) -> None:
-    sure = pose_problem(rig(), make_session(truth, seed=11)[0])
+    sure = build_problem(rig(), make_session(truth, seed=11)[0])
     exact, wide = fitted, _fit(replace(sure, rig=replace(sure.rig, force_scale_sigma=0.05)))
     assert wide.best == exact.best
     for name in ("across_m", "y_m", "alpha_rad"):
@@ -304,7 +306,7 @@ def test_unknown_force_scale_widens_elasticity_and_scale(fitted: FitResult, trut
 
 
 def test_a_grid_without_end_is_refused(truth: Truth) -> None:
-    problem = pose_problem(rig(), make_session(truth, presses=30)[0])
+    problem = build_problem(rig(), make_session(truth, presses=30)[0])
     fine = replace(QUICK, steps=GridSteps(1e-5, 1e-5, math.radians(0.05), 24))
     with pytest.raises(FitError, match="coarser steps"):
         plan_grid(problem, BOX, fine)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skincal.fitting.uniform_scales import common_draws, fit_scales
+from skincal.fitting.uniform_scales import bootstrap_common_scale, fit_scales
 
 TRUTH = np.array([1.0, 1.5, 2.0, 0.7])
 
@@ -21,7 +21,7 @@ def test_scales_are_found_within_their_errors():
     for seed in range(40):
         found = fit_scales(*answers(seed), least_counts=5.0)
         off.append((found.scale_per_n - TRUTH) / found.sigma_per_n)
-        assert found.told.all()
+        assert found.responding.all()
     assert np.std(off) == pytest.approx(1.0, abs=0.3)
     assert abs(np.mean(off)) < 0.3
 
@@ -42,7 +42,7 @@ def test_a_taxel_that_does_not_answer_tells_nothing():
     values[:, 1] = 0.2
     use[:, 3] = False
     found = fit_scales(load, values, use, 5.0)
-    assert found.told.tolist() == [True, False, True, False]
+    assert found.responding.tolist() == [True, False, True, False]
     assert found.scale_per_n[[1, 3]].tolist() == [0.0, 0.0]
     assert np.isnan(found.residual[:, [1, 3]]).all()
     assert found.common_per_n == pytest.approx(1.5, rel=0.02)
@@ -57,7 +57,7 @@ def test_two_presses_make_lines_through_the_origin():
 
 def test_draws_are_about_the_common_scale():
     load, values, use = answers()
-    draws = common_draws(load, values, use, 5.0, 50, np.random.default_rng(0))
+    draws = bootstrap_common_scale(load, values, use, 5.0, 50, np.random.default_rng(0))
     middle = fit_scales(load, values, use, 5.0).common_per_n
     assert draws.min() <= middle <= draws.max()
     assert draws.std() < 0.05

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skincal.fitting.problem import PressTable, pose_problem
-from skincal.fitting.wiring import TaxelOrder, _Search, order_of_problem
+from skincal.fitting.problem import PressTable, build_problem
+from skincal.fitting.wiring import TaxelOrder, _Search, find_taxel_order
 from skincal.fitting.wiring_orders import mapping_of, named_orders
 from tests.fitting.conftest import BOX, Truth, make_session, rig
 
@@ -29,7 +29,7 @@ def wound() -> np.ndarray:
 
 
 def order_of(table: PressTable, slack_m: float = 2e-3) -> TaxelOrder | None:
-    return order_of_problem(pose_problem(replace(rig(), slack_m=slack_m), table), BOX)
+    return find_taxel_order(build_problem(replace(rig(), slack_m=slack_m), table), BOX)
 
 
 WIRED = {
@@ -115,16 +115,16 @@ def test_named_orders_are_different_permutations():
 
 
 def test_slopes_of_a_pose(truth: Truth) -> None:
-    problem = pose_problem(rig(), make_session(truth, presses=12, noise=0.2)[0])
+    problem = build_problem(rig(), make_session(truth, presses=12, noise=0.2)[0])
     search = _Search(problem, BOX)
     bent = 1e-4 * np.random.default_rng(0).standard_normal(12)
     pose = np.array([1e-4, truth.y_m + 3e-4, -0.1, np.log(2e-6), np.log(3e-6), *bent])
     slack, order = np.full((len(problem), 2), 1e-4), np.arange(16)[::-1]
 
     def differences(at: np.ndarray) -> np.ndarray:
-        return search._differences(search._bumps(at, slack).shares, order).ravel()
+        return search._differences(search._nominal_images(at, slack).shares, order).ravel()
 
-    found = search._slopes(search._bumps(pose, slack), pose, order)
+    found = search._difference_slopes(search._nominal_images(pose, slack), pose, order)
     for column, step in zip(found.T, np.diag([1e-7, 1e-7, 1e-5, 1e-5, 1e-5, *[1e-7] * 12]), strict=True):
         expected = (differences(pose + step) - differences(pose - step)) / (2 * step.sum())
         assert column == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())

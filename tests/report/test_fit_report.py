@@ -22,7 +22,7 @@ from skincal.dataset.placement import patch_coordinates
 from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.observe import Readout
-from skincal.fitting.problem import PressTable, Rig, pose_problem
+from skincal.fitting.problem import PressTable, Rig, build_problem
 from skincal.fitting.response import Bend
 from skincal.fitting.result import FitFinding, FitResult, GridResult, PressFit, Sigmas
 from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters
@@ -71,7 +71,7 @@ def make_fit(kind: str = "cylinder", presses: int = 9, seed: int = 3) -> Fitted:
     dataset = Dataset(meta, Presses(10 + np.arange(presses), _points(shell, across, along), force, counts))
     rig = Rig(dataset.layout(), surface, (dataset.indenter(),), Readout(0, 255, True), 0.001, 0.002)
     indenter = np.zeros(presses, dtype=np.intp)
-    problem = pose_problem(rig, PressTable(np.arange(presses), across, along, force, counts, indenter))
+    problem = build_problem(rig, PressTable(np.arange(presses), across, along, force, counts, indenter))
     uv = patch_coordinates(surface, _pose(plane), _points(shell, across + slack[:, 0], along + slack[:, 1]))
     simulated = values[problem.rows]
     rmse = np.sqrt(((simulated - problem.values) ** 2).mean(axis=1))
