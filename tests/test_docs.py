@@ -137,3 +137,11 @@ def test_the_trust_page_says_what_a_p_value_is_made_of() -> None:
     assert f"gain {CONSTANTS.least_gain:g} nats" in text
     layers = [f"{1e3 * thick:g}" for thick in LAWS["layer"]]
     assert f"elastic layers of {layers[0]}, {layers[1]} and {layers[2]} mm" in text
+
+
+def test_architecture_names_files_that_exist() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([a-z_]+(?:/[a-z_]+)*\.py)`", text))
+    assert len(named) > 100
+    missing = [f for f in named if not ((ROOT / "skincal" / f).exists() or (ROOT / f).exists())]
+    assert not missing
