@@ -19,7 +19,7 @@ from skincal.errors import InputError, input_error
 from skincal.files.locks import lock
 from skincal.files.manifest import NAME, write_manifest
 from skincal.files.moves import exchange, move_new, sync, sync_name
-from skincal.files.refusals import at_work, refuse_existing, refuse_removal, temporary_beside
+from skincal.files.refusals import at_work, make_temporary_folder, refuse_existing, refuse_removal
 from skincal.signals import held_back
 
 
@@ -86,7 +86,7 @@ def _temporary(path: Path) -> Generator[Path]:
     try:
         with held_back():
             while descriptor is None:
-                temporary = temporary_beside(path)
+                temporary = make_temporary_folder(path)
                 with suppress(FileNotFoundError):  # another process considers it abandoned, and removes it
                     descriptor = lock(temporary / NAME, create=True)
         assert temporary is not None

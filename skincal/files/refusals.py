@@ -108,7 +108,7 @@ def _refuse_unwritable(path: Path) -> None:
     """Try what :func:`whole_folder` will do: permissions do not reveal names that are too long, or /proc."""
     try:
         with held_back(), suppress(FileNotFoundError):
-            temporary_beside(path).rmdir()
+            make_temporary_folder(path).rmdir()
     except OSError as error:
         fix = _NOT_THERE.get(error.errno or 0)
         if fix is None:  # a full disk, for instance: not a fault of the name
@@ -142,6 +142,6 @@ def _has_mark(path: Path, mark: str) -> bool:
         return not size or mark.encode() in ends + b"\0" + file.read(_ENDS)
 
 
-def temporary_beside(path: Path) -> Path:
+def make_temporary_folder(path: Path) -> Path:
     """Return a new temporary folder next to an output."""
     return Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))

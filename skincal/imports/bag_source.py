@@ -65,7 +65,9 @@ def collect(path: Path, mapping: Mapping) -> tuple[Collector, list[Problem]]:
     assert isinstance(mapping.file, BagMapping)
     findings = Findings()
     collector, named = Collector(mapping, findings), mapping.file.bag.definitions
-    definitions = {name: mapping.beside(one, f"the definition of {name}") for name, one in named.items()}
+    definitions = {
+        name: mapping.resolve_file(one, f"the definition of {name}") for name, one in named.items()
+    }
     with opened(path, definitions) as bag:
         if check_topics(bag, collector.places, findings):
             try:

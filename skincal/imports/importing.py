@@ -115,7 +115,7 @@ def _imported(
     """Read a recording, of the command line or else of its mapping, and write its dataset."""
     found, findings = read_mapping(Path(mapping), kind), Findings()
     what = "a CSV file to read" if kind == "csv" else "a bag to read"
-    paths = [Path(file) for file in given] or [found.beside(name, what) for name in found.source.files]
+    paths = [Path(file) for file in given] or [found.resolve_file(name, what) for name in found.source.files]
     if not paths:
         fix = "Name them on the command line, or as files in the mapping."
         raise input_error(found.path.name, what, "none", fix)

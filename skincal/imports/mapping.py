@@ -207,7 +207,7 @@ class Mapping:
         across, along = np.meshgrid(np.arange(float(sensor.cols)), np.arange(float(sensor.rows)))
         return np.column_stack([across.ravel(), along.ravel()]) * np.array(sensor.pitch_m)
 
-    def beside(self, name: str, what: str) -> Path:
+    def resolve_file(self, name: str, what: str) -> Path:
         """Return the path of a file, or of a bag's folder, that the mapping names.
 
         Raises:

@@ -225,7 +225,7 @@ def test_a_jump_may_be_called_more_than_one_thing():
 
 
 @pytest.mark.parametrize("said", [{}, {"verdict": "maybe"}, {"verdict": "effects", "effects": []}])
-def test_what_is_not_as_the_contract_has_it_is_told(said):
+def test_what_is_not_as_the_contract_has_it_is_reported(said):
     with pytest.raises(OutcomeError, match="none-000"):
         Outcome.of(_label(specs("none", 0)[0]), said)
 

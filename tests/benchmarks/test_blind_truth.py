@@ -83,7 +83,7 @@ def test_foundation_agrees_with_skincals_contact():
 
 
 @pytest.mark.parametrize("layer", [Layer(1.5e-3, 0.4), Layer(4e-3, 0.45, coat=0.6)])
-def test_layer_gives_way_beside_the_contact(layer):
+def test_layer_gives_way_next_to_the_contact(layer):
     own = layer.fields(0.006, 5.0 / E_PA_PER_M, None)
     foundation = Foundation().fields(0.006, 5.0 / E_PA_PER_M, None)
     assert own.felt.min() >= 0

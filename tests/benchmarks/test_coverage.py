@@ -65,7 +65,7 @@ def test_wilson_against_published_numbers() -> None:
     assert wilson(0, 0) == (0.0, 1.0)
 
 
-def test_truth_is_told_as_the_positions_do() -> None:
+def test_truth_is_reported_as_the_positions_do() -> None:
     told = told_values(TRUTH)
     assert told["across_m"] == pytest.approx(np.radians(3.0) * 0.0115 + 0.3e-3)
     assert told["y_m"] == pytest.approx(0.0238)
@@ -106,7 +106,7 @@ def test_an_unbounded_interval_counts_as_holding_the_truth() -> None:
         assert np.isfinite(parameter["mean_width"])
 
 
-def test_layers_are_told_against_their_stiffness() -> None:
+def test_layers_are_reported_against_their_stiffness() -> None:
     layers = [record(i, law="layer", error=-0.2) for i in range(4)]
     found = summary([*layers, record(4)], 0.98)
     assert list(found) == ["layer", "foundation", "all"]

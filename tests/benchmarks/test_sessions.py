@@ -54,7 +54,7 @@ def test_errors_are_those_declared() -> None:
         assert 0.98 < session.presses.force_n.min() < session.presses.force_n.max() < 4.09
 
 
-def test_constant_error_is_told_as_pose() -> None:
+def test_constant_error_is_reported_as_pose() -> None:
     told = TRUTH.as_positions_tell
     assert told.y_m == pytest.approx(0.0239)
     assert np.radians(told.beta_deg - 4.0) * CYLINDER_RADIUS_M == pytest.approx(0.3e-3)

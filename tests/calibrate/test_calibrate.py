@@ -192,7 +192,7 @@ def test_a_refusal_names_the_dataset_and_says_what_to_do(session: Dataset, tmp_p
         calibrate(replace(session, presses=presses, frames=None, folder=None), options=QUICK, workers=1)
 
 
-def test_why_presses_were_dropped_is_told_in_plain_words(session: Dataset) -> None:
+def test_why_presses_were_dropped_is_reported_in_plain_words(session: Dataset) -> None:
     problem = fit_problem(session, FitOptions())
     one = replace(problem, status=("1 active taxel (at least 2 above 5 counts are needed)",))
     assert why_dropped(one) == (

@@ -90,7 +90,7 @@ def test_clipped_levels_are_left_alone(session: Session) -> None:
     assert not shifts.any()
 
 
-def test_a_level_that_moves_is_told(session: Session) -> None:
+def test_a_level_that_moves_is_reported(session: Session) -> None:
     drift = 12.0 * (np.arange(40) % EACH) / EACH
     calibration = make_calibration()
     before = len(calibration.findings)

@@ -13,7 +13,7 @@ from skincal.calibration import Finding
 SCATTER = Finding("force_scatter", "warning", "Forces scatter.", "Check the torque sensors' zero.")
 
 
-def test_a_stage_is_told_of_its_load_cell() -> None:
+def test_a_stage_is_reported_of_its_load_cell() -> None:
     session = make_session(np.random.default_rng(1), presses=3)[0]
     columns = {name: c for name, c in session.presses.columns.items() if not name.startswith(("q_", "tau_"))}
     stage = replace(session, presses=replace(session.presses, columns=columns))

@@ -44,7 +44,7 @@ def _with_normals(session: Dataset, normals: np.ndarray) -> Dataset:
     return replace(session, presses=replace(session.presses, normals=normals))
 
 
-def test_a_cylinder_goes_the_fast_way_unless_told_otherwise(cylinder: tuple[Dataset, Truth]) -> None:
+def test_a_cylinder_goes_the_fast_way_unless_reported_otherwise(cylinder: tuple[Dataset, Truth]) -> None:
     session, _ = cylinder
     assert choose_way(session) == Way("fast")
     assert choose_way(session, "nlopt").method == "nlopt"

@@ -50,7 +50,7 @@ def problems(path):
     return caught.value.problems
 
 
-def test_a_value_far_outside_its_interval_is_told(tmp_path):
+def test_a_value_far_outside_its_interval_is_reported(tmp_path):
     calibration = make_calibration()
     low, high = calibration.intervals["scale_per_n"]
     for n, (value, told) in enumerate([(high + 0.5 * (high - low), 0), (3 * high, 1), (low / 3, 1)]):

@@ -39,7 +39,7 @@ def session(folder: Path, tares_in: int) -> Collected:
 
 
 @pytest.mark.parametrize("tares_in", [0, 1])
-def test_a_tare_under_load_is_told(tmp_path: Path, tares_in: int) -> None:
+def test_a_tare_under_load_is_reported(tmp_path: Path, tares_in: int) -> None:
     found = session(tmp_path, tares_in)
     if not tares_in:
         assert found.rest_shifts == ()

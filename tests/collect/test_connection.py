@@ -243,7 +243,7 @@ def test_what_no_dataset_could_hold_ends_the_session(rig: Rig, spoil: Callable[.
     assert not rig.out.exists()
 
 
-def test_a_dataset_that_cannot_be_used_is_told_at_once(rig: Rig):
+def test_a_dataset_that_cannot_be_used_is_reported_at_once(rig: Rig):
     found = rig.run(ONE, lambda n, s: replace(s, tau_nm=0 * s.tau_nm))
     assert found.statuses == {"no_contact": 1}
     assert "expected positive normal forces" in str(found.problems[0])

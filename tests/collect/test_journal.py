@@ -82,7 +82,7 @@ def test_a_session_that_recorded_nothing_gives_way_to_another(tmp_path: Path):
     assert open_journal(tmp_path, seed=8).head["key"]["seed"] == 8
 
 
-def test_a_full_disk_is_told_with_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_full_disk_is_reported_with_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     journal = open_journal(tmp_path)
 
     def full(_: int) -> None:
@@ -112,7 +112,7 @@ def test_a_restart_removes_nothing_that_others_wrote(tmp_path: Path) -> None:
     assert (folder / "thesis.txt").read_text() == "mine"
 
 
-def test_a_folder_beside_the_journal_is_not_removed(tmp_path: Path) -> None:
+def test_a_folder_next_to_the_journal_is_not_removed(tmp_path: Path) -> None:
     """Its name is that of a journal on its way out."""
     mine = tmp_path / ".run.collect.old"
     mine.mkdir()

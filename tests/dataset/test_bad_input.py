@@ -437,7 +437,7 @@ def test_what_a_person_should_know(folder: Path, edit: Edit, said: str) -> None:
     assert read_dataset(folder).warnings == check.warnings
 
 
-def test_forces_that_drop_out_are_told(folder: Path) -> None:
+def test_forces_that_drop_out_are_reported(folder: Path) -> None:
     def dropped(table: pd.DataFrame) -> None:
         held = np.flatnonzero(table.phase == "hold")
         table.loc[held[::10], "force_n"] = 0.0
@@ -449,7 +449,7 @@ def test_forces_that_drop_out_are_told(folder: Path) -> None:
     assert "less than a third of it" in said and "drop out" in said
 
 
-def test_one_press_with_the_frames_of_another_is_told(folder: Path) -> None:
+def test_one_press_with_the_frames_of_another_is_reported(folder: Path) -> None:
     def swapped(table: pd.DataFrame) -> None:
         first, last = (np.flatnonzero(table.press == p) for p in (0, int(table.press.max())))
         count = min(len(first), len(last))

@@ -189,7 +189,7 @@ def full(*_: object, **more: object) -> None:
     raise OSError(errno.ENOSPC, "No space left on device")
 
 
-def test_a_disk_without_room_is_told_before_the_hand_moves(
+def test_a_disk_without_room_is_reported_before_the_hand_moves(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     connected: list[ReferenceHand] = []

@@ -36,7 +36,7 @@ def test_force_bias_leaves_rest_at_rest_and_never_pulls():
     assert not skin_with("force_bias", offset_n=-0.5).values(told).any()
 
 
-def test_an_offset_beside_another_scale_in_each_pose_is_one_case():
+def test_offset_and_scale_in_each_pose_are_one_case():
     scene = Scene(taxels=16, poses=2, top_counts=100.0, top_n=1.0, force_n=1.0, duration_s=60.0)
     for one in ForceBias().starts(scene):
         moved = [name for point in one.points for name in point if name != "onset_n"]

@@ -30,7 +30,7 @@ def test_only_pybullet_makes_pictures() -> None:
         make(engine="mujoco", render_mode="rgb_array")
 
 
-def test_a_missing_engine_is_told_how_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_engine_is_reported_how_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
     with pytest.raises(InputError, match=r"pip install 'skincal\[mujoco\]'"):
         make_scene("mujoco", read_pinch(None), 20)

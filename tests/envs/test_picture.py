@@ -15,7 +15,7 @@ from skincal.envs.picture import HEIGHT, WIDTH, Board, PictureState, colours, pa
 
 
 @pytest.mark.parametrize("name", skincal.envs.ENVIRONMENTS)
-def test_a_picture_shows_the_hand_and_beside_it_the_image(name: str) -> None:
+def test_a_picture_shows_the_hand_and_next_to_it_the_image(name: str) -> None:
     env: Any = make(name, render_mode="rgb_array")
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.render()

@@ -52,7 +52,7 @@ def test_a_file_that_is_wrong_is_refused_in_words(tmp_path: Path, old: str, new:
         read_pinch(folder)
 
 
-def test_a_hand_without_the_file_is_told_so(tmp_path: Path) -> None:
+def test_a_hand_without_the_file_is_reported(tmp_path: Path) -> None:
     folder = tmp_path / "hand"
     shutil.copytree(bundled_folder(), folder, ignore=shutil.ignore_patterns("pinch.toml"))
     with pytest.raises(InputError, match=r"pinch\.toml: expected the description of the pinch grasp"):

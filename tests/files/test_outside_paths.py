@@ -134,7 +134,7 @@ PLACES = ("/etc/passwd", "../secret", "/dev/zero", "a/../../secret", "../..", "a
 
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("kind", ["csv", "rosbag"])
-def test_a_mapping_names_only_what_lies_beside_it(tmp_path: Path, place: str, kind: str) -> None:
+def test_a_mapping_names_only_what_lies_next_to_it(tmp_path: Path, place: str, kind: str) -> None:
     (tmp_path / "secret").write_text(SECRET)
     (tmp_path / "here" / "a").mkdir(parents=True)
     path = _mapping(tmp_path / "here", kind, f'"{place}"')
@@ -173,7 +173,7 @@ def test_a_urdf_names_only_meshes_in_the_hands_folder(tmp_path: Path, place: str
 
 
 @pytest.mark.parametrize("place", ["/dev/zero", "../secret"])
-def test_a_description_names_only_files_beside_it(tmp_path: Path, place: str) -> None:
+def test_a_description_names_only_files_next_to_it(tmp_path: Path, place: str) -> None:
     """Named directly, and reached by a link."""
     (tmp_path / "secret").write_text(SECRET)
     _dataset(tmp_path / "data")

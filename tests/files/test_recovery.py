@@ -24,7 +24,7 @@ def listed(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_leftovers_are_swept_and_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_leftovers_are_swept_and_reported(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / ABANDONED / "deep").mkdir(parents=True)
     (tmp_path / ABANDONED / NAME).touch()
     others = [

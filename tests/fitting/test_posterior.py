@@ -107,7 +107,7 @@ def test_a_climb_from_afar_comes_back_to_the_truth(problem: FitProblem, truth: T
     assert np.isfinite(peak.log_evidence)
 
 
-def test_gains_are_free_beside_a_scale_of_the_taxels_as_they_are(problem: FitProblem, peak: Peak) -> None:
+def test_gains_are_free_with_a_common_scale(problem: FitProblem, peak: Peak) -> None:
     dead = problem.without_taxels(np.arange(16) == 3)
     way = dead.shared.directions(dead.alive)
     assert way.shape == (len(dead.shared.theta), len(dead.shared.theta) - 2)

@@ -196,7 +196,7 @@ def test_forces_whose_errors_go_with_the_force(fitted: FitResult, power: float, 
         assert "power of 0.9" in told.text and "skincal diagnose" in told.advice
 
 
-def test_a_straightened_response_is_told_from_a_bound_on(fitted: FitResult) -> None:
+def test_a_straightened_response_is_reported_from_a_bound_on(fitted: FitResult) -> None:
     assert fitted.bend.rise < BENT_NATS
     found = add_findings(replace(fitted, bend=Bend(2.0, BENT_NATS + 1), force_low=0.05), dropped=0)
     [told] = [f for f in found.findings if f.code in ("response_bends", "force_scatter")]
@@ -207,7 +207,7 @@ def test_a_straightened_response_is_told_from_a_bound_on(fitted: FitResult) -> N
     )
 
 
-def test_forces_that_saturation_bends_scatter_besides(fitted: FitResult) -> None:
+def test_forces_that_saturation_bends_scatter_next_tos(fitted: FitResult) -> None:
     """Contacts that spread over more taxels saturate less: some of what a response bends does not go with the force."""
     rng = np.random.default_rng(2)
     force = np.exp(rng.uniform(-0.4, 1.7, 60))

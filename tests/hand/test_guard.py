@@ -176,7 +176,7 @@ def test_a_force_above_the_limit_stops_the_hand() -> None:
 
 
 @pytest.mark.parametrize("value", [float("nan"), "nothing", None])
-def test_a_force_that_cannot_be_told_stops_the_hand(value: Any) -> None:
+def test_a_force_that_cannot_be_reported_stops_the_hand(value: Any) -> None:
     assert run(FakeHand(), contact_force=lambda state: value)[0].kind == "force"
 
 
@@ -235,7 +235,7 @@ def test_a_simulated_hand_may_take_longer_to_connect() -> None:
         hand.observe()
 
 
-def test_a_stop_that_hangs_is_left_and_told() -> None:
+def test_a_stop_that_hangs_is_left_and_reported() -> None:
     start = time.monotonic()
     error, after_s = run(FakeHand(raises={"observe": ValueError("x")}, hang={"stop": 2.0}))
     assert "stop() did not return within 0.1 s! Cut the hand's power." in str(error)
@@ -527,7 +527,7 @@ FOREIGN: dict[str, tuple[BaseException, str]] = {
 
 @pytest.mark.parametrize("call", ["observe", "act", "connect", "close"])
 @pytest.mark.parametrize(("raised", "text"), FOREIGN.values(), ids=FOREIGN)
-def test_any_exception_of_a_driver_is_told(call: str, raised: BaseException, text: str) -> None:
+def test_any_exception_of_a_driver_is_reported(call: str, raised: BaseException, text: str) -> None:
     driver = FakeHand(raises={call: raised}, after=0)
     with pytest.raises(HandError) as caught, GuardedHand(driver, QUICK) as hand:
         for _ in range(3):

@@ -134,7 +134,7 @@ def test_a_late_command_is_refused_and_stops_the_hand() -> None:
         assert hands.last.stopped_at is not None
 
 
-def test_an_error_at_the_hands_side_is_told_with_its_reason() -> None:
+def test_an_error_at_the_hands_side_is_reported_with_its_reason() -> None:
     hands = Hands(lambda: FakeHand(changed(tau_nm=np.array([0, 1.6]))))
     with served(hands) as server:
         with pytest.raises(HandError) as caught, GuardedHand(RemoteDriver(server.address)) as hand:
@@ -266,7 +266,7 @@ def test_a_message_of_another_session_does_nothing() -> None:
         driver.close()
 
 
-def test_an_older_version_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_older_version_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     with served(Hands()) as server:
         monkeypatch.setattr(
             remote, "encode", lambda message: encode(message).replace(b"skincal-hand/1", b"skincal-hand/0")

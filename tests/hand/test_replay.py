@@ -88,7 +88,7 @@ def test_what_was_not_recorded_comes_from_what_was(tmp_path: Path) -> None:
     assert np.isnan(states[0].temperature_c)
 
 
-def test_the_end_of_the_record_is_told(tmp_path: Path) -> None:
+def test_the_end_of_the_record_is_reported(tmp_path: Path) -> None:
     place = recorded(tmp_path / "run")
     with pytest.raises(HandError) as caught, GuardedHand(ReplayDriver(place)) as hand:
         while True:

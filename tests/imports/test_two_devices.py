@@ -129,7 +129,7 @@ def test_clocks_of_different_rates(presses: int, faster: float, rel: float):
     np.testing.assert_allclose(clock.onto(times), gauge, atol=0.02)
 
 
-def test_offset_that_cannot_be_told():
+def test_offset_that_cannot_be_reported():
     time = np.arange(0, 60, 0.02)
     load = ((time % 3) > 1.5).astype(float)
     with pytest.raises(NoOffsetError, match="are equally good"):

@@ -111,7 +111,7 @@ def test_rounding_has_no_mean_about_the_line():
 
 
 @pytest.mark.slow
-def test_weak_effect_is_named_beside_a_strong_one():
+def test_weak_effect_is_named_next_to_a_strong_one():
     levels = {"offset_counts": np.linspace(-12.0, 12.0, 16)}
     hidden = {"taxel_offset": levels, "hysteresis": {"height": 0.15, "width": 1.5}}
     data = made(hidden, rest=40.0)

@@ -29,7 +29,7 @@ def test_the_noise_before_rounding_is_found(step: float, rest: float):
     assert found.frame == pytest.approx(1.0, abs=0.1 * step)
 
 
-def test_noise_that_grows_is_told_from_noise_that_does_not():
+def test_noise_that_grows_is_reported_from_noise_that_does_not():
     counts, hold = frames(1.0, 1.0, 40.0, 0.03)
     found = noise_of(counts, hold, np.full(len(hold), -1), np.zeros(len(hold)), 0.0, 295.0, integer=True)
     assert found.grows == pytest.approx(0.03, rel=0.2)

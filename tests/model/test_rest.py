@@ -45,7 +45,7 @@ def test_half_of_the_noise_is_clipped(integer: bool, sigma: float) -> None:
     assert found.level == pytest.approx(np.full(12, 0.4 * sigma), abs=0.35 * sigma)
 
 
-def test_signals_beside_a_bound_are_no_noise() -> None:
+def test_signals_next_to_a_bound_are_no_noise() -> None:
     rng = np.random.default_rng(4)
     counts = np.where(rng.random((60, 12)) < 0.35, rng.uniform(0, 200, (60, 12)), 0.0)
     assert levels_from_presses(counts).scatter < 0.5

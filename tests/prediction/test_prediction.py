@@ -354,7 +354,7 @@ def test_another_layout_or_surface_is_refused(
     assert problem.fix
 
 
-def test_progress_is_told(session: Session, calibration: Calibration) -> None:
+def test_progress_is_reported(session: Session, calibration: Calibration) -> None:
     told: list[tuple[str, int, int]] = []
     predict_dataset(calibration, session(4), slack=True, progress=lambda *step: told.append(step))
     assert [stage for stage, done, of in told if done == of] == ["slack", "presses", "frames"]
