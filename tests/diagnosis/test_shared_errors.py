@@ -81,7 +81,7 @@ def test_image_error_is_estimated():
         observed = observe(scattered(data, size), state, np.random.default_rng(0))
         fitter = observed.fitter
         fit = fitter.solve(fitter.priors.start, steps=3)
-        found.append(with_image_error(fitter, fit.state).before.image)
+        found.append(with_image_error(fitter, fit.state).priors.image)
     assert found[0] <= 0.02 and found[1] >= 0.05
 
 
