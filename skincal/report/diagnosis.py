@@ -97,6 +97,8 @@ def _effects(diagnosis: Diagnosis) -> list[tuple[str, ...]]:
             kind, outcome = "blind", f"not visible: {diagnosis.audit.reasons.get(name, '')}"
         elif candidate is not None and candidate.passes_null:
             outcome = "improves the fit, but others explain more"
+        elif candidate is not None and candidate.gain > candidate.limit:
+            outcome = "no evidence: only a few presses gain by it"
         visible = f"{smallest:.2g}" if np.isfinite(smallest) else "never"
         gain = "" if candidate is None else f"{candidate.gain:.1f} of {candidate.limit:.1f}"
         rows.append((name, visible, gain, kind, outcome))
