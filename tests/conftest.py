@@ -12,7 +12,7 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import gc
 import shutil
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -42,15 +42,6 @@ def pytest_collection_finish() -> None:
     """
     gc.collect()
     gc.freeze()
-
-
-@pytest.fixture(autouse=True)
-def frozen_again() -> Iterator[None]:
-    """Leave them out again after a guarded hand: each full collection would take as long as many tests."""
-    yield
-    if not gc.get_freeze_count():
-        gc.collect(1)  # what a test leaves is mostly young
-        gc.freeze()
 
 
 def make_session(presses: int = 12, *, frames_per_press: int = 8, seed: int = 1) -> Dataset:

@@ -178,11 +178,11 @@ def _check_words(dataset: Dataset, sheet: Sheet, counts: FloatArray) -> bool:
         return True
     of_presses = counts is dataset.presses.counts
     rests = not uniform_pressure(dataset)
-    load, seen = None, None
+    load = image_load = None
     if of_presses:
         presses, load = dataset.presses, expected_load(dataset)
-        seen = load_from_images(presses.position_m, presses.force_n, counts)
-    wrapped = find_wrapped(counts, load, rests=rests, seen=seen)
+        image_load = load_from_images(presses.position_m, presses.force_n, counts)
+    wrapped = find_wrapped(counts, load, rests=rests, image_load=image_load)
     if wrapped is None and not of_presses and dataset.frames is not None:
         # The first ones, none left out: a fall is one from one frame to the next.
         rows = np.arange(min(len(dataset.frames), MOST_FRAMES))

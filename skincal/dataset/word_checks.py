@@ -41,10 +41,10 @@ CHANCE: Final = 1e-3
 """Probability at most that readings below rest are where the load is largest by chance (Mann and Whitney's test)."""
 
 LEAST_DROPPED, MOST_DROPPED = 1e-4, 0.1
-"""Parts of the readings between which those that drop out lie (stated prior, log-uniform)."""
+"""Bounds of the part of readings that drop out (stated prior, log-uniform)."""
 
 LOAD_BINS: Final = 20
-"""Quantiles of the load in which readings of a kind are counted (numerical resolution)."""
+"""Number of load quantiles in which readings are counted (numerical resolution)."""
 
 NOISE_ERROR: Final = 0.15
 """Part by which the noise at rest may be off: it is estimated, and not quite normal (set by eye)."""
@@ -84,7 +84,11 @@ class Wrapped:
 
 
 def find_wrapped(
-    counts: FloatArray, load: FloatArray | None = None, *, rests: bool = True, seen: FloatArray | None = None
+    counts: FloatArray,
+    load: FloatArray | None = None,
+    *,
+    rests: bool = True,
+    image_load: FloatArray | None = None,
 ) -> Wrapped | None:
     """Return the readings that passed the end of their word and came out at the other end; None if there are none.
 
@@ -93,7 +97,7 @@ def find_wrapped(
         load: estimated load of each taxel, in any unit, shape (n, J); it also shows wrapped signed words that fill
             their whole range. None: unknown.
         rests: whether taxels are mostly at rest; under uniform pressure they are not.
-        seen: load as images tell it (:func:`load_from_images`), shape (n, J); it also shows what dropped out.
+        image_load: the same, estimated from the images (:func:`load_from_images`); it also separates drop-outs.
     """
     finite = np.isfinite(counts)
     if not finite.any():
@@ -125,7 +129,7 @@ def find_wrapped(
                 # Both ends meet in a signed word, where all readings lie below zero and beyond by the same.
                 mend = f"add {size:g} to those that came out low"
                 return Wrapped(bits, signed, np.flatnonzero(found), int(found.sum()), mend=mend)
-            if rests and (below := find_below_zero(counts, load, seen)) is not None:
+            if rests and (below := find_below_zero(counts, load, image_load)) is not None:
                 return below
             if load is not None and (lost := _below_rest(counts, load, high / size)).any():
                 return _by_load(bits, "", lost, NO_WORD_MENDS)
@@ -140,7 +144,7 @@ def _by_load(bits: int, word: str, wrapped: BoolArray, mend: str) -> Wrapped:
 
 
 def find_below_zero(
-    counts: FloatArray, load: FloatArray | None = None, seen: FloatArray | None = None
+    counts: FloatArray, load: FloatArray | None = None, image_load: FloatArray | None = None
 ) -> Wrapped | None:
     """Return the readings at rest that noise took below zero, to the top of unsigned words; None if there are none.
 
@@ -151,7 +155,7 @@ def find_below_zero(
     Args:
         counts: readings as stored, shape (n, J).
         load: estimated load of each taxel, in any unit, shape (n, J). None: unknown.
-        seen: the same as images tell it, shape (n, J). None: unknown.
+        image_load: the same, estimated from the images, shape (n, J). None: unknown.
     """
     read = np.isfinite(counts)
     if not read.any() or counts[read].min() < 0:
@@ -179,12 +183,12 @@ def find_below_zero(
     few, many = min(few, many), max(few, many)
     if pdtrc(top.sum() - 1, many) < CHANCE or pdtr(top.sum(), few) < CHANCE:
         return None
-    # Readings at rest wrap, at the rate of the noise; drop-outs lie anywhere, at any rate.
+    # Log odds of wrapped noise at rest against drop-outs, which have any load and any rate.
     number = int(top.sum())
     rate = float(np.clip(number, few, many))
     odds = float(xlogy(number, rate) - rate - gammaln(number + 1))
     odds += float(np.log(number * np.log(MOST_DROPPED / LEAST_DROPPED)))
-    odds += 0.0 if seen is None else load_log_odds(seen, top, dark & ~top, read)
+    odds += 0.0 if image_load is None else load_log_odds(image_load, top, dark & ~top, read)
     if odds < 0 and number < MOST_DROPPED * read.sum():
         return None
     word, evidence, mend = f"int{bits}", "with nothing between", f"take {size:g} off high ones"
@@ -223,9 +227,9 @@ def find_falls(counts: FloatArray, press: IntArray, force_n: FloatArray) -> Wrap
     falls &= np.abs(counts[1:] - rest) > SINKS * np.maximum(noise, 1.0)
     some = np.flatnonzero(falls.any(axis=0))
     steps, row = np.diff(counts[:, some], axis=0), np.arange(len(counts) - 1)[:, None]
-    # The step with which each reading came to the value that it has.
-    came = np.take_along_axis(steps, np.maximum.accumulate(np.where(steps != 0, row, 0), axis=0), axis=0)
-    falls[1:, some] &= ~(came[:-1] > size / 2)
+    # A fall after a rise as large is the return of a drop-out: find the last change before each reading.
+    last_step = np.take_along_axis(steps, np.maximum.accumulate(np.where(steps != 0, row, 0), axis=0), axis=0)
+    falls[1:, some] &= ~(last_step[:-1] > size / 2)
     presses = len(np.unique(press[1:][falls.any(axis=1)]))
     if presses < FEWEST_CELLS or len(np.unique(counts[1:][falls])) < FEWEST_CELLS:
         return None
@@ -261,13 +265,13 @@ def _less(load: FloatArray, others: FloatArray) -> bool:
 
 
 def load_log_odds(load: FloatArray, chosen: BoolArray, kind: BoolArray, read: BoolArray) -> float:
-    """Return the log likelihood that readings are of a kind rather than anywhere, by their loads.
+    """Return the log odds that the judged readings are of a kind, not spread over all loads.
 
     Args:
         load: estimated load of each reading, in any unit, shape (n, J).
-        chosen: which readings are judged, shape (n, J).
-        kind: others that are of the kind, shape (n, J).
-        read: which readings there are, shape (n, J).
+        chosen: readings to judge, shape (n, J).
+        kind: other readings that are known to be of the kind, shape (n, J).
+        read: readings that are present, shape (n, J).
     """
     others, judged = read & ~chosen & np.isfinite(load), chosen & np.isfinite(load)
     if not others.any():
@@ -275,21 +279,22 @@ def load_log_odds(load: FloatArray, chosen: BoolArray, kind: BoolArray, read: Bo
     edges = np.unique(np.quantile(load[others], np.linspace(0, 1, LOAD_BINS + 1)[1:-1]))
     bins = np.searchsorted(edges, load)
     total = np.bincount(bins[others], minlength=len(edges) + 1)
-    alike = np.bincount(bins[others & kind], minlength=len(edges) + 1)
-    usual = (alike.sum() + 0.5) / (total.sum() + 1)
-    # A bin has one reading more, of the usual kind, so that none is impossible.
-    return float(np.log((alike + usual) / (total + 1) / usual)[bins[judged]].sum())
+    of_kind = np.bincount(bins[others & kind], minlength=len(edges) + 1)
+    usual = (of_kind.sum() + 0.5) / (total.sum() + 1)
+    # One pseudo-count in each bin at the overall rate, so that no load is impossible.
+    return float(np.log((of_kind + usual) / (total + 1) / usual)[bins[judged]].sum())
 
 
 def load_from_images(place_m: FloatArray, force_n: FloatArray, counts: FloatArray) -> FloatArray:
-    """Return the load of each taxel (n, J) as the other presses tell it, whatever the pose and the order of taxels.
+    """Estimate the load of each taxel (n, J) from the images, without the pose or the order of taxels.
 
-    A taxel lies where the presses that it answers to lie in the mean; its load is the force, less with distance.
+    The position of a taxel is the mean contact position, weighted by its signal. Its load is the force times a Gaussian
+    of the distance.
 
     Args:
         place_m: measured contact points, shape (n, 3); not finite where unknown.
         force_n: measured force [N], shape (n,).
-        counts: readings, shape (n, J); those at the top are not used, as they are to be judged.
+        counts: readings, shape (n, J); those near full scale are judged and therefore not used.
     """
     counts = np.where(counts < (1 - NEAR_END) * np.nanmax(counts, initial=0.0), counts, np.nan)
     rest = levels_from_presses(counts)

@@ -34,7 +34,7 @@ def tables_of_series(recording: Recording, series: Series, cut: Cut) -> tuple[Pr
     kept = np.ones(len(series), dtype=bool)
     for rejected in cut.rejected:
         kept[rejected.start : rejected.stop] = False
-    # A sample that a device lost altogether is no image.
+    # A sample without any reading is no image.
     kept &= np.isfinite(recording.counts).any(axis=1) | ~np.isfinite(recording.counts).any()
     for span in cut.spans:
         press[span.start : span.stop] = span.number

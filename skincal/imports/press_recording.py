@@ -65,7 +65,7 @@ def presses_and_frames(
 
 
 def _without_spikes(recording: Recording, found: Cut, file: str, findings: Findings) -> Recording:
-    """Return the recording with readings empty that dropped out for one sample; say how many."""
+    """Return the recording with spikes set to NaN; add their number to the findings."""
     spikes = find_spikes(recording.counts, found)
     if not spikes.any():
         return recording

@@ -1,4 +1,4 @@
-"""Single samples of a series that are far from those before and after: taxels that dropped out for one frame."""
+"""Spikes: readings of a series that jump and return within one sample, because a taxel dropped out."""
 
 from __future__ import annotations
 
@@ -11,25 +11,29 @@ from skincal.imports.recording import BoolArray, Cut, FloatArray, runs
 from skincal.model.rest import rounding_step
 
 TIMES: Final = 10.0
-"""A spike is so many standard deviations of its stretch, and of all, from both neighbours: chance makes none."""
+"""Least jump of a spike, in standard deviations of the noise of its stretch and of the taxel; chance makes none."""
 
 STEPS: Final = 2.5
-"""And so many steps of the converter: coarse readings jump by one where their noise seems to be none."""
+"""Least jump in steps of the converter: coarse readings jump by one step although their noise looks like zero."""
 
 MOST: Final = 0.05
-"""Of more than this part of the samples the recording is what it is (set by eye)."""
+"""Largest part of readings that may be spikes; more are taken for the signal (set by eye)."""
 
 LEAST: Final = 4
-"""Steps that tell a stretch's noise at least."""
+"""Smallest number of differences from which the noise of a stretch is estimated."""
 
 PART, SIGMAS = 0.8, 1.2816
-"""So large a part of normal values lies within so many standard deviations; the others may be spikes."""
+"""Quantile of absolute differences that gives the noise, and its value for a standard normal."""
 
 
 def find_spikes(counts: FloatArray, cut: Cut) -> BoolArray:
-    """Return which readings (M, J) jump and return within one sample; none if they are many.
+    """Find the readings (M, J) that jump and return within one sample; none if there are too many.
 
-    Each phase of a press, and each stretch of rest, has its own noise.
+    The noise is estimated in each phase of a press and each stretch of rest.
+
+    Args:
+        counts: (M, J) samples; NaN where not read.
+        cut: presses of the series.
     """
     spikes, looked = np.zeros(counts.shape, dtype=bool), 0
     if len(counts) <= LEAST:
@@ -56,5 +60,5 @@ def find_spikes(counts: FloatArray, cut: Cut) -> BoolArray:
 
 
 def _noise(steps: FloatArray) -> FloatArray:
-    """Return the noise of a reading of each taxel (J,), from differences (n, J) of successive ones."""
+    """Estimate the noise of each taxel (J,) from differences (n, J) of successive readings."""
     return np.quantile(np.abs(np.nan_to_num(steps)), PART, axis=0) / (np.sqrt(2) * SIGMAS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cache
 from itertools import islice
 from weakref import WeakKeyDictionary
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from skincal.effects import effect
 from skincal.fitting.tasks import Mapper
-from skincal.inference.candidate_scores import smooth_fitter
 from skincal.inference.columns import FreeParameter, free_parameters, parameters_from_step
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter, law_widths
@@ -34,6 +33,7 @@ class CandidateFits:
 
     Attributes:
         fitter: of the session.
+        smooth: its fitter for finite steps (:func:`skincal.inference.candidate_scores.smooth_fitter`).
         folds: (B,) fold of each block.
         covariates: names of those that the session has.
         known: effects of the calibration, which are never removed.
@@ -41,17 +41,13 @@ class CandidateFits:
     """
 
     fitter: Fitter
+    smooth: Fitter
     folds: IntArray
     covariates: frozenset[str]
     known: frozenset[str] = frozenset()
     mapper: Mapper = map
     _reduced: dict[tuple[Fitted, str], Fitted] = field(default_factory=dict, init=False)
     _scores: WeakKeyDictionary[Fitted, FloatArray] = field(default_factory=WeakKeyDictionary, init=False)
-
-    @cached_property
-    def smooth(self) -> Fitter:
-        """Fitter for finite steps (:func:`skincal.inference.candidate_scores.smooth_fitter`)."""
-        return smooth_fitter(self.fitter)
 
     # ------------------------------------------------------------------ comparison
 

@@ -39,6 +39,7 @@ class CandidateScorer:
 
     Attributes:
         fitter: of the session.
+        smooth: its fitter for finite steps (:func:`smooth_fitter`).
         base: fit without new effects, about which null sessions are simulated.
         names: effects that may be missing.
         folds: (B,) fold of each block.
@@ -49,6 +50,7 @@ class CandidateScorer:
     """
 
     fitter: Fitter
+    smooth: Fitter
     base: Fitted
     names: Sequence[str]
     folds: IntArray
@@ -57,11 +59,6 @@ class CandidateScorer:
     mapper: Mapper = map
     progress: Callable[[str], None] = lambda _: None
     _last: tuple[Fitted, Linearised] | None = field(default=None, init=False)
-
-    @cached_property
-    def smooth(self) -> Fitter:
-        """Fitter for finite steps: where counts are a staircase it uses the slope over a step, not at a point."""
-        return smooth_fitter(self.fitter)
 
     @cached_property
     def scene(self) -> Scene:

@@ -25,7 +25,7 @@ import numpy as np
 
 from skincal.fitting.tasks import Mapper
 from skincal.inference.candidate_fits import CandidateFits, equation_loss, is_equivalent
-from skincal.inference.candidate_scores import CandidateScorer
+from skincal.inference.candidate_scores import CandidateScorer, smooth_fitter
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.score import Score, folds_of
@@ -55,9 +55,9 @@ def search_effects(
         null_sessions: how many are simulated.
         mapper: runs independent fits side by side.
     """
-    folds = folds_of(base.blocks, rng)
-    scorer = CandidateScorer(fitter, base, names, folds, rng, null_sessions, mapper, progress)
-    fits = CandidateFits(fitter, folds, covariates, frozenset(base.state.effects), mapper)
+    folds, smooth = folds_of(base.blocks, rng), smooth_fitter(fitter)
+    scorer = CandidateScorer(fitter, smooth, base, names, folds, rng, null_sessions, mapper, progress)
+    fits = CandidateFits(fitter, smooth, folds, covariates, frozenset(base.state.effects), mapper)
     return Search(base, scorer, fits).run()
 
 

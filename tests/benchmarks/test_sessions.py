@@ -39,7 +39,7 @@ def test_sessions_are_reproducible_and_read_back(law: Law, tmp_path: Path) -> No
 
 def test_errors_are_those_declared() -> None:
     rng = np.random.default_rng(11)
-    for _ in range(5):
+    for _ in range(20):
         session, truth = make_session(rng, presses=225, position_sigma_m=0.7e-3)
         x, y, z = session.presses.position_m.T
         # All 225 places of the grid are pressed, so the scatter of the true ones is known.

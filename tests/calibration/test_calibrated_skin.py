@@ -52,6 +52,13 @@ def test_every_effect_goes_through_a_file_into_the_simulator(tmp_path, name: str
     np.testing.assert_allclose(steps, values, rtol=0, atol=1e-9)
 
 
+def test_no_or_neutral_effects_give_the_base_model():
+    base = make_calibration()
+    neutral = with_effects(*(Effect(name) for name in EFFECTS))
+    one, other = (skin_of(c, COARSE_M).values(SHORT) for c in (base, neutral))
+    assert np.array_equal(one, other)
+
+
 def test_poses_go_by_their_names():
     calibration = with_effects(Effect("force_bias", {"pose_scale": (1.2, 0.8)}, poses=("bent", "flat")))
     own = effects_of(calibration)

@@ -83,7 +83,7 @@ NUMBERS = st.floats(-1e100, 1e100)
 BOUNDS = st.tuples(st.floats(allow_nan=False), st.floats(allow_nan=False)).map(sorted).map(tuple)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=12)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
 @given(
     y_m=st.floats(-1, 1),
     alpha_deg=NUMBERS,

@@ -33,7 +33,7 @@ def pressed(seed: int) -> tuple[np.ndarray, np.ndarray]:
     return np.rint(image + 30.0 + rng.normal(0.0, 1.0, image.shape)), force
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(5))
 def test_drop_outs_to_full_scale_and_nothing_else(seed: int) -> None:
     counts, force = pressed(seed)
     assert not impossible_readings(counts, force).any()
@@ -59,7 +59,7 @@ def test_drop_outs_are_no_words_below_zero(seed: int) -> None:
     counts, force = pressed(seed)
     dropped = np.random.default_rng(seed).random(counts.shape) < 0.02
     clipped = np.where(dropped, 255.0, np.maximum(counts - 30.0, 0.0))
-    assert find_below_zero(clipped, seen=load_from_images(places(seed), force, clipped)) is None
+    assert find_below_zero(clipped, image_load=load_from_images(places(seed), force, clipped)) is None
 
 
 def test_one_taxel_images_with_unequal_gains_are_possible() -> None:
@@ -72,7 +72,7 @@ def test_one_taxel_images_with_unequal_gains_are_possible() -> None:
     assert not impossible_readings(counts, force).any()
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(5))
 def test_readings_pile_up_where_a_converter_clips(seed: int) -> None:
     counts, _ = pressed(seed)
     assert converter_top(counts) is None

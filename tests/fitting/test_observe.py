@@ -36,7 +36,6 @@ def test_interpolation_of_many_values_is_that_of_each(sigma: float, shift: float
 
 
 @given(st.floats(0.2, 3.0))
-@settings(max_examples=25)
 def test_noise_is_found_from_the_level_at_rest(sigma: float) -> None:
     rest = float(expected_counts(np.array(0.0), sigma, CONVERTER))
     if 1e-3 < rest <= 1.5:

@@ -139,7 +139,7 @@ def test_no_command_is_faster_than_the_stage(rig_s: float, own_s: float) -> None
 
 def test_random_sequences_keep_the_speed() -> None:
     rng = np.random.default_rng(4)
-    for _ in range(40):
+    for _ in range(100):
         stage = Stage()
         with stage.guarded() as guarded:
             guarded.observe()

@@ -19,7 +19,8 @@ def frames(
     return np.clip(step * np.rint(noisy / step), low, 255 + rest), np.repeat(np.arange(60), 25)
 
 
-@pytest.mark.parametrize(("step", "rest"), [(1.0, 0.0), (2.0, 25.0), (4.0, 0.0), (4.0, 25.0)])
+@pytest.mark.parametrize("step", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("rest", [0.0, 25.0])
 def test_the_noise_before_rounding_is_found(step: float, rest: float):
     counts, hold = frames(1.0, step, rest, 0.0)
     found = noise_of(
@@ -57,9 +58,8 @@ def test_a_clipped_level_reads_what_its_frames_do_on_average():
     assert noise.variance(level[None], np.ones(1))[0] == pytest.approx(counts.var(axis=0), rel=0.03)
 
 
-@pytest.mark.parametrize(
-    ("level", "spread"), [(16.0, 0.1), (16.0, 3.0), (19.0, 0.1), (19.0, 1.0), (61.0, 3.0)]
-)
+@pytest.mark.parametrize("spread", [0.1, 1.0, 3.0])
+@pytest.mark.parametrize("level", [16.0, 19.0, 61.0])
 def test_reading_of_an_uncertain_level_on_a_staircase(level: float, spread: float):
     rng = np.random.default_rng(3)
     noise = Noise(np.ones(1), 0.02, 8.0, 0.0, 255.0, rest=16.0)

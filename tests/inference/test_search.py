@@ -80,7 +80,7 @@ class Settling(CandidateFits):
 
 def fits_of(kind: Any, each: Any) -> Any:
     none: Any = None
-    fits = kind(none, none, frozenset())
+    fits = kind(none, none, none, frozenset())
     fits.each = each
     return fits
 

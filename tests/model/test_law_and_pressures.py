@@ -57,8 +57,8 @@ def test_exponent_one_is_the_linear_law():
     np.testing.assert_allclose(power.penetration_m, linear.penetration_m, rtol=1e-12)
 
 
-@pytest.mark.parametrize("reference_m", [3e-5, 5e-3])
-@pytest.mark.parametrize("exponent", [0.3, 0.7, 3.5])
+@pytest.mark.parametrize("reference_m", [3e-5, 3e-4, 5e-3])
+@pytest.mark.parametrize("exponent", [0.3, 0.4, 0.7, 1.3, 2.0, 3.5])
 @pytest.mark.parametrize("kind", ["sphere", "flat", "bolt mesh"])
 def test_every_law_carries_the_force(kind: str, exponent: float, reference_m: float):
     contacts = some_contacts(200)

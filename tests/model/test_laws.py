@@ -30,7 +30,7 @@ PATCHES = {
 }
 INDENTERS: list[Indenter] = [Sphere(0.006), Sphere(0.004), FlatPunch(0.002), sphere_mesh(3), box_mesh()]
 
-law = settings(max_examples=15)
+law = settings(max_examples=40)
 surfaces = st.sampled_from([FINGER, PLANE])
 indenters = st.sampled_from(INDENTERS)
 # An edge that runs exactly through points takes them or leaves them as rounding will have it: balls have none.

@@ -46,7 +46,7 @@ def _scattered(count: int, seed: int = 0) -> Contacts:
 
 @every
 def test_the_points_left_out_change_nothing(indenter):
-    contacts = _scattered(15)
+    contacts = _scattered(40)
     np.testing.assert_allclose(
         SKIN.loads(indenter, contacts), plain_loads(PATCH, indenter, contacts, E), atol=1e-12
     )

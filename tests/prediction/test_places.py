@@ -92,7 +92,7 @@ def test_another_optimiser_finds_nothing_better() -> None:
     found = best_places(bench.simulate, bench.seen(), sigma, bound)
     felt = (bench.values > 1).sum(axis=1)
     assert (felt >= 2).sum() >= 4
-    for k in range(0, 8, 2):
+    for k in range(8):
 
         def objective(x: np.ndarray, _gradient: np.ndarray, k: int = k) -> float:
             slack = np.asarray(x)[None] * 1e-3
@@ -100,7 +100,7 @@ def test_another_optimiser_finds_nothing_better() -> None:
             return float(residual @ residual + (slack**2).sum() / sigma**2)
 
         best = np.inf
-        for start in np.stack(np.meshgrid(*2 * [np.linspace(-1.6, 1.6, 3)]), axis=-1).reshape(-1, 2):
+        for start in np.stack(np.meshgrid(*2 * [np.linspace(-1.6, 1.6, 4)]), axis=-1).reshape(-1, 2):
             solver = nlopt.opt(nlopt.LN_BOBYQA, 2)
             solver.set_lower_bounds(-1e3 * bound)
             solver.set_upper_bounds(1e3 * bound)

@@ -273,10 +273,10 @@ def test_a_press_without_force_is_at_rest(session: Session, calibration: Calibra
 
 def test_meshes_press_and_carry_too(session: Session) -> None:
     """An indenter and a fingertip of triangles: slightly rough copies of the sphere and the cylinder."""
-    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.006)
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.006)
     ball.apply_translation([0.0, 0.0, 0.006])
     content = ball.export(file_type="stl")
-    dataset = session(2, frames_per_press=0)
+    dataset = session(4, frames_per_press=0)
     calibration = make_calibration()
     sphere = predict_dataset(calibration, dataset, slack=True)
     meta = replace(dataset.meta, indenter=IndenterSpec("mesh", file="ball.stl"))

@@ -175,11 +175,12 @@ def case_of(name: str, width: float) -> Effect:
     return effect_from(name, given, pairs, taxels=16, poses=("a", "b"))
 
 
+@pytest.mark.parametrize("suffix", ["toml", "json", "yaml"])
 @pytest.mark.parametrize("name", EFFECTS)
-def test_draws_of_every_effect_go_into_a_skin(tmp_path, name):
+def test_draws_of_every_effect_go_into_a_skin(tmp_path, name, suffix):
     ranges = from_calibration(make_calibration(effects=(case_of(name, 0.3),)))
-    write_ranges(ranges, tmp_path / "r.toml")
-    back = read_ranges(tmp_path / "r.toml")
+    write_ranges(ranges, tmp_path / f"r.{suffix}")
+    back = read_ranges(tmp_path / f"r.{suffix}")
     assert back == ranges
     rng = np.random.default_rng(0)
     for _ in range(5):

@@ -43,7 +43,7 @@ LISTS = st.lists(NUMBERS, min_size=1, max_size=4).map(lambda lows: Parameter.uni
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES[:3])
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=15)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30)
 @given(
     values=st.fixed_dictionaries(
         {},

@@ -28,7 +28,6 @@ def leaves(sample, path=""):
             yield path + key, value
 
 
-@settings(max_examples=30)
 @given(seed=SEEDS, name=st.sampled_from(["iros24", "icra26"]), mode=st.sampled_from(["episode", "step"]))
 def test_draws_stay_inside_and_are_all_there(seed, name, mode):
     ranges = preset(name)
@@ -59,7 +58,6 @@ def test_log_uniform_bounds_hold(bounds, seed):
     assert bounds[0] <= draw <= bounds[1]
 
 
-@settings(max_examples=20)
 @given(seed=SEEDS)
 def test_the_seed_decides_and_nothing_else(seed):
     ranges = preset("iros24")
