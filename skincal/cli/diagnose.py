@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -66,7 +65,7 @@ def diagnose(
     from skincal.files import refuse_existing
     from skincal.inference.constants import CONSTANTS
     from skincal.report.diagnosis_words import verdict_lines
-    from skincal.workers.processes import mapper
+    from skincal.workers.processes import available_cores, import_modules, mapper
 
     refuse_existing(out, dataset, calibration, force=force, marker="calibration.toml")
     data, cal = read_dataset(dataset), read_calibration(calibration)
@@ -90,11 +89,12 @@ def diagnose(
             )
         say(settled.reason)
         data = settled.dataset
-    with stage_shown() as show_stage:
+    with stage_shown() as show_stage, mapper(workers) as spread:
+        # Workers import while this process begins.
+        modules = ("skincal.inference.search", "skincal.report.diagnosis")[: 1 + report]
+        spread(import_modules, [modules] * available_cores())
         if settled is None:
-            with mapper(workers) as spread:
-                spread(import_module, ["skincal.inference.search"])  # workers do so while this process begins
-                found = find_missing(data, cal, seed, show_stage, sessions, mapper=spread)
+            found = find_missing(data, cal, seed, show_stage, sessions, mapper=spread)
         else:
             found = settled.diagnosis
         show_stage("report")
@@ -112,7 +112,7 @@ def diagnose(
         def write_extras(folder: Path) -> None:
             from skincal.report.diagnosis import write_diagnosis_report
 
-            write_diagnosis_report(found, data, folder, content, pages=report)
+            write_diagnosis_report(found, data, folder, content, pages=report, mapper=spread)
             if found.next_plan is not None:
                 write_plan(found.next_plan, folder / PLAN_FILE)
             if rounds is not None and settled is not None:

@@ -78,7 +78,9 @@ class Gap:
         return self.unexplained[0] > 0
 
 
-def place_presses(fitter: Fitter, state: State, rows: IntArray, others: Sequence[State] = ()) -> State:
+def place_presses(
+    fitter: Fitter, state: State, rows: IntArray, others: Sequence[State] = (), placed: State | None = None
+) -> State:
     """Return a state in which these presses have their best-fitting moves within the slack; all else is fixed.
 
     Args:
@@ -86,12 +88,11 @@ def place_presses(fitter: Fitter, state: State, rows: IntArray, others: Sequence
         state: fixes everything else.
         rows: rows of the presses.
         others: states whose moves are further initial guesses.
+        placed: this state with the presses placed by an earlier call, which is not repeated; None: no such call.
     """
     plain = Fitter(fitter.forward, fitter.counts, replace(fitter.priors, image=0.0, errs=False))
-    starts = [
-        *(candidate_placements(fitter, state, rows) or [state]),
-        *(replace(state, move=s.move) for s in others),
-    ]
+    starts = [placed] if placed else candidate_placements(fitter, state, rows) or [state]
+    starts += [replace(state, move=other.move) for other in others]
     best = reduce(
         better_placement, (plain.profile_presses(start, _STEPS, rows) for start in starts)
     ).state.move
@@ -117,7 +118,7 @@ def measure_gap(observed: Observed, before: State, after: State, rng: np.random.
     else:
         # A press may have several local optima: each model also starts from the placement of the other.
         second = place_presses(fitter, after, rows, [first])
-        first = place_presses(fitter, before, rows, [second])
+        first = place_presses(fitter, before, rows, [second], placed=first)
     # An image that is an outlier under both models is a fault of its press and says nothing about the models.
     rows = np.setdiff1d(rows, np.intersect1d(outlier_presses(fitter, first), outlier_presses(fitter, second)))
     errors = _press_errors(forward, observed, first, second, rows)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from operator import call
 
 import numpy as np
 
@@ -113,11 +115,16 @@ def diagnose(
             if second.excess.max() < found.excess.max():
                 observed, found = repaired, second
     report_stage("gap on the test presses")
-    gap = measure_gap(observed, found.base.state, found.final.state, rng_gap)
+    last_checks = (
+        partial(measure_gap, observed, found.base.state, found.final.state, rng_gap),
+        partial(_confirm_contact_law, observed, found.final, rng_law),
+    )
+    gaps = iter(mapper(call, last_checks))
+    gap: Gap = next(gaps)
     verdict, taken_back = _judge(found, gap, is_wrong=is_wrong)
     unexplained = (found.is_incomplete or is_wrong) and verdict != "none"
     report_stage("calibration")
-    law_gap = None if verdict == "unknown" else _confirm_contact_law(observed, found, rng_law, rng_gap)
+    law_gap: Gap | None = None if verdict == "unknown" else next(gaps)
     has_law = law_gap is not None
     if law_gap is not None and verdict == "none" and calibration.contact_law is None:
         gap = law_gap
@@ -181,17 +188,15 @@ def _judge(found: SearchResult, gap: Gap, *, is_wrong: bool) -> tuple[Verdict, t
     return "effects" if found.selected else "none", ()
 
 
-def _confirm_contact_law(
-    observed: Observed, found: SearchResult, rng_folds: np.random.Generator, rng_gap: np.random.Generator
-) -> Gap | None:
+def _confirm_contact_law(observed: Observed, final: Fitted, rng: np.random.Generator) -> Gap | None:
     """Return the gap before and after the fitted contact law; None if the presses show no law.
 
     Held-out presses must prefer the law to the elastic foundation, and the error on the test presses must fall.
     """
-    foundation = rejected_foundation(observed.fitter, found.final, rng_folds)
+    foundation = rejected_foundation(observed.fitter, final, rng)
     if foundation is None:
         return None
-    gap = measure_gap(observed, foundation.state, found.final.state, rng_gap)
+    gap = measure_gap(observed, foundation.state, final.state, rng)
     return gap if gap.after < gap.before else None
 
 

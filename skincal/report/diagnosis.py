@@ -16,13 +16,14 @@ from skincal.files import real
 from skincal.report.audit import audit_figure
 from skincal.report.diagnosis_figures import candidates_figure, curves_figure, gap_figure, where_figure
 from skincal.report.diagnosis_words import tone
-from skincal.report.page import picture, span, write_page
+from skincal.report.page import Picture, picture, span, write_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from skincal.dataset import Dataset
     from skincal.diagnosis.diagnosis import Diagnosis
+    from skincal.fitting.tasks import Mapper
 
 SUMMARY = "diagnosis.json"
 FIGURES: Mapping[str, Callable[[Diagnosis, Dataset], Figure]] = {
@@ -35,14 +36,30 @@ FIGURES: Mapping[str, Callable[[Diagnosis, Dataset], Figure]] = {
 
 
 def write_diagnosis_report(
-    diagnosis: Diagnosis, dataset: Dataset, folder: Path, content: Mapping[str, Any], *, pages: bool = True
+    diagnosis: Diagnosis,
+    dataset: Dataset,
+    folder: Path,
+    content: Mapping[str, Any],
+    *,
+    pages: bool = True,
+    mapper: Mapper = map,
 ) -> None:
-    """Write ``diagnosis.json``, and ``report.html`` with its figures, next to a calibration."""
+    """Write ``diagnosis.json``, and ``report.html`` with its figures, next to a calibration.
+
+    Args:
+        diagnosis: to report.
+        dataset: the session.
+        folder: of the calibration.
+        content: of ``diagnosis.json``.
+        pages: False to leave out the page.
+        mapper: draws figures in parallel.
+    """
     (folder / SUMMARY).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if not pages:
         return
-    unit, observed = dataset.meta.sensor.unit, diagnosis.observed
-    session = observed.session
+    observed, session = diagnosis.observed, diagnosis.observed.session
+    drawn = mapper(_draw, [(stem, diagnosis, dataset, folder) for stem in (*FIGURES, "audit")])
+    *figures, last = drawn
     write_page(
         "diagnosis.html",
         folder,
@@ -60,9 +77,17 @@ def write_diagnosis_report(
         presses=len(np.unique(session.press[session.press >= 0])),
         held=int(observed.is_test.sum()),
         laws=list(dict.fromkeys(diagnosis.found.null.laws)),
-        figures=[picture(draw(diagnosis, dataset), stem, folder, unit) for stem, draw in FIGURES.items()],
-        last=picture(audit_figure(diagnosis.audit), "audit", folder),
+        figures=figures,
+        last=last,
     )
+
+
+def _draw(asked: tuple[str, Diagnosis, Dataset, Path]) -> Picture:
+    """Draw a figure into a folder."""
+    stem, diagnosis, dataset, folder = asked
+    if stem == "audit":
+        return picture(audit_figure(diagnosis.audit), stem, folder)
+    return picture(FIGURES[stem](diagnosis, dataset), stem, folder, dataset.meta.sensor.unit)
 
 
 def _parameters(diagnosis: Diagnosis) -> list[tuple[object, ...]]:

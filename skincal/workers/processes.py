@@ -9,9 +9,10 @@ import signal
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from importlib import import_module
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, Any
@@ -29,6 +30,12 @@ _REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 def available_cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def import_modules(names: Sequence[str]) -> None:
+    """Import modules, so that a worker has them before it gets work."""
+    for name in names:
+        import_module(name)
 
 
 @contextmanager
