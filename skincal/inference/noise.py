@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ndtr
 
+from skincal.fitting.lookup import allocating
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.rounded_frames import noise_of_rounded
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
@@ -132,28 +133,13 @@ class Noise:
         if self.coarse:
             spread = C.image * np.abs(level - self.rest) if spread is None else spread
             near = (level > x[0]) & (level < x[-1]) & (np.hypot(self.frame, spread) < C.smooth * self.step)
-            mean[near], slope[near], each[near] = self._stairs(level[near])
-            shared[near] = 0.0
-            near &= spread > self.frame / _FINE
-            at, wide, total = level[near], spread[near], np.zeros((4, int(near.sum())))
-            for z, w in zip(_NODES, _WEIGHTS, strict=True):
-                one, steep, var = self._stairs(at + z * wide)
-                total += w * np.stack([one, steep, var, (one - at) ** 2])
-            mean[near], slope[near], each[near] = total[:3]
-            # The linear part belongs to the nuisance parameters that spread the level.
-            shared[near] = np.maximum(total[3] - (total[0] - at) ** 2 - (total[1] * wide) ** 2, 0.0)
+            wide = np.where(spread > self.frame / _FINE, spread, 0.0)[near]
+            mean[near], slope[near], each[near], shared[near] = _on_stairs(x, *rows, level[near], wide)
         else:
             for end in (e for e in (self.low, self.high) if np.isfinite(e)):
                 near = np.abs(level - end) < _NEAR * float(np.hypot(self._sd(np.array(end)), self.step))
-                mean[near], slope[near], each[near] = (np.interp(level[near], x, y) for y in rows)
+                mean[near], slope[near], each[near] = _near_bound(x, *rows, level[near])
         return mean, np.maximum(slope, C.least_slope), np.maximum(each, C.least_variance * plain), shared
-
-    def _stairs(self, level: FloatArray) -> FloatArray:
-        """Interpolate mean, slope and variance (3, n) on a staircase."""
-        x, *rows = self._table
-        place = np.clip((level - x[0]) / (x[1] - x[0]), 0.0, len(x) - 1.001)
-        k = place.astype(np.int64)
-        return np.stack([y[k] + (place - k) * (y[k + 1] - y[k]) for y in rows])
 
     def rounded(self, value: FloatArray) -> FloatArray:
         """Round and clip values of any shape as the converter does [counts]."""
@@ -180,6 +166,54 @@ class Noise:
         w /= w.sum()
         middle = float(w @ x)
         return middle, float(np.sqrt(w @ (x - middle) ** 2))
+
+
+@allocating
+def _on_stairs(x, mean, slope, variance, level, spread):
+    """Average mean, slope and variance of a reading over the spread (m,) of each level (m,), by tables over uniform x.
+
+    Returns:
+        (4, m) mean, slope, variance of a frame, and the variance that all frames share. The part of the latter that is
+        linear in the level belongs to the nuisance parameters that spread it.
+    """
+    out, last = np.zeros((4, len(level))), len(x) - 1.001
+    for i in range(len(level)):
+        square = 0.0
+        for z, w in zip(_NODES, _WEIGHTS):  # noqa: B905 - numba knows no `strict`
+            if spread[i] == 0.0:
+                z, w = 0.0, 1.0
+            place = min(max((level[i] + z * spread[i] - x[0]) / (x[1] - x[0]), 0.0), last)
+            k = int(place)
+            t = place - k
+            one = mean[k] + t * (mean[k + 1] - mean[k])
+            out[0, i] += w * one
+            out[1, i] += w * (slope[k] + t * (slope[k + 1] - slope[k]))
+            out[2, i] += w * (variance[k] + t * (variance[k + 1] - variance[k]))
+            square += w * (one - level[i]) ** 2
+            if spread[i] == 0.0:
+                square = (out[0, i] - level[i]) ** 2
+                break
+        out[3, i] = max(square - (out[0, i] - level[i]) ** 2 - (out[1, i] * spread[i]) ** 2, 0.0)
+    return out
+
+
+@allocating
+def _near_bound(x, mean, slope, variance, level):
+    """Interpolate mean, slope and variance (3, m) of a frame at levels (m,), by tables over ascending x."""
+    out = np.empty((3, len(level)))
+    for i in range(len(level)):
+        k, end = 0, len(x) - 1
+        while end - k > 1:
+            middle = (k + end) // 2
+            if x[middle] <= level[i]:
+                k = middle
+            else:
+                end = middle
+        t = min(max((level[i] - x[k]) / (x[k + 1] - x[k]), 0.0), 1.0)
+        out[0, i] = mean[k] + t * (mean[k + 1] - mean[k])
+        out[1, i] = slope[k] + t * (slope[k + 1] - slope[k])
+        out[2, i] = variance[k] + t * (variance[k + 1] - variance[k])
+    return out
 
 
 def shared_rounding(sigma: float, step: float) -> float:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from scipy.special import logsumexp, ndtr
@@ -73,15 +73,24 @@ def _log_shares(lowest: int) -> FloatArray:
 
 def _by_level(k: IntArray, lowest: int) -> FloatArray:
     """Return the log-likelihood (B, S, L) of frames (n, B) on whole steps, by noise and level."""
+    return np.tensordot(_numbers(k), _log_shares(lowest), axes=(1, 2))
+
+
+def _numbers(k: IntArray) -> IntArray:
+    """Return the number (B, cells) of frames (n, B) in each cell about the middle frame."""
     middle = np.sort(k, axis=0)[len(k) // 2]
-    many = (np.clip(k - middle, -_REACH, _REACH)[None] == _CELLS[:, None, None]).sum(axis=1)
-    own, where = np.unique(many.T, axis=0, return_inverse=True)
-    return np.tensordot(own, _log_shares(lowest), axes=(1, 2))[where.reshape(-1)]
+    return (np.clip(k - middle, -_REACH, _REACH)[None] == _CELLS[:, None, None]).sum(axis=1).T
+
+
+@lru_cache(maxsize=10_000)
+def _of_hold(numbers: tuple[int, ...]) -> FloatArray:
+    """Return the log-likelihood (S,) of the numbers (cells,) of frames of one level, which is integrated out."""
+    return logsumexp(_log_shares(-_REACH) @ np.array(numbers) + _WEIGHTS, axis=1)
 
 
 def _of_trees(k: IntArray, shortest: int) -> FloatArray:
     """Return the log-likelihood (B, S) of frames (n, B) whose levels are constant over parts of the hold."""
-    one = logsumexp(_by_level(k, -_REACH) + _WEIGHTS, axis=2)
+    one = np.stack([_of_hold(tuple(numbers)) for numbers in _numbers(k).tolist()])
     if len(k) < 2 * shortest:
         return one
     half = len(k) // 2
