@@ -31,14 +31,7 @@ GROUP = "skincal.drivers"
 
 @dataclass(frozen=True)
 class DriverOption:
-    """An option of a driver.
-
-    Attributes:
-        name: its name.
-        kind: its annotation.
-        default: its default; ``inspect.Parameter.empty``: it must be given.
-        text: help text; may be empty.
-    """
+    """An option of a driver: its annotation, its default (``inspect.Parameter.empty``: none) and its help text."""
 
     name: str
     kind: Any
@@ -121,16 +114,13 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
     made = driver_class(name)
     known = {option.name: option for option in driver_options(name)}
     problems = [_unknown(name, key, known) for key in options if key not in known]
-    problems += [
-        Problem(
-            f'driver "{name}"',
-            f"the option {key} ({type_text(option.kind)})",
-            "nothing",
-            f"Add --driver-option {key}=VALUE.",
-        )
-        for key, option in known.items()
-        if option.required and key not in options
-    ]
+    for key, option in known.items():
+        if option.required and key not in options:
+            expected, fix = (
+                f"the option {key} ({type_text(option.kind)})",
+                f"Add --driver-option {key}=VALUE.",
+            )
+            problems.append(Problem(f'driver "{name}"', expected, "nothing", fix))
     values: dict[str, Any] = {}
     for key, value in options.items():
         try:
@@ -145,9 +135,7 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
         driver = made(**values)
         # Whatever its class computes is asked for here, before anything moves.
         described, *_ = (getattr(driver, what, None) for what in ("description", "name", "real_time"))
-    except SkincalError:
-        raise
-    except KeyboardInterrupt:
+    except (SkincalError, KeyboardInterrupt):
         raise
     except BaseException as error:  # a driver may raise SystemExit, or CancelledError, which ends no process
         raise WorkError(f'driver "{name}" cannot be created: {quoted(error)}') from error

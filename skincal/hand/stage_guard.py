@@ -32,11 +32,6 @@ class GuardedStage(Guarded[StageDescription, StageState, FloatArray]):
 
     rig = "stage"
 
-    def nearest(self, position_m: FloatArray) -> FloatArray:
-        """Return the allowed position nearest to a position (3,) [m], within travel and speed."""
-        self._ready("nearest")
-        return self._check_command.nearest(position_m, self._clock())
-
     def _check_limits(self) -> None:
         check_stage(self.description, beyond=self._options.beyond_limits)
 
@@ -48,11 +43,7 @@ class GuardedStage(Guarded[StageDescription, StageState, FloatArray]):
 
 
 def check_stage(rig: StageDescription, *, beyond: bool = False) -> None:
-    """Refuse limits that are invalid, or beyond those of any bench.
-
-    Args:
-        rig: the stage.
-        beyond: whether any limit is allowed, as somebody has said so.
+    """Refuse limits that are invalid, or unless ``beyond`` allows it larger than those of any bench.
 
     Raises:
         InputError: travel, speed or force are no numbers above zero, or above their bounds.
@@ -158,10 +149,10 @@ class StageCommandCheck(StepCheck[StageState, FloatArray]):
             text = f"a step of {1e3 * step_m:.3g} mm, and in the time passed {1e3 * longest_m:.3g} mm is the most"
             raise HandError(text, "command", value=step_m, limit=longest_m)
 
-    def nearest(self, position_m: FloatArray, now_s: float) -> FloatArray:
+    def nearest(self, target: FloatArray, now_s: float) -> FloatArray:
         """Return the allowed position (3,) [m] nearest to a position."""
         base, rig = self._before(), self._rig
-        inside = np.clip(position_m, rig.lower_m, rig.upper_m)
+        inside = np.clip(target, rig.lower_m, rig.upper_m)
         step_m, longest_m = float(np.linalg.norm(inside - base)), self._longest_m(now_s)
         return inside if step_m <= longest_m else base + (inside - base) * (longest_m / step_m)
 

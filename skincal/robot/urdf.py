@@ -64,19 +64,15 @@ class Urdf:
 
     def chain(self, link: str) -> tuple[UrdfJoint, ...]:
         """Return the joints from the root to a link, fixed joints included."""
-        found: list[UrdfJoint] = []
+        joints: list[UrdfJoint] = []
         while link != self.root:
-            found.append(self.joints[link])
-            link = self.joints[link].parent
-        return tuple(reversed(found))
+            joints.insert(0, self.joints[link])
+            link = joints[0].parent
+        return tuple(joints)
 
 
 def read_urdf(path: Path, findings: Findings, within: Path | None = None) -> Urdf | None:
-    """Read the tree of a URDF.
-
-    Returns:
-        The tree; None, with errors added, where it is invalid.
-    """
+    """Read the tree of a URDF; return None, with errors added, where it is invalid."""
     try:
         robot = parse_xml(read_text(path, within=within))
     except FileNotFoundError:
@@ -119,13 +115,7 @@ def _check_named_files(robot: ElementTree.Element, path: Path, within: Path, fin
 
 
 def urdf_with_sphere(path: Path, link: str, radius_m: float) -> bytes:
-    """Return a URDF in which a link collides as a sphere about its origin; it may be written to any folder.
-
-    Args:
-        path: a URDF that has been read before.
-        link: the link.
-        radius_m: radius of the sphere [m].
-    """
+    """Return a URDF in which a link collides as a sphere about its origin; it may be written to any folder."""
     robot = parse_xml(read_text(path))
     for element in robot.findall("link"):
         if element.get("name") == link:
