@@ -57,19 +57,19 @@ class Journal:
         """
         if restart:
             _remove(folder)
-        found = cls.find(folder)
-        if found is None:
+        earlier = cls.find(folder)
+        if earlier is None:
             journal = cls(folder, {"format": FORMAT, "key": _plain(key), **notes})
             folder.mkdir(parents=True, exist_ok=True)
             _durably(folder / HEAD, json.dumps(journal.head, indent=1).encode())
             return journal
-        was, now = found.head["key"], _plain(key)
+        was, now = earlier.head["key"], _plain(key)
         changed = [name for name in now if was.get(name) != now[name]]
-        if not changed and found.head.get("format") == FORMAT:
-            return found
+        if not changed and earlier.head.get("format") == FORMAT:
+            return earlier
         if not any(folder.glob("*.npz")):
             return cls.open(folder, key, notes, restart=True)  # for instance, the hand was never reached
-        raise InputError([_another(folder, was, now, changed, len(found.presses()))])
+        raise InputError([_another(folder, was, now, changed, len(earlier.presses()))])
 
     @classmethod
     def find(cls, folder: Path) -> Self | None:
@@ -155,11 +155,11 @@ class Journal:
 
 def _connection(path: Path) -> dict[str, Any]:
     try:
-        found = parse_json(read_text(path))
-        first, shift_s, resumed = int(found["first"]), float(found["shift_s"]), bool(found["resumed"])
+        values = parse_json(read_text(path))
+        first, shift_s, resumed = int(values["first"]), float(values["shift_s"]), bool(values["resumed"])
         if not math.isfinite(shift_s):
             raise ValueError("shift_s")
-        return {**found, "first": first, "shift_s": shift_s, "resumed": resumed}
+        return {**values, "first": first, "shift_s": shift_s, "resumed": resumed}
     except (OSError, ArithmeticError, LookupError, TypeError, ValueError):
         raise _damaged(path, "the resumption of an interrupted session") from None
 

@@ -100,7 +100,8 @@ def full_plan(
     anchor = _anchor(layout, options)
     regular = _regular(rng, spread_sites(rng, layout, options.regular, without=anchor.site), options)
     # Blocks of one pose each: the hand changes its pose once per block, and still often over the session.
-    pool = regular + _repeats(rng, regular, options.repeats) + _revisits(rng, regular, options)
+    repeats = [replace(regular[i], kind="repeat") for i in _chosen(rng, regular, options.repeats)]
+    pool = regular + repeats + _revisits(rng, regular, options)
     order = _in_blocks(rng, pool, options)
     presses = _with_anchors(named_by_order(order), anchor)
     if second_indenter_m is not None:
@@ -171,19 +172,17 @@ def _balanced(rng: np.random.Generator, count: int, choices: int) -> list[int]:
     return rng.permutation(np.arange(count) % choices).tolist()
 
 
-def _repeats(rng: np.random.Generator, regular: list[PlannedPress], count: int) -> list[PlannedPress]:
-    chosen: list[int] = rng.choice(len(regular), min(count, len(regular)), replace=False).tolist()
-    return [replace(regular[i], kind="repeat") for i in chosen]
+def _chosen(rng: np.random.Generator, regular: list[PlannedPress], count: int) -> list[int]:
+    """Return the numbers of some regular presses, in random order."""
+    return rng.choice(len(regular), min(count, len(regular)), replace=False).tolist()
 
 
 def _revisits(
     rng: np.random.Generator, regular: list[PlannedPress], options: FullProtocol
 ) -> list[PlannedPress]:
     """Return the sites of regular presses with another force, pace and pose."""
-    count = min(options.revisits, len(regular))
-    chosen: list[int] = rng.choice(len(regular), count, replace=False).tolist()
-    others = _regular(rng, [regular[i].site for i in chosen], options)
-    return [replace(press, kind="revisit") for press in others]
+    sites = [regular[i].site for i in _chosen(rng, regular, options.revisits)]
+    return [replace(press, kind="revisit") for press in _regular(rng, sites, options)]
 
 
 def _in_blocks(

@@ -138,11 +138,13 @@ class StagePresses(ControlLoop[GuardedStage, StageSample]):
             sample = self._move(self.command - np.array([0.0, 0.0, slow]), LOAD)
             touching = touching + 1 if sample.force_n > options.contact_n else 0
         if touching >= 2:
-            found = float(self.command[2])
+            contact_m = float(self.command[2])
             times.start_s = self.now.time_s - options.before_s
-            self._regulate(found, planned, LOAD, options.reach_s + self._ramp_s(planned))
+            # The time to enter a soft skin at the planned speed, and half a second to come to rest.
+            ramp_s = options.search_m / planned.speed_m_per_s + 0.5
+            self._regulate(contact_m, planned, LOAD, options.reach_s + ramp_s)
             times.hold_s = self.now.time_s
-            self._regulate(found, planned, HOLD, planned.hold_s)
+            self._regulate(contact_m, planned, HOLD, planned.hold_s)
             times.release_s = self.now.time_s
         up = planned.speed_m_per_s * dt
         while self.command[2] < top:
@@ -154,16 +156,12 @@ class StagePresses(ControlLoop[GuardedStage, StageSample]):
         self._wait(options.idle_s)
         self._keep(number, times)
 
-    def _ramp_s(self, planned: PlannedPress) -> float:
-        """Return the time to enter a soft skin at the planned speed, plus half a second to come to rest."""
-        return self._options.search_m / planned.speed_m_per_s + 0.5
-
-    def _regulate(self, found_m: float, planned: PlannedPress, phase: int, seconds: float) -> None:
+    def _regulate(self, contact_m: float, planned: PlannedPress, phase: int, seconds: float) -> None:
         """Move the tip until the force is right; during loading it stops there, during the hold it stays regulated."""
         dt, lowest, target_n = self.period_s, self.rig.description.lower_m[2], planned.force_n
         near = max(0.5 * self._options.tolerance_n, 0.5 * self._options.tolerance_share * target_n)
         right, blind_m = 0, BLIND_M + BLIND_S * planned.speed_m_per_s
-        most_n, there_m = -np.inf, found_m
+        most_n, there_m = -np.inf, contact_m
         for _ in range(self.steps(seconds)):
             force, place_m = self.now.force_n, float(self.now.state.position_m[2])
             if force > most_n + self._options.contact_n / 2:
@@ -174,7 +172,7 @@ class StagePresses(ControlLoop[GuardedStage, StageSample]):
                     f"skin; it stayed at {force:.3g} N. Is the load cell connected?"
                 )
             # For a sphere on a foundation the force grows with the square of the depth: dF/dz = 2 F / z.
-            depth = max(found_m - float(self.command[2]), 1e-5)
+            depth = max(contact_m - float(self.command[2]), 1e-5)
             stiffness = max(2 * force / depth, SOFTEST_N_PER_M)
             largest = planned.speed_m_per_s * dt
             step = np.clip(GAIN * (target_n - force) / stiffness, -largest, largest)
@@ -206,8 +204,9 @@ class StagePresses(ControlLoop[GuardedStage, StageSample]):
         means = {"force_n": force, "x_m": float(place[0]), "y_m": float(place[1]), "z_m": 0.0}
         row = self._session.press_row(number, self._points[number], times, means)
         del row["pose"]  # of a hand
-        found = bool(np.isfinite(times.start_s))
-        row["status"] = "no_contact" if not found else "missed_target" if row["missed_target"] else "ok"
+        row["status"] = "missed_target" if row["missed_target"] else "ok"
+        if not np.isfinite(times.start_s):
+            row["status"] = "no_contact"
         row["force_rest_n"] = self._tare_n
         row["counts"] = np.mean(np.array([state.taxels for state in held], dtype=np.float64), axis=0)
         frames = self._frames()

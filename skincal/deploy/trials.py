@@ -30,11 +30,11 @@ def check_trial(trial: Trial) -> None:
     if isinstance(trial.trajectory, str) and trial.trajectory == "random":
         problems.append(Problem("--trajectory", "circle, still, or a file, with --on reference", "random"))
     if trial.values or trial.environment:
-        given = ", ".join([*trial.values, *trial.environment])
-        problems.append(Problem("--set, --environment", "nothing, with --on reference", given))
+        got = ", ".join([*trial.values, *trial.environment])
+        problems.append(Problem("--set, --environment", "nothing, with --on reference", got))
     if trial.randomize is not None and tuple(trial.randomize) != JOINT_OFFSETS:
-        given = ", ".join(trial.randomize) or "none"
-        problems.append(Problem("--randomize", "nothing: --on reference draws everything", given))
+        got = ", ".join(trial.randomize) or "none"
+        problems.append(Problem("--randomize", "nothing: --on reference draws everything", got))
     if problems:
         raise InputError(problems)
 

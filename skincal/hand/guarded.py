@@ -55,6 +55,10 @@ class Guarded(ABC, Generic[Description, State, Command]):
         driver: the rig, not connected.
         options: limits and times; ``max_force_n`` replaces that of the description.
         clock: our clock [s].
+
+    Attributes:
+        name: the driver's name.
+        failure: error for which the guard stopped the rig; None without a fault.
     """
 
     rig: ClassVar[str]
@@ -67,13 +71,13 @@ class Guarded(ABC, Generic[Description, State, Command]):
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._made: Any = driver
-        self._name = one_line(str(getattr(driver, "name", type(driver).__name__)), 60)
+        self.name = one_line(str(getattr(driver, "name", type(driver).__name__)), 60)
         self._options = options or GuardOptions()
         self._clock = clock
         self._worker: Worker | None = None
         self._lock = Lock()
-        self._failure: HandError | None = None
-        self._halt = Stop(lambda: self._made.stop(), self._options.stop_timeout_s, self._name, self.rig)
+        self.failure: HandError | None = None
+        self._halt = Stop(lambda: self._made.stop(), self._options.stop_timeout_s, self.name, self.rig)
         self._closed = False
         self._period_s: float | None = None
 
@@ -91,11 +95,6 @@ class Guarded(ABC, Generic[Description, State, Command]):
         return self._made.description
 
     @property
-    def name(self) -> str:
-        """The driver's name."""
-        return self._name
-
-    @property
     def period_s(self) -> float:
         """Time between two states [s], on the rig's clock."""
         return self._made.period_s if self._period_s is None else self._period_s
@@ -104,11 +103,6 @@ class Guarded(ABC, Generic[Description, State, Command]):
     def real_time(self) -> bool:
         """True if the rig's clock runs as fast as ours."""
         return self._made.real_time
-
-    @property
-    def failure(self) -> HandError | None:
-        """Error for which the guard stopped the rig; None without a fault."""
-        return self._failure
 
     def connect(self) -> None:
         """Connect to the rig.
@@ -220,7 +214,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
         if self._closed or self._worker is None:
             return
         error = self._give_back(self._worker)
-        if error is not None and self._failure is None:
+        if error is not None and self.failure is None:
             raise error
 
     def __enter__(self) -> Self:
@@ -289,8 +283,8 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     def _ready(self, what: str) -> Worker:
         """Return the worker of a connected rig without faults."""
-        if self._failure is not None:
-            raise self._failure.again()
+        if self.failure is not None:
+            raise self.failure.again()
         if self._worker is None or self._closed:
             raise HandError(f"{self.name}: {what}() of a {self.rig} that is not connected", "order")
         return self._worker
@@ -304,8 +298,8 @@ class Guarded(ABC, Generic[Description, State, Command]):
             text = f"{what}() did not return within {timeout_s:g} s"
             self._fail(HandError(text, "timeout", value=timeout_s, limit=timeout_s))
         except Exception as error:
-            if self._failure is not None:
-                raise self._failure.again() from None
+            if self.failure is not None:
+                raise self.failure.again() from None
             raised = raised_by(error)
             self._fail(described(what, raised), cause=raised)
         except BaseException:
@@ -314,8 +308,8 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     def _unless_failed(self, work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         """Run in the worker: do nothing if the rig was stopped while the call waited for its turn."""
-        if self._failure is not None:
-            raise self._failure
+        if self.failure is not None:
+            raise self.failure
         return work(*arguments)
 
     def _send(self, command: Command) -> None:
@@ -330,7 +324,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
         end = trouble or f"{stopped(self.rig)} {self._advice(violation.kind)}".rstrip()
         error = violation.again(f"{self.name}: {violation}. {end}", stopped=not trouble)
         with self._lock:
-            self._failure = self._failure or error
+            self.failure = self.failure or error
         raise error from cause
 
     def _advice(self, kind: HandErrorKind) -> str:
@@ -351,7 +345,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
         atexit.unregister(self._at_exit)
         options = self._options
         timeout_s = timeout_s or options.connect_timeout_s
-        hung = self._failure is not None and self._failure.kind == "timeout"
+        hung = self.failure is not None and self.failure.kind == "timeout"
         try:
             # A driver with a hanging call cannot be closed; do not wait.
             worker.call(lambda: None, timeout_s=options.stop_timeout_s if hung else options.timeout_s)

@@ -56,16 +56,16 @@ def driver_class(name: str) -> Callable[..., HandDriver | StageDriver]:
         InputError: there is no driver of that name, or two.
         WorkError: it cannot be imported.
     """
-    found = [EntryPoint(name, name, GROUP)] if ":" in name else list(entry_points(group=GROUP, name=name))
-    if not found:
+    points = [EntryPoint(name, name, GROUP)] if ":" in name else list(entry_points(group=GROUP, name=name))
+    if not points:
         choices = ", ".join(driver_names()) or "none is installed"
         fix = f"Register a driver by an entry point of the group {GROUP}."
         raise input_error("driver", f"module:Class or one of: {choices}", f'"{name}"', fix)
-    values = {point.value for point in found}
+    values = {point.value for point in points}
     if len(values) > 1:
         fix = "Give the intended one as module:Class, or uninstall the other."
         raise input_error(f'driver "{name}"', "one entry point", " and ".join(sorted(values)), fix)
-    return _loaded(name, found[0])
+    return _loaded(name, points[0])
 
 
 def driver_options(name: str) -> tuple[DriverOption, ...]:
@@ -191,6 +191,6 @@ def _loaded(name: str, point: EntryPoint) -> Callable[..., HandDriver | StageDri
 
 
 def _unknown(name: str, key: str, known: Mapping[str, DriverOption]) -> Problem:
-    given = [option for option in known.values() if is_text(option.kind)]
-    choices = ", ".join(f"{o.name} ({type_text(o.kind)})" for o in given) or "none; it has no options"
+    texts = [option for option in known.values() if is_text(option.kind)]
+    choices = ", ".join(f"{o.name} ({type_text(o.kind)})" for o in texts) or "none; it has no options"
     return Problem(f'driver "{name}"', f"an option of: {choices}", f'"{key}"')

@@ -22,8 +22,8 @@ STEP_M, PERIODS, STOP_S = 0.2e-3, 20, 0.5
 def states(stage: StageDriver, guard: GuardOptions) -> str:
     """Finite states of the right shape, whose clock advances, within travel and force."""
     with GuardedStage(stage, guard) as guarded:
-        seen = [guarded.observe() for _ in range(PERIODS)]
-    periods = np.diff([state.time_s for state in seen])
+        observed = [guarded.observe() for _ in range(PERIODS)]
+    periods = np.diff([state.time_s for state in observed])
     return f"{PERIODS} states, one every {1e3 * float(np.median(periods)):.3g} ms"
 
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from skincal.errors import InputError, Problem, shown
-from skincal.hand.checks import TaxelCheck
+from skincal.hand.checks import TaxelCheck, check_numbers
 from skincal.hand.clock import ClockCheck
 from skincal.hand.commands import StepCheck
-from skincal.hand.errors import HandError, HandErrorKind, is_number
+from skincal.hand.errors import HandError, HandErrorKind
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
 from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState
@@ -94,10 +94,7 @@ class StageStateCheck:
             if type(value) is not np.ndarray or value.shape != shape or not _plain(value.dtype):
                 text = f"state, {name}: expected an array of numbers of shape {shape}; got {shown(value)}"
                 raise HandError(text, "taxels" if name == "taxels" else "state")
-        for name in ("time_s", "force_n"):
-            value = getattr(state, name)
-            if not is_number(value):
-                raise HandError(f"state, {name}: expected a number; got {shown(value)}", "state")
+        check_numbers(state, ("time_s", "force_n"))
         if not np.isfinite([*state.position_m, state.force_n, state.time_s]).all():
             raise HandError(f"expected a finite time, place and force; got {state}", "state")
 

@@ -154,9 +154,9 @@ def _check_tree(file: str, root: str, joints: dict[str, UrdfJoint], findings: Fi
             way.append(joints[way[-1]].parent)
         if way[-1] in joints:
             loop = way[way.index(joints[way[-1]].parent) :]
-            shown = " on ".join([*loop[:8], *(["..."] if len(loop) > 8 else []), loop[0]])
+            names = " on ".join([*loop[:8], *(["..."] if len(loop) > 8 else []), loop[0]])
             findings.error(
-                file, f"links that all hang on {root}", f"a loop: {shown}", "Correct a joint's parent."
+                file, f"links that all hang on {root}", f"a loop: {names}", "Correct a joint's parent."
             )
             return
 

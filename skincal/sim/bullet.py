@@ -30,7 +30,7 @@ class Fingers:
         tips = links[description.skin_finger.tip_link], links[description.indenter_finger.tip_link]
         self._skin, self._indenter = tips
         self._set_up(options, contact_stiffness_n_per_m)
-        self.reset(description.home_rad.tolist())
+        self._client.reset_joints(self._fingers, description.home_rad.tolist())
 
     def _load(self, description: HandDescription) -> Loaded:
         client, link = self._client, description.indenter_finger.tip_link
@@ -57,10 +57,6 @@ class Fingers:
                 damping_ns_per_m=options.contact_damping_ns_per_m,
             )  # fmt: skip
         client.setCollisionFilterPair(body, body, self._skin, self._indenter, 1)
-
-    def reset(self, q_rad: Sequence[float]) -> None:
-        """Put the links at angles (n,) [rad], at rest."""
-        self._client.reset_joints(self._fingers, q_rad)
 
     def joints(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return angles [rad] and velocities [rad/s] of the links (n,)."""

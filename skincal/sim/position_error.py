@@ -35,10 +35,6 @@ class PositionError:
     rms_m: float
     scatter_m: float
 
-    def as_dict(self) -> dict[str, float]:
-        """Return plain numbers, for a JSON file."""
-        return dict(vars(self))
-
 
 def position_error(kinematics: Kinematics, truth: Truth) -> PositionError:
     """Return the position error caused by joint offsets, waves and the drives' true stiffness."""

@@ -36,10 +36,10 @@ class SimulatedHand:
         memory: contact history of the skin, to which new contacts are added; None: none.
 
     Attributes:
-        felt: the true contact at the latest image.
+        image_contact: the true contact at the latest image.
     """
 
-    felt: TrueContact
+    image_contact: TrueContact
 
     def __init__(
         self,
@@ -106,13 +106,14 @@ class SimulatedHand:
             q, dq = fingers.joints()
             self._steps += 1
             if self._steps % self._between == 0:
-                self._look(q)
+                self._look()
         if not all(map(_sound, q)):
             raise WorkError("simulated hand: expected finite joint angles; the simulation has diverged")
 
     def contact(self) -> TrueContact:
         """Return the present true contact."""
-        return self._contact(self._fingers.joints()[0])
+        q = np.array(self._fingers.joints()[0])
+        return true_contact(self._kinematics, self.time_s, q, self._fingers.force())
 
     def reading(self) -> HandState:
         """Return the present readings of the sensors; every call draws new noise."""
@@ -138,7 +139,7 @@ class SimulatedHand:
             "skin": truth.skin_dict(),
             "effects": truth.effects_list(),
             "joints": truth.joints.as_dict(),
-            "position_error": position_error(self._kinematics, truth).as_dict(),
+            "position_error": vars(position_error(self._kinematics, truth)),
             "session": self._session_dict(),
         }
 
@@ -167,18 +168,14 @@ class SimulatedHand:
         if self._memory is not None:
             self._memory.close()
 
-    def _look(self, q: tuple[float, ...]) -> None:
-        contact = self._contact(q)
-        self.felt = contact
+    def _look(self) -> None:
+        self.image_contact = contact = self.contact()
         look = Look(contact, self._measured_angles(), self._drives.torque_nm.copy())
         if contact.force_n > _TOUCH_N:
             self._touches.append(look)
         if self._memory is not None:
             self._memory.keep(look)
         self._image, self._image_time_s = self._skin.image(contact), contact.time_s
-
-    def _contact(self, q: tuple[float, ...]) -> TrueContact:
-        return true_contact(self._kinematics, self.time_s, np.array(q), self._fingers.force())
 
     def _measured_angles(self) -> FloatArray:
         """Return angles (n,) without noise where the hand measures them: at the motors, or at the links."""
