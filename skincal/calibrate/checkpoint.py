@@ -48,6 +48,11 @@ def fit_key(dataset_sha256: str, method: str, options: FitOptions, box: SearchBo
     return hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()
 
 
+def checkpoint_folder(out: Path) -> Path:
+    """Return the folder of the checkpoint of a fit with output ``out``."""
+    return out.parent / f".{out.name}.fit"
+
+
 class Checkpoint:
     """A folder with one file for each turn of the grid and for each part of an image table."""
 

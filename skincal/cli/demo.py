@@ -8,7 +8,7 @@ true parameters are known and the results can be checked.
 from __future__ import annotations
 
 import json
-import shutil
+import os
 import subprocess
 import sys
 import time
@@ -36,7 +36,8 @@ UNITS = {
 
 
 SESSIONS = ("run", "gap")
-FOLDERS = ("cal", "predicted", "evaluation", "gap-cal", "gap-closed")
+FITS = ("cal", "gap-cal")
+FOLDERS = (*SESSIONS, *FITS, "predicted", "evaluation", "gap-closed")
 FILES = ("truth.json", "presses.png", "ranges.toml", "gap-truth.json", "gap-ranges.toml")
 """What a demonstration writes; listed before it is there, so that one that was killed can be replaced."""
 
@@ -54,7 +55,8 @@ def demo(
     from skincal.files import alone
 
     make_room(out)
-    with alone(out / MARKER, out):
+    with alone(out / MARKER, out) as lock:
+        os.set_inheritable(lock, True)  # a verb that outlives this process keeps the folder locked
         _show(out)
 
 
@@ -64,19 +66,21 @@ def make_room(out: Path) -> None:
     Raises:
         InputError: the folder holds something else.
     """
-    from skincal.collect import discard_session
-    from skincal.files import refuse_existing
-    from skincal.files.manifest import NAME, write_manifest
+    from skincal.files import alone, whole_folder
+    from skincal.files.manifest import NAME
 
     if (out / MARKER).is_file() and not out.is_symlink():
-        for name in SESSIONS:
-            discard_session(out / name)
-    refuse_existing(out, force=True, marker=MARKER)
-    if out.exists():
-        shutil.rmtree(out)
-    out.mkdir()
-    (out / MARKER).write_text("Made by skincal demo, which replaces this folder.\n", encoding="utf-8")
-    write_manifest(out, later=[*FILES, *(f"{name}/{NAME}" for name in (*SESSIONS, *FOLDERS))])
+        from skincal.calibrate.checkpoint import Checkpoint, checkpoint_folder
+        from skincal.collect import discard_session
+
+        with alone(out / MARKER, out):
+            for name in SESSIONS:
+                discard_session(out / name)
+            for name in FITS:
+                Checkpoint(checkpoint_folder(out / name), "").remove()
+    later = [*FILES, *(f"{name}/{NAME}" for name in FOLDERS)]
+    with whole_folder(out, force=True, marker=MARKER, later=later) as room:
+        (room / MARKER).write_text("Made by skincal demo, which replaces this folder.\n", encoding="utf-8")
 
 
 def _show(out: Path) -> None:
@@ -117,7 +121,8 @@ def skincal(*arguments: str, quiet: bool = False) -> str:
     """Run one command of skincal; exit when it fails."""
     print(f"\n$ skincal {' '.join(arguments)}", flush=True)
     command = [sys.executable, "-m", "skincal", *arguments]
-    done = subprocess.run(command, stdout=subprocess.PIPE if quiet else None, text=True, check=False)
+    stdout = subprocess.PIPE if quiet else None
+    done = subprocess.run(command, stdout=stdout, text=True, check=False, close_fds=False)
     if done.returncode:
         raise typer.Exit(done.returncode)  # the verb has said why
     return done.stdout or ""

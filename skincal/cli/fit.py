@@ -153,8 +153,7 @@ def fit(
             active_counts=active_counts, min_active=min_active, bound_counts2=bound_counts2, level=level, draws=draws,
             per_taxel=per_taxel, steps=steps,
         )  # fmt: skip
-        checkpoint = out.parent / f".{out.name}.fit"
-        with _resumable(checkpoint), stage_bars() as progress:
+        with _resumable(out) as checkpoint, stage_bars() as progress:
             found = api.fit(
                 data, options=settings, box=box, method=cast("Method", method), effects=known, seed=seed,
                 workers=spread, checkpoint=checkpoint, command=command_line(), progress=progress,
@@ -263,10 +262,12 @@ def _metres(name: str, range_mm: Pair | None, mount_m: Pair | None) -> Pair | No
 
 
 @contextmanager
-def _resumable(checkpoint: Path) -> Generator[None]:
-    """Keep the evaluated grid of a fit that ends early, unless it would only fail again."""
-    from skincal.calibrate.checkpoint import Checkpoint
+def _resumable(out: Path) -> Generator[Path]:
+    """Keep the evaluated grid of a fit that ends early, unless it would only fail again; yield its folder."""
+    from skincal.calibrate.checkpoint import Checkpoint, checkpoint_folder
     from skincal.errors import WorkError
+
+    checkpoint = checkpoint_folder(out)
 
     def has_grid() -> bool:
         return any(checkpoint.glob("turn-*.npz"))
@@ -276,7 +277,7 @@ def _resumable(checkpoint: Path) -> Generator[None]:
     try:
         with resumable(lambda: saved if again and has_grid() else ""):
             try:
-                yield
+                yield checkpoint
             except BaseException as error:
                 again = not isinstance(error, WorkError | ValueError | ArithmeticError)
                 raise

@@ -111,7 +111,7 @@ FIX = (
 def rest_shifts(dataset: Dataset) -> tuple[Problem, ...]:
     """Return the presses after which taxels rest at another level than before, permanently."""
     numbers, levels, errors = _pauses(dataset)
-    found: list[Problem] = []
+    problems: list[Problem] = []
     for k in range(1, len(levels)):
         # NaN for a taxel that is silent in one of the pauses.
         before = np.median(levels[max(k - AROUND, 0) : k], axis=0)
@@ -124,10 +124,9 @@ def rest_shifts(dataset: Dataset) -> tuple[Problem, ...]:
             name = dataset.meta.sensor.taxel_columns()[worst]
             more = f" ({len(shifted)} taxels in all)" if len(shifted) > 1 else ""
             got = f"{name} at {before[worst]:.3g} counts before and {after[worst]:.3g} after{more}"
-            found.append(
-                Problem(f"press {numbers[k - 1]}", "the same level at rest before and after it", got, FIX)
-            )
-    return tuple(found)
+            expected = "the same level at rest before and after it"
+            problems.append(Problem(f"press {numbers[k - 1]}", expected, got, FIX))
+    return tuple(problems)
 
 
 def _pauses(dataset: Dataset) -> tuple[list[int], FloatArray, FloatArray]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from skincal.bounded import parse_toml, read_text
 from skincal.collect.assemble import dataset_of, rest_shifts
-from skincal.collect.connection import HandSession
+from skincal.collect.connection import press_on_hand
 from skincal.collect.journal import Journal, digest_of, journal_folder, journal_lock
 from skincal.collect.plan import Plan
 from skincal.collect.plan_file import plan_as_toml, read_plan
@@ -22,7 +22,7 @@ from skincal.collect.posture import Fingers, Mount
 from skincal.collect.press_options import CollectOptions
 from skincal.collect.progress import MakeDriver, Watch
 from skincal.collect.session import Session
-from skincal.collect.stage import StageSession, check_height
+from skincal.collect.stage import check_height, press_on_stage
 from skincal.dataset import Dataset, DatasetMeta, check_dataset, write_dataset
 from skincal.errors import InputError, Problem, input_error
 from skincal.files import alone, recover, refuse_existing
@@ -125,11 +125,11 @@ def collect(
         resumed = _sound_presses(journal, rig.meta)
         try:
             if isinstance(rig, StageDescription):
-                StageSession(Session(plan, journal, options, watch), rig).run(make_driver, guard)
+                press_on_stage(Session(plan, journal, options, watch), make_driver, guard)
             else:
                 fingers = Fingers(Kinematics(rig), Mount.of(rig.meta))
                 resolved = _resolved(plan, journal, fingers, options)
-                HandSession(Session(resolved, journal, options, watch), fingers).run(make_driver, guard)
+                press_on_hand(Session(resolved, journal, options, watch), fingers, make_driver, guard)
         except BaseException:
             if not journal.connections():  # The rig was never reached.
                 journal.remove()

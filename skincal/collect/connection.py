@@ -38,7 +38,7 @@ class Connection:
         self._links: FloatArray = fingers.kinematics.description.home_rad
         self._offset: FloatArray = np.zeros_like(self._links)
         self._place: Place | None = None
-        self._found: dict[str, list[float]] = {}
+        self._contacts_m: dict[str, list[float]] = {}
 
     def run(self) -> None:
         """Make the presses, and bring the hand home."""
@@ -89,17 +89,17 @@ class Connection:
         moments = press.run()
         self._offset = press.offset_rad
         if np.isfinite(press.found_m):
-            self._found.setdefault(planned.pose, []).append(press.found_m)
+            self._contacts_m.setdefault(planned.pose, []).append(press.found_m)
         samples, tare_nm = loop.take(), loop.senses.tare_nm
         tables = press_tables(session, number, posture.point_m, moments, samples, tare_nm, lost=press.lost)
         session.keep(number, *tables)
 
     def _near(self, pose: str) -> float:
         """Return the height below which the skin may begin [m]: joint errors differ between poses, less within one."""
-        found = self._found.get(pose, [])
-        if len(found) < FEWEST_FOUND:
+        heights_m = self._contacts_m.get(pose, [])
+        if len(heights_m) < FEWEST_FOUND:
             return self._options.near_m
-        return max(found) + self._options.before_contact_m
+        return max(heights_m) + self._options.before_contact_m
 
     def _posture(self, planned: PlannedPress) -> Posture:
         skin = self._session.plan.poses[planned.pose]
@@ -139,29 +139,24 @@ class Connection:
         self._keep_rest(self._numbers[-1])
 
 
-class HandSession:
-    """Executor of the missing presses of a session on a hand."""
+def press_on_hand(
+    session: Session, fingers: Fingers, make_driver: MakeDriver, guard: GuardOptions | None
+) -> None:
+    """Make the missing presses of a session, with one connection for each indenter.
 
-    def __init__(self, session: Session, fingers: Fingers) -> None:
-        self._session, self._fingers = session, fingers
-
-    def run(self, make_driver: MakeDriver, guard: GuardOptions | None) -> None:
-        """Make the missing presses.
-
-        Raises:
-            InputError: the hand follows no commands.
-            HandError: the hand failed; finished presses are in the journal.
-            WorkError: a press cannot be made.
-        """
-        session, presses = self._session, self._session.plan.presses
-        for radius, group in groupby(list(session.todo), lambda number: presses[number].indenter_radius_m):
-            driver = make_driver(session.need(radius))
-            assert isinstance(driver, HandDriver)
-            if not driver.follows_commands:
-                fix = "The recording itself can be fitted: `skincal fit`."
-                raise input_error(f"driver {driver.name}", "a hand that moves", "a recorded one", fix)
-            radius_m = radius or self._fingers.radius_m
-            senses = Senses(self._fingers.kinematics, radius_m)
-            with GuardedHand(driver, guard, senses.contact_force) as hand:
-                loop = Loop(hand, senses, session.report)
-                Connection(session, self._fingers, loop, radius_m, list(group)).run()
+    Raises:
+        InputError: the hand follows no commands.
+        HandError: the hand failed; finished presses are in the journal.
+        WorkError: a press cannot be made.
+    """
+    presses = session.plan.presses
+    for radius, group in groupby(list(session.todo), lambda number: presses[number].indenter_radius_m):
+        driver = make_driver(session.need(radius))
+        assert isinstance(driver, HandDriver)
+        if not driver.follows_commands:
+            fix = "The recording itself can be fitted: `skincal fit`."
+            raise input_error(f"driver {driver.name}", "a hand that moves", "a recorded one", fix)
+        radius_m = radius or fingers.kinematics.description.indenter_radius_m
+        senses = Senses(fingers.kinematics, radius_m)
+        with GuardedHand(driver, guard, senses.contact_force) as hand:
+            Connection(session, fingers, Loop(hand, senses, session.report), radius_m, list(group)).run()

@@ -7,6 +7,7 @@ complete or absent.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import logging
 import math
@@ -39,11 +40,7 @@ _OURS = re.compile(
 
 
 class Journal:
-    """The journal of one session, in a folder.
-
-    Args:
-        head: description of the session: all that must be equal to resume it. JSON values only.
-    """
+    """The journal of one session, in a folder; its head describes the session in JSON values."""
 
     def __init__(self, folder: Path, head: Mapping[str, Any]) -> None:
         self.folder, self.head = folder, dict(head)
@@ -53,37 +50,30 @@ class Journal:
         """Start a session, or open an interrupted one.
 
         Args:
-            folder: folder of the journal.
+            folder: the journal's folder; an ``InputError`` if it holds another session, or something else.
             key: all that must be equal to resume a session, by readable names.
             notes: further information that is stored at the start and may differ.
             restart: whether to discard an earlier session.
-
-        Raises:
-            InputError: the folder holds another session, or something else.
         """
         if restart:
             _remove(folder)
-        found = cls.find(folder)
-        if found is None:
+        earlier = cls.find(folder)
+        if earlier is None:
             journal = cls(folder, {"format": FORMAT, "key": _plain(key), **notes})
             folder.mkdir(parents=True, exist_ok=True)
             _durably(folder / HEAD, json.dumps(journal.head, indent=1).encode())
             return journal
-        was, now = found.head["key"], _plain(key)
+        was, now = earlier.head["key"], _plain(key)
         changed = [name for name in now if was.get(name) != now[name]]
-        if not changed and found.head.get("format") == FORMAT:
-            return found
+        if not changed and earlier.head.get("format") == FORMAT:
+            return earlier
         if not any(folder.glob("*.npz")):
             return cls.open(folder, key, notes, restart=True)  # for instance, the hand was never reached
-        raise InputError([_another(folder, was, now, changed, len(found.presses()))])
+        raise InputError([_another(folder, was, now, changed, len(earlier.presses()))])
 
     @classmethod
     def find(cls, folder: Path) -> Self | None:
-        """Return the session in a folder; None if there is none.
-
-        Raises:
-            InputError: the folder exists, but holds no session.
-        """
+        """Return the session in a folder; None if there is none. Anything else in it is an ``InputError``."""
         if not folder.exists():
             return None
         try:
@@ -114,11 +104,7 @@ class Journal:
         return [number for number in range(presses) if number not in done], last_s
 
     def connections(self) -> list[dict[str, Any]]:
-        """Return the starts and resumptions of the session in order: see :meth:`connected`.
-
-        Raises:
-            InputError: a file is damaged.
-        """
+        """Return the starts and resumptions of the session in order: see :meth:`connected`."""
         return [_connection(path) for path in sorted(self.folder.glob("connection-*.json"))]
 
     def connected(self, what: Mapping[str, Any]) -> None:
@@ -146,8 +132,6 @@ class Journal:
             _log.warning("%s", error)
 
     def _keep(self, name: str, arrays: Arrays) -> None:
-        import io
-
         buffer = io.BytesIO()
         np.savez(buffer, **arrays)  # pyright: ignore[reportArgumentType]
         _durably(self.folder / name, buffer.getvalue())
@@ -158,24 +142,24 @@ class Journal:
         Raises:
             OSError: one cannot be read at present; it is no reason to press there again, and lose it.
         """
-        found: list[tuple[Path, Arrays]] = []
+        complete: list[tuple[Path, Arrays]] = []
         for path in sorted(self.folder.glob(f"{kind}-*.npz")):
             if not path.stem.removeprefix(f"{kind}-").isdecimal():
                 continue
             try:
-                found.append((path, read_arrays(path)))
+                complete.append((path, read_arrays(path)))
             except UnreadableError as error:
                 _log.warning("%s is damaged and does not count: %s", path, error)
-        return found
+        return complete
 
 
 def _connection(path: Path) -> dict[str, Any]:
     try:
-        found = parse_json(read_text(path))
-        first, shift_s, resumed = int(found["first"]), float(found["shift_s"]), bool(found["resumed"])
+        values = parse_json(read_text(path))
+        first, shift_s, resumed = int(values["first"]), float(values["shift_s"]), bool(values["resumed"])
         if not math.isfinite(shift_s):
             raise ValueError("shift_s")
-        return {**found, "first": first, "shift_s": shift_s, "resumed": resumed}
+        return {**values, "first": first, "shift_s": shift_s, "resumed": resumed}
     except (OSError, ArithmeticError, LookupError, TypeError, ValueError):
         raise _damaged(path, "the resumption of an interrupted session") from None
 
@@ -196,11 +180,7 @@ def journal_lock(out: Path) -> Path:
 
 
 def discard_session(out: Path) -> None:
-    """Remove what an interrupted session with output ``out`` left.
-
-    Raises:
-        InputError: the session is at work, or its folder holds something else.
-    """
+    """Remove what an interrupted session with output ``out`` left, unless it is at work or others use its folder."""
     folder = journal_folder(out)
     with alone(journal_lock(out), folder, create=True):
         _remove(folder)

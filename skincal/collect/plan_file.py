@@ -63,11 +63,9 @@ class _Press(Table, unknown="refuse"):
         """Return the site in patch coordinates [m]; NaN where it is not given."""
         keys = self.site_keys(mount)
         first, second = (np.nan if (v := getattr(self, key)) is None else v for key in keys)
-        return (
-            (first, second)
-            if keys == SITE
-            else mount.site_at(rad(first) if keys[0] == "beta_deg" else first, second)
-        )
+        if keys == SITE:
+            return first, second
+        return mount.site_at(rad(first) if keys[0] == "beta_deg" else first, second)
 
     def site_violations(self, mount: Mount) -> Iterator[Violation]:
         """Yield what is missing or too much of the site, and a site far from the patch."""
@@ -134,10 +132,9 @@ def read_plan(path: Path, mount: Mount) -> Plan:
         findings.error(path.name, "at least one press", "none")
     _check_poses(findings, path.name, file)
     findings.raise_errors()
+    others = [name for name in COLUMNS if name not in SITE]
     presses = (
-        PlannedPress(
-            *press.site(mount), **{name: getattr(press, name) for name in COLUMNS if name not in SITE}
-        )
+        PlannedPress(*press.site(mount), **{name: getattr(press, name) for name in others})
         for press in file.press
     )
     return Plan(file.name or path.stem, tuple(presses), dict(file.poses))
@@ -146,13 +143,7 @@ def read_plan(path: Path, mount: Mount) -> Plan:
 def write_plan(plan: Plan, path: Path, *, force: bool = False) -> None:
     """Write a plan, TOML or CSV by the suffix; numbers are read back exactly.
 
-    Args:
-        plan: the plan.
-        path: the file, ``.toml`` or ``.csv``. A CSV file holds no angles of poses.
-        force: whether to replace an existing file.
-
-    Raises:
-        InputError: the suffix is not supported, or the file exists and ``force`` is not given.
+    A CSV file holds no angles of poses. An existing file is an ``InputError``, unless ``force`` is given.
     """
     text = {".toml": plan_as_toml, ".csv": _as_csv}.get(path.suffix.lower())
     if text is None:
@@ -188,9 +179,7 @@ def _given(press: PlannedPress) -> dict[str, Any]:
 def _read_csv(path: Path, findings: Findings) -> list[dict[str, Any]]:
     lines = parse_csv(read_text(path))
     header = [name.strip() for name in lines[0]][:MOST_COLUMNS] if lines else []
-    while (
-        header and not header[-1] and all(len(cells) == len(header) and not cells[-1] for cells in lines[1:])
-    ):
+    while header and not any(header[-1:]) and all(len(c) == len(header) and not c[-1] for c in lines[1:]):
         # Spreadsheets end every line with a comma if a column was cleared.
         header, lines = header[:-1], [cells[:-1] for cells in lines]
     _check_header(path.name, header, findings)
@@ -216,16 +205,15 @@ def _check_header(file: str, header: Sequence[str], findings: Findings) -> None:
     if len(header) == 1 and ";" in header[0]:
         findings.error(file, "cells separated by commas", "semicolons", "Separate them by commas.")
         return
+    known_names = (*COLUMNS, *OTHER_SITES)
     for name in dict.fromkeys(header):
         place, count = f"{file}, column {name or '(without a name)'}", header.count(name)
         if count > 1:
             findings.error(place, "each column once", f"{count} of that name")
-        elif name not in (*COLUMNS, *OTHER_SITES):
-            close = did_you_mean(name, [known for known in (*COLUMNS, *OTHER_SITES) if known not in header])
+        elif name not in known_names:
+            close = did_you_mean(name, [known for known in known_names if known not in header])
             fix = f'Did you mean "{close}"?' if close else "Remove it."
-            findings.error(
-                place, f"columns of a plan: {', '.join((*COLUMNS, *OTHER_SITES))}", "another one", fix
-            )
+            findings.error(place, f"columns of a plan: {', '.join(known_names)}", "another one", fix)
     here = set(header) & set(OTHER_SITES)
     wanted = ("force_n",) if here else ("force_n", *SITE)
     if missing := [name for name in wanted if name not in header]:

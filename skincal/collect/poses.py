@@ -29,27 +29,17 @@ PLAN_MARGIN_RAD = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Quality of a pose: how much reserve its presses leave.
-
-    Attributes:
-        margin_rad: smallest distance of a commanded angle from its limits [rad].
-        torque_share: largest torque relative to the joint's limit.
-    """
+    """Reserve of a pose: smallest distance of a commanded angle from its limits, largest torque over its limit."""
 
     margin_rad: float
     torque_share: float
 
 
 def with_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> Plan:
-    """Return the plan with angles for all its poses.
-
-    Raises:
-        InputError: angles of the plan do not fit the hand, or a press is out of reach.
-        WorkError: the hand has too few poses in which all sites can be pressed.
-    """
+    """Return the plan with angles for all its poses, in which every press has been checked to be within reach."""
     if not plan.poses:
-        found = find_poses(plan, fingers, options)
-        plan = replace(plan, poses=dict(zip(plan.pose_names, found, strict=True)))
+        poses = find_poses(plan, fingers, options)
+        plan = replace(plan, poses=dict(zip(plan.pose_names, poses, strict=True)))
     check_reach(plan, fingers, options)
     return plan
 
@@ -93,11 +83,7 @@ def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tu
 
 
 def check_reach(plan: Plan, fingers: Fingers, options: CollectOptions) -> None:
-    """Check that every press of a plan can be made, before anything moves.
-
-    Raises:
-        InputError: some presses cannot be made; all are reported.
-    """
+    """Refuse a plan with presses that cannot be made, before anything moves; all are reported."""
     joints = len(fingers.kinematics.skin.columns)
     problems = [
         Problem(f"plan, pose {name}", f"{joints} angles [rad], of the finger with the skin", f"{len(angles)}")

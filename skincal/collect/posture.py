@@ -48,12 +48,7 @@ class Mount:
         return self.surface.wrap(self.pose, np.reshape(np.asarray(uv_m, dtype=np.float64), (-1, 2)))
 
     def site_at(self, across: float, y_m: float) -> tuple[float, float]:
-        """Return the site (u, v) [m] at a position on the surface; NaN for NaN.
-
-        Args:
-            across: beta [rad], on a plane x [m].
-            y_m: along the finger [m].
-        """
+        """Return the site (u, v) [m] at a position, ``across`` being beta [rad] or on a plane x [m]; NaN for NaN."""
         if not np.isfinite([across, y_m]).all():
             return float("nan"), float("nan")
         there = SensorPose(y_m, 0.0, x_m=across) if self.pose_is_plane else SensorPose(y_m, 0.0, across)
@@ -101,9 +96,7 @@ class Posture:
     def command(self, height_m: float, force_n: FloatArray) -> FloatArray:
         """Return the commanded angles (n,) [rad] at which a hand without friction presses with a force at a height.
 
-        Args:
-            height_m: height of the indenter above the skin [m].
-            force_n: normal force and shears along u and v (3,) [N].
+        The force (3,) is normal to the skin, along u and along v [N].
         """
         return self.links_at(height_m) + self.give_rad @ force_n
 
@@ -114,13 +107,6 @@ class Fingers:
 
     kinematics: Kinematics
     mount: Mount
-
-    @property
-    def radius_m(self) -> float:
-        """Radius of the hand's own indenter [m]."""
-        radius = self.kinematics.description.meta.indenter.radius_m
-        assert radius is not None
-        return radius
 
     def posture(
         self,
@@ -147,7 +133,7 @@ class Fingers:
         q = np.array(hand.home_rad if start_rad is None else start_rad, dtype=np.float64)
         q[kinematics.skin.columns] = skin_rad
         heights = np.linspace(-options.search_m, options.clearance_m, HEIGHTS)
-        radius_m = indenter_radius_m or self.radius_m
+        radius_m = indenter_radius_m or hand.indenter_radius_m
         links = np.empty((HEIGHTS, len(q)))
         for i in reversed(range(HEIGHTS)):
             q = place_indenter(kinematics, points[0] + (radius_m + heights[i]) * normals[0], q)

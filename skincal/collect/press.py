@@ -18,14 +18,8 @@ class Regulator:
     """Proportional-integral controller of the force, for fingers with stick friction in their joints.
 
     The command is the force that the fingers would give by their stiffness alone. Stick friction takes some of it, more
-    when the motion reverses, and lets shear grow; both show in the measured torques and are regulated to zero.
-
-    Args:
-        period_s: time between two steps [s].
-        filter_s: time constant of the low-pass on the measured force [s].
-        lag_s: lag of the force behind the command, before that low-pass [s].
-        share: proportional gain.
-        per_s: integral gain [1/s].
+    when the motion reverses, and lets shear grow; both show in the measured torques and are regulated to zero. The
+    force lags behind the command by ``lag_s``, before its low-pass.
     """
 
     def __init__(self, period_s: float, filter_s: float, lag_s: float, share: float, per_s: float) -> None:
@@ -43,7 +37,7 @@ class Regulator:
         """The smoothed normal force [N]."""
         return float(self.measured_n[0])
 
-    def see(self, sample: Sample) -> None:
+    def measure(self, sample: Sample) -> None:
         """Add a measurement."""
         force = (sample.force_n, sample.shear_u_n, sample.shear_v_n)
         self.measured_n = self.measured_n + self._smooth * (np.array(force) - self.measured_n)
@@ -107,16 +101,12 @@ class Press:
         self._near_m = near_m
         self._trim = np.zeros_like(posture.torque_m)
         self._height_m = self._reached_m = float(posture.heights_m[-1])
-        gains = loop.hand.description.gains
-        lag_s = float(np.mean(gains.damping_nms_per_rad / gains.stiffness_nm_per_rad))
-        self._lag_s = lag_s + 1 / (2 * np.pi * gains.low_pass_hz)
+        gains = loop.rig.description.gains
+        low_pass_s = 1 / (2 * np.pi * gains.low_pass_hz)
+        self._lag_s = float(np.mean(gains.damping_nms_per_rad / gains.stiffness_nm_per_rad)) + low_pass_s
         self._regulator = Regulator(
-            loop.period_s,
-            options.filter_s,
-            1 / (2 * np.pi * gains.low_pass_hz) + loop.period_s,
-            options.regulate_share,
-            options.regulate_per_s,
-        )
+            loop.period_s, options.filter_s, low_pass_s + loop.period_s, options.regulate_share, options.regulate_per_s
+        )  # fmt: skip
         self._bound_n = planned.force_n + SPARE_N
         self.moments = Moments()
         self.found_m = float("nan")
@@ -139,7 +129,7 @@ class Press:
 
     def _step(self) -> Sample:
         sample = self._loop.step(self._command())
-        self._regulator.see(sample)
+        self._regulator.measure(sample)
         return sample
 
     def _command(self) -> FloatArray:
@@ -149,14 +139,14 @@ class Press:
         """Wait above the site until the fingers rest there, and measure the torques at rest."""
         self._loop.doing = "idle"
         steps = self._loop.steps(self._options.still_s)
-        seen: list[Sample] = []
+        samples: list[Sample] = []
         off = np.inf
-        while len(seen) < steps or (off > STILL_RAD and len(seen) < 4 * steps):
-            seen.append(self._step())
-            self._correct(seen[-1])
-            links = np.mean([sample.links_rad for sample in seen[-steps:]], axis=0)
+        while len(samples) < steps or (off > STILL_RAD and len(samples) < 4 * steps):
+            samples.append(self._step())
+            self._correct(samples[-1])
+            links = np.mean([sample.links_rad for sample in samples[-steps:]], axis=0)
             off = float(np.abs(self._posture.links_at(self._height_m) - links).max())
-        self._loop.senses.take_tare(seen[-steps:])
+        self._loop.senses.take_tare(samples[-steps:])
         self._regulator.measured_n = np.zeros(3)
 
     def _correct(self, sample: Sample) -> None:
@@ -173,17 +163,17 @@ class Press:
     def _approach(self) -> bool:
         """Lower the indenter until it feels the skin; return False if it was not found."""
         options, period = self._options, self._loop.period_s
-        felt = 0
+        touching = 0
         self._loop.doing = "approach"
         fast = FAST * options.approach_m_per_s
         slow = min(options.approach_m_per_s, options.touch_n_per_s / self._posture.stiffness_n_per_m)
         while self._height_m > self._posture.heights_m[0]:
             self._height_m -= (fast if self._height_m > self._near_m else slow) * period
             sample = self._step()
-            felt = felt + 1 if self._regulator.normal_n > options.contact_n else 0
-            if felt == 0:
+            touching = touching + 1 if self._regulator.normal_n > options.contact_n else 0
+            if touching == 0:
                 self._correct(sample)
-            if felt >= self._loop.steps(options.contact_s):
+            if touching >= self._loop.steps(options.contact_s):
                 self.moments.start_s = sample.time_s - options.before_s
                 self.found_m = self._height_m
                 return True

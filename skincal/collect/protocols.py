@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from skincal.collect.plan import Plan, PlannedPress, Site
+from skincal.collect.plan import Kind, Plan, PlannedPress, Site
 from skincal.errors import input_error
 from skincal.model import TaxelLayout
 from skincal.model.arrays import FloatArray
@@ -71,11 +71,7 @@ class FullProtocol:
 
 
 def paper_plan(rng: np.random.Generator, layout: TaxelLayout, options: PaperProtocol | None = None) -> Plan:
-    """Draw a session of the paper's protocol.
-
-    Raises:
-        InputError: the patch is too small for this number of sites.
-    """
+    """Draw a session of the paper's protocol; the patch must be large enough for its sites."""
     options = options or PaperProtocol()
     places = patch_grid(layout)
     if options.presses > len(places):
@@ -83,13 +79,11 @@ def paper_plan(rng: np.random.Generator, layout: TaxelLayout, options: PaperProt
         raise input_error("--protocol paper", expected, options.presses)
     chosen = rng.choice(len(places), options.presses, replace=False)
     forces = rng.uniform(*options.forces_n, options.presses)
-    return Plan(
-        "paper",
-        tuple(
-            PlannedPress(*site, _force(f), options.speed_m_per_s, options.hold_s)
-            for site, f in zip(_sites(places[chosen]), forces, strict=True)
-        ),
+    presses = (
+        PlannedPress(*site, _force(f), options.speed_m_per_s, options.hold_s)
+        for site, f in zip(_sites(places[chosen]), forces, strict=True)
     )
+    return Plan("paper", tuple(presses))
 
 
 def full_plan(
@@ -100,17 +94,14 @@ def full_plan(
 ) -> Plan:
     """Draw a session in which no effect is confounded with another.
 
-    Args:
-        rng: generator of all randomness.
-        layout: the taxels, which set the extent of the sites.
-        options: options of the protocol.
-        second_indenter_m: radius of a second sphere [m], for presses at the end; None: no change of the cap.
+    Its last presses are with a second sphere of a radius ``second_indenter_m`` [m]; None: with the same one.
     """
     options = options or FullProtocol()
     anchor = _anchor(layout, options)
     regular = _regular(rng, spread_sites(rng, layout, options.regular, without=anchor.site), options)
     # Blocks of one pose each: the hand changes its pose once per block, and still often over the session.
-    pool = regular + _repeats(rng, regular, options.repeats) + _revisits(rng, regular, options)
+    repeats = [replace(regular[i], kind="repeat") for i in _chosen(rng, regular, options.repeats)]
+    pool = regular + repeats + _revisits(rng, regular, options)
     order = _in_blocks(rng, pool, options)
     presses = _with_anchors(named_by_order(order), anchor)
     if second_indenter_m is not None:
@@ -133,16 +124,9 @@ def patch_grid(layout: TaxelLayout) -> FloatArray:
 def spread_sites(
     rng: np.random.Generator, layout: TaxelLayout, count: int, *, without: Site | None = None
 ) -> list[Site]:
-    """Return sites on the grid that cover the patch evenly: the farthest of some random candidates from earlier sites.
+    """Return sites on the grid, in random order, that cover the patch evenly; more than the grid has repeat.
 
-    Args:
-        rng: generator of all randomness.
-        layout: the taxels.
-        count: number of sites; beyond the size of the grid they repeat.
-        without: a site that is not drawn [m].
-
-    Returns:
-        Sites [m], in random order.
+    Each is the farthest of some random candidates from earlier sites, and none is ``without`` [m].
     """
     places = patch_grid(layout)
     if without is not None:
@@ -166,15 +150,13 @@ def _regular(rng: np.random.Generator, sites: list[Site], options: FullProtocol)
     speed = _balanced(rng, count, len(options.speeds_m_per_s))
     hold = _balanced(rng, count, len(options.holds_s))
     pose = _balanced(rng, count, len(options.poses))
+    paces = [
+        (options.speeds_m_per_s[i], options.holds_s[j], options.poses[k])
+        for i, j, k in zip(speed, hold, pose, strict=True)
+    ]
     return [
-        PlannedPress(
-            *site,
-            _force(forces[i]),
-            options.speeds_m_per_s[speed[i]],
-            options.holds_s[hold[i]],
-            options.poses[pose[i]],
-        )
-        for i, site in enumerate(sites)
+        PlannedPress(*site, _force(force), *pace)
+        for site, force, pace in zip(sites, forces, paces, strict=True)
     ]
 
 
@@ -190,19 +172,17 @@ def _balanced(rng: np.random.Generator, count: int, choices: int) -> list[int]:
     return rng.permutation(np.arange(count) % choices).tolist()
 
 
-def _repeats(rng: np.random.Generator, regular: list[PlannedPress], count: int) -> list[PlannedPress]:
-    chosen: list[int] = rng.choice(len(regular), min(count, len(regular)), replace=False).tolist()
-    return [replace(regular[i], kind="repeat") for i in chosen]
+def _chosen(rng: np.random.Generator, regular: list[PlannedPress], count: int) -> list[int]:
+    """Return the numbers of some regular presses, in random order."""
+    return rng.choice(len(regular), min(count, len(regular)), replace=False).tolist()
 
 
 def _revisits(
     rng: np.random.Generator, regular: list[PlannedPress], options: FullProtocol
 ) -> list[PlannedPress]:
     """Return the sites of regular presses with another force, pace and pose."""
-    count = min(options.revisits, len(regular))
-    chosen: list[int] = rng.choice(len(regular), count, replace=False).tolist()
-    others = _regular(rng, [regular[i].site for i in chosen], options)
-    return [replace(press, kind="revisit") for press in others]
+    sites = [regular[i].site for i in _chosen(rng, regular, options.revisits)]
+    return [replace(press, kind="revisit") for press in _regular(rng, sites, options)]
 
 
 def _in_blocks(
@@ -228,12 +208,8 @@ def named_by_order(order: list[PlannedPress]) -> list[PlannedPress]:
     named: list[PlannedPress] = []
     for press in order:
         before = [p for p in named if p.site == press.site]
-        if not before:
-            named.append(replace(press, kind="regular"))
-        elif any(p.same_press(press) for p in before):
-            named.append(replace(press, kind="repeat"))
-        else:
-            named.append(replace(press, kind="revisit"))
+        later: Kind = "repeat" if any(p.same_press(press) for p in before) else "revisit"
+        named.append(replace(press, kind=later if before else "regular"))
     return named
 
 

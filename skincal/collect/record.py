@@ -33,10 +33,7 @@ SHORTEST_S = 0.05
 
 
 def series_of(samples: Sequence[Sample]) -> Arrays:
-    """Return samples over time (T,): session clock, force, shears, point, angles, torques and commanded angles.
-
-    Keys are the names of the columns; ``time_s`` is the session clock [s].
-    """
+    """Return samples over time (T,) by column; ``time_s`` is the session's clock [s]."""
     states = [sample.state for sample in samples]
     values = {name: as_floats([getattr(sample, name) for sample in samples]) for name in OF_SAMPLE}
     values |= zip(POSITION, as_floats([sample.point_m for sample in samples]).T, strict=True)
@@ -79,14 +76,8 @@ def press_tables(
 ) -> tuple[dict[str, Any], Arrays]:
     """Return all that is stored of a press: its row and its frames, by column.
 
-    Args:
-        session: the session.
-        number: number of the press.
-        target_m: planned contact point (3,) [m].
-        moments: starts of the parts of the press.
-        samples: all samples since the press before.
-        tare_nm: torques at rest (n,) [N m].
-        lost: whether contact was lost in the hold.
+    The samples are all since the press before, ``tare_nm`` the torques at rest (n,) [N m], and ``lost`` says whether
+    contact was lost in the hold.
     """
     options, planned = session.options, session.plan.presses[number]
     frames = frames_of(samples, session.last_frame_s, options.frame_rate_hz)

@@ -50,11 +50,8 @@ class Rig:
             name: of the driver.
             given: its options as a command line has them, each ``KEY=VALUE``.
             seed: for drivers that take one.
-            beyond_limits: whether limits may be beyond those of any finger or bench.
+            beyond_limits: whether limits may be beyond those of any finger or bench; otherwise they are refused.
             own: options of the driver for which the command has an option of its own; empty ones are left out.
-
-        Raises:
-            InputError: there is no such driver or option, or a limit is beyond those of any finger or bench.
         """
         own = {key: value for key, value in own.items() if value}
         if "seed" in _known(name):
@@ -106,17 +103,8 @@ class Rig:
         """
         key = {"driver": self.name, "seed": self.seed, "driver options": self.texts}
         guard, make = GuardOptions(beyond_limits=self.beyond_limits), self._maker(out, change_cap, start_s)
-        return collect(
-            plan,
-            self.driver.description,
-            make,
-            out,
-            key=key,
-            guard=guard,
-            source=source,
-            watch=watch,
-            **output,
-        )
+        rig, about = self.driver.description, {"key": key, "source": source, "watch": watch}
+        return collect(plan, rig, make, out, guard=guard, **about, **output)
 
     def _maker(self, out: Path, change_cap: Callable[[float | None], None], start_s: float) -> MakeDriver:
         """Return a factory of drivers for the point that the session has reached.

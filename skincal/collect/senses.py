@@ -13,7 +13,7 @@ from skincal.hand.driver import HandState
 from skincal.hand.guard import GuardedHand
 from skincal.hand.loop import ControlLoop
 from skincal.model.arrays import FloatArray
-from skincal.robot import Kinematics, contact_from_joints
+from skincal.robot import JointContact, Kinematics, contact_from_joints
 from skincal.robot.contact import prepare_contacts
 
 LARGEST_TARE_N = 3.0
@@ -70,27 +70,24 @@ class Senses:
         if self._last is not None and self._last.state is state:
             return self._last
         torque = state.tau_nm - self.tare_nm
-        found = contact_from_joints(self._kinematics, state.q_rad, torque, indenter_radius_m=self._radius_m)
+        contact = self._contact(state, torque)
         links = self._kinematics.link_angles(state.q_rad, torque)[0]
         self._last = Sample(
-            state.time_s + self._shift_s, float(found.force_n[0]), float(found.shear_u_n[0]),
-            float(found.shear_v_n[0]), found.points_m[0], float(found.gap_m[0]), links, state,
+            state.time_s + self._shift_s, float(contact.force_n[0]), float(contact.shear_u_n[0]),
+            float(contact.shear_v_n[0]), contact.points_m[0], float(contact.gap_m[0]), links, state,
             _frame_time(state) + self._shift_s,
         )  # fmt: skip
         return self._last
 
-    def take_tare(self, samples: list[Sample]) -> None:
-        """Use the mean torques of samples without contact as the torques at rest.
+    def _contact(self, state: HandState, torque_nm: FloatArray) -> JointContact:
+        return contact_from_joints(self._kinematics, state.q_rad, torque_nm, indenter_radius_m=self._radius_m)
 
-        Raises:
-            WorkError: they correspond to a force that no offset explains.
-        """
+    def take_tare(self, samples: list[Sample]) -> None:
+        """Use the mean torques of samples without contact as the torques at rest, unless no offset explains them."""
         if not samples:
             return
         tare = np.mean([sample.state.tau_nm for sample in samples], axis=0)
-        state = samples[-1].state
-        found = contact_from_joints(self._kinematics, state.q_rad, tare, indenter_radius_m=self._radius_m)
-        force = float(np.linalg.norm([found.force_n[0], found.shear_u_n[0], found.shear_v_n[0]]))
+        force = float(self._contact(samples[-1].state, tare).total_n[0])
         if not force < LARGEST_TARE_N:
             raise WorkError(
                 f"torques at rest: expected less than what {LARGEST_TARE_N:g} N of contact would need; got those of "
@@ -103,16 +100,12 @@ class Senses:
 
 def _frame_time(state: HandState) -> float:
     """Return the mean time at which the responding taxels were read [s]."""
-    times = state.taxel_time_s
-    mean = float(times.mean())
-    if math.isfinite(mean):
-        return mean
-    good = np.isfinite(times)
-    return float(times[good].mean()) if good.any() else float("nan")
+    times = state.taxel_time_s[np.isfinite(state.taxel_time_s)]
+    return float(times.mean()) if len(times) else math.nan
 
 
-class Loop(ControlLoop[Sample]):
-    """Control loop that stores the samples of its states until they are taken."""
+class Loop(ControlLoop[GuardedHand, Sample]):
+    """Control loop of a hand with its senses."""
 
     def __init__(
         self, hand: GuardedHand, senses: Senses, watch: Callable[[Sample, str], None] | None = None
@@ -122,8 +115,3 @@ class Loop(ControlLoop[Sample]):
 
     def _sample(self, state: HandState) -> Sample:
         return self.senses.sample(state)
-
-    def take(self) -> list[Sample]:
-        """Return the samples since the last call, and clear them."""
-        taken, self.samples = self.samples, []
-        return taken

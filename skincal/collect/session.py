@@ -46,15 +46,9 @@ class Session:
         return Need(max(self.last_frame_s, 0.0), indenter_radius_m, len(self.journal.connections()))
 
     def connect(self, rig_s: float) -> float:
-        """Record a connection, before the rig moves.
+        """Record a connection, before the rig moves; return the session's clock less the rig's, which is now ``rig_s``.
 
-        The session's clock goes on with the rig's if that ran on, else a moment after the last frame.
-
-        Args:
-            rig_s: the rig's clock now [s].
-
-        Returns:
-            Difference of the session's clock from the rig's [s].
+        The session's clock goes on with the rig's if that ran on, else a moment after the last frame [s].
         """
         shift_s = -rig_s
         if np.isfinite(self.last_frame_s):
@@ -67,13 +61,9 @@ class Session:
     def press_row(
         self, number: int, target_m: FloatArray, moments: Moments, means: Mapping[str, float]
     ) -> dict[str, Any]:
-        """Return what the row of a press holds on every rig, by column.
+        """Return what the row of a press with a planned contact point (3,) [m] holds on every rig, by column.
 
-        Args:
-            number: number of the press.
-            target_m: planned contact point (3,) [m].
-            moments: starts of the parts of the press.
-            means: means over the steady part of the hold, by column; among them ``force_n``.
+        The means are those over the steady part of the hold, by column; among them ``force_n``.
         """
         planned, options = self.plan.presses[number], self.options
         tolerance_n = max(options.tolerance_n, options.tolerance_share * planned.force_n)
@@ -106,14 +96,14 @@ class Session:
         arrays = _named("press", row) | _named("frames", frames)
         self.journal.keep_press(number, arrays)
         self.todo.remove(number)
-        self._saw(arrays)
+        self._note_time(arrays)
 
     def keep_rest(self, frames: Mapping[str, Any], more: Mapping[str, Any] | None = None) -> None:
         """Store frames without contact, outside of presses, and more columns of them."""
         idle = self.phase_columns(np.full(len(frames["time_s"]), IDLE))
         arrays = _named("frames", {**frames, **idle, **(more or {})})
         self.journal.keep_rest(arrays)
-        self._saw(arrays)
+        self._note_time(arrays)
 
     def report(self, sample: Sample | StageSample, doing: str) -> None:
         """Tell the progress callback of a sample."""
@@ -122,7 +112,7 @@ class Session:
             planned = self.plan.presses[self.todo[0] if self.todo else -1]
             self._watch(Progress(done, total, planned, doing, sample))
 
-    def _saw(self, arrays: Arrays) -> None:
+    def _note_time(self, arrays: Arrays) -> None:
         if len(times := arrays["frames.time_s"]):
             self.last_frame_s = float(times[-1])
 

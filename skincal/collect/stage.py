@@ -15,7 +15,8 @@ from skincal.collect.session import Session
 from skincal.covariates import POSITION
 from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD
 from skincal.errors import InputError, Problem, WorkError, input_error
-from skincal.hand import GuardedStage, GuardOptions, StageDescription, StageDriver
+from skincal.hand import GuardedStage, GuardOptions, StageDescription, StageDriver, StageState
+from skincal.hand.loop import ControlLoop
 from skincal.model.arrays import FloatArray
 
 GAIN = 0.25
@@ -44,9 +45,8 @@ def stage_plan(plan: Plan, rig: StageDescription) -> Plan:
     for number, (press, point) in enumerate(zip(plan.presses, points, strict=True)):
         where = f"plan {plan.name}, press {number}"
         if not ((point[:2] >= rig.lower_m[:2]) & (point[:2] <= rig.upper_m[:2])).all():
-            problems.append(
-                Problem(where, "a site within the travel of the stage", f"{point[:2].tolist()} m")
-            )
+            got = f"{point[:2].tolist()} m"
+            problems.append(Problem(where, "a site within the travel of the stage", got))
         if press.force_n > 0.9 * rig.max_force_n:
             expected = f"a force of at most {0.9 * rig.max_force_n:g} N (the rig's max_force_n)"
             problems.append(Problem(where, expected, f"{press.force_n:g} N"))
@@ -69,106 +69,101 @@ def check_height(rig: StageDescription, clearance_m: float) -> None:
         raise input_error(f"stage {rig.name}", expected, f"{low:g} m to {high:g} m")
 
 
-class StageSession:
-    """Executor of the missing presses of a session."""
+def press_on_stage(session: Session, make_driver: MakeDriver, guard: GuardOptions | None) -> None:
+    """Make the missing presses of a session; errors are those of :func:`skincal.collect.collect`."""
+    if not session.todo:
+        return
+    driver = make_driver(session.need())
+    assert isinstance(driver, StageDriver)
+    with GuardedStage(driver, guard) as stage:
+        StagePresses(session, stage).run()
 
-    def __init__(self, session: Session, rig: StageDescription) -> None:
-        self._session, self._options = session, session.options
+
+class StagePresses(ControlLoop[GuardedStage, StageSample]):
+    """Executor of the missing presses of a session with a connected stage; commands are positions of the tip."""
+
+    def __init__(self, session: Session, stage: GuardedStage) -> None:
+        super().__init__(stage, session.report)
+        self._session, self._options, self._phase, self._tare_n = session, session.options, IDLE, 0.0
+        rig = stage.description
         self._points, _ = Mount.of(rig.meta).place(session.plan.sites_m())
+        first = stage.observe()
+        self._shift_s = session.connect(first.time_s)
+        self.command = np.clip(first.position_m, rig.lower_m, rig.upper_m)
 
-    def run(self, make_driver: MakeDriver, guard: GuardOptions | None) -> None:
-        """Make the presses; arguments and errors are those of :func:`skincal.collect.collect`."""
-        session = self._session
-        if not session.todo:
-            return
-        driver = make_driver(session.need())
-        assert isinstance(driver, StageDriver)
-        with GuardedStage(driver, guard) as stage:
-            self._stage, self._samples, self._tare_n = stage, list[StageSample](), 0.0
-            first = stage.observe()
-            self._shift_s = session.connect(first.time_s)
-            self._tip = np.clip(first.position_m, stage.description.lower_m, stage.description.upper_m)
-            self._go([*self._tip[:2], max(float(self._tip[2]), self._options.clearance_m)])
-            self._rest()
-            for number in list(session.todo):
-                self._press(number, session.plan.presses[number])
-            self._rest()
+    def run(self) -> None:
+        """Make the presses, and record the skin at rest before and after them."""
+        self._go([*self.command[:2], max(float(self.command[2]), self._options.clearance_m)])
+        self._rest()
+        for number in list(self._session.todo):
+            self._press(number, self._session.plan.presses[number])
+        self._rest()
 
     def _rest(self) -> None:
-        """Wait, and record the skin at rest."""
         self._wait(self._options.rest_s)
         self._session.keep_rest(self._frames())
 
-    def _see(self, phase: int) -> StageSample:
-        state = self._stage.observe()
-        force_n = state.force_n - self._tare_n
-        self._now = StageSample(state.time_s + self._shift_s, force_n, state, phase)
-        self._samples.append(self._now)
-        self._session.report(self._now, PHASES[phase])
-        return self._now
+    def _sample(self, state: StageState) -> StageSample:
+        return StageSample(state.time_s + self._shift_s, state.force_n - self._tare_n, state, self._phase)
 
-    def _step(self, tip: FloatArray | list[float], phase: int) -> StageSample:
-        # A state that came early leaves less time for a step than a period.
-        self._tip = self._stage.nearest(np.asarray(tip, dtype=np.float64))
-        self._stage.act(self._tip)
-        return self._see(phase)
+    def _move(self, tip: FloatArray | list[float], phase: int = IDLE) -> StageSample:
+        self._phase, self.doing = phase, PHASES[phase]
+        return self.step(np.asarray(tip, dtype=np.float64))
 
     def _wait(self, seconds: float) -> None:
-        for _ in range(max(1, round(seconds / self._stage.period_s))):
-            self._step(self._tip, IDLE)
+        for _ in range(self.steps(seconds)):
+            self._move(self.command)
 
     def _go(self, target: FloatArray | list[float]) -> None:
         """Move straight to a point, no faster than allowed."""
-        rig = self._stage.description
-        step = 0.9 * min(self._options.travel_m_per_s, rig.max_speed_m_per_s) * self._stage.period_s
+        rig = self.rig.description
+        step = 0.9 * min(self._options.travel_m_per_s, rig.max_speed_m_per_s) * self.period_s
         end = np.clip(target, rig.lower_m, rig.upper_m)
-        while (left := float(np.linalg.norm(end - self._tip))) > 0:
-            self._step(self._tip + (end - self._tip) * min(1.0, step / left), IDLE)
+        while (left := float(np.linalg.norm(end - self.command))) > 0:
+            self._move(self.command + (end - self.command) * min(1.0, step / left))
 
     def _press(self, number: int, planned: PlannedPress) -> None:
-        options, dt = self._options, self._stage.period_s
+        options, rig, dt = self._options, self.rig.description, self.period_s
         point, top = self._points[number], self._options.clearance_m
         self._tare_n = 0.0
         self._go([point[0], point[1], top])
-        begin = len(self._samples)
+        begin = len(self.samples)
         self._wait(max(options.still_s, 5 * dt))
-        self._tare_n = float(np.mean([sample.state.force_n for sample in self._samples[begin:]]))
+        self._tare_n = float(np.mean([sample.state.force_n for sample in self.samples[begin:]]))
         times = Moments()
-        slow = min(options.approach_m_per_s, 0.9 * self._stage.description.max_speed_m_per_s) * dt
-        lowest = max(-options.search_m, float(self._stage.description.lower_m[2]))
-        felt = 0
-        while felt < 2 and self._tip[2] - slow > lowest:
-            sample = self._step(self._tip - np.array([0.0, 0.0, slow]), LOAD)
-            felt = felt + 1 if sample.force_n > options.contact_n else 0
-        if felt >= 2:
-            found = float(self._tip[2])
-            times.start_s = self._now.time_s - options.before_s
-            self._regulate(found, planned, LOAD, options.reach_s + self._ramp_s(planned))
-            times.hold_s = self._now.time_s
-            self._regulate(found, planned, HOLD, planned.hold_s)
-            times.release_s = self._now.time_s
+        slow = min(options.approach_m_per_s, 0.9 * rig.max_speed_m_per_s) * dt
+        lowest = max(-options.search_m, float(rig.lower_m[2]))
+        touching = 0
+        while touching < 2 and self.command[2] - slow > lowest:
+            sample = self._move(self.command - np.array([0.0, 0.0, slow]), LOAD)
+            touching = touching + 1 if sample.force_n > options.contact_n else 0
+        if touching >= 2:
+            contact_m = float(self.command[2])
+            times.start_s = self.now.time_s - options.before_s
+            # The time to enter a soft skin at the planned speed, and half a second to come to rest.
+            ramp_s = options.search_m / planned.speed_m_per_s + 0.5
+            self._regulate(contact_m, planned, LOAD, options.reach_s + ramp_s)
+            times.hold_s = self.now.time_s
+            self._regulate(contact_m, planned, HOLD, planned.hold_s)
+            times.release_s = self.now.time_s
         up = planned.speed_m_per_s * dt
-        while self._tip[2] < top:
+        while self.command[2] < top:
             pressed = np.isfinite(times.release_s) and not np.isfinite(times.end_s)
             phase = UNLOAD if pressed else IDLE
-            sample = self._step(self._tip + np.array([0.0, 0.0, min(up, top - self._tip[2])]), phase)
+            sample = self._move(self.command + np.array([0.0, 0.0, min(up, top - self.command[2])]), phase)
             if pressed and sample.force_n < options.contact_n / 2:
                 times.end_s = sample.time_s
         self._wait(options.idle_s)
         self._keep(number, times)
 
-    def _ramp_s(self, planned: PlannedPress) -> float:
-        """Return the time to enter a soft skin at the planned speed, plus half a second to come to rest."""
-        return self._options.search_m / planned.speed_m_per_s + 0.5
-
-    def _regulate(self, found_m: float, planned: PlannedPress, phase: int, seconds: float) -> None:
+    def _regulate(self, contact_m: float, planned: PlannedPress, phase: int, seconds: float) -> None:
         """Move the tip until the force is right; during loading it stops there, during the hold it stays regulated."""
-        dt, lowest, target_n = self._stage.period_s, self._stage.description.lower_m[2], planned.force_n
+        dt, lowest, target_n = self.period_s, self.rig.description.lower_m[2], planned.force_n
         near = max(0.5 * self._options.tolerance_n, 0.5 * self._options.tolerance_share * target_n)
         right, blind_m = 0, BLIND_M + BLIND_S * planned.speed_m_per_s
-        most_n, there_m = -np.inf, found_m
-        for _ in range(max(1, round(seconds / dt))):
-            force, place_m = self._now.force_n, float(self._now.state.position_m[2])
+        most_n, there_m = -np.inf, contact_m
+        for _ in range(self.steps(seconds)):
+            force, place_m = self.now.force_n, float(self.now.state.position_m[2])
             if force > most_n + self._options.contact_n / 2:
                 most_n, there_m = force, place_m
             if phase == LOAD and there_m - place_m > blind_m:
@@ -177,19 +172,19 @@ class StageSession:
                     f"skin; it stayed at {force:.3g} N. Is the load cell connected?"
                 )
             # For a sphere on a foundation the force grows with the square of the depth: dF/dz = 2 F / z.
-            depth = max(found_m - float(self._tip[2]), 1e-5)
+            depth = max(contact_m - float(self.command[2]), 1e-5)
             stiffness = max(2 * force / depth, SOFTEST_N_PER_M)
             largest = planned.speed_m_per_s * dt
             step = np.clip(GAIN * (target_n - force) / stiffness, -largest, largest)
-            self._step([self._tip[0], self._tip[1], max(float(self._tip[2] - step), lowest)], phase)
-            right = right + 1 if abs(self._now.force_n - target_n) < near else 0
+            self._move([*self.command[:2], max(float(self.command[2] - step), lowest)], phase)
+            right = right + 1 if abs(self.now.force_n - target_n) < near else 0
             if phase == LOAD and right >= 5:
                 return
 
     def _frames(self) -> Arrays:
         """Return the samples since the last call, thinned to the rate of frames; forces as the load cell reads them."""
-        every = max(1, round(1 / (self._options.frame_rate_hz * self._stage.period_s)))
-        kept, self._samples = self._samples[::every], []
+        every = max(1, round(1 / (self._options.frame_rate_hz * self.period_s)))
+        kept = self.take()[::every]
         states = [sample.state for sample in kept]
         place = np.array([state.position_m for state in states], dtype=np.float64)
         return {
@@ -202,15 +197,16 @@ class StageSession:
 
     def _keep(self, number: int, times: Moments) -> None:
         begin_s = times.hold_s + self._options.settle_s
-        held = [one.state for one in self._samples if one.phase == HOLD and one.time_s >= begin_s]
-        held = held or [self._now.state]
+        held = [one.state for one in self.samples if one.phase == HOLD and one.time_s >= begin_s]
+        held = held or [self.now.state]
         force = float(np.mean([state.force_n for state in held])) - self._tare_n
         place: FloatArray = np.mean(np.array([state.position_m for state in held], dtype=np.float64), axis=0)
         means = {"force_n": force, "x_m": float(place[0]), "y_m": float(place[1]), "z_m": 0.0}
         row = self._session.press_row(number, self._points[number], times, means)
         del row["pose"]  # of a hand
-        found = bool(np.isfinite(times.start_s))
-        row["status"] = "no_contact" if not found else "missed_target" if row["missed_target"] else "ok"
+        row["status"] = "missed_target" if row["missed_target"] else "ok"
+        if not np.isfinite(times.start_s):
+            row["status"] = "no_contact"
         row["force_rest_n"] = self._tare_n
         row["counts"] = np.mean(np.array([state.taxels for state in held], dtype=np.float64), axis=0)
         frames = self._frames()

@@ -78,15 +78,13 @@ def way_through_joints(
     Raises:
         WorkError: both paths lead through the finger.
     """
-    ways = [np.stack([start_rad, end_rad])]
     indenter = fingers.kinematics.indenter.columns
     first = start_rad.copy()
     first[indenter] = fingers.kinematics.description.home_rad[indenter]
     last = end_rad.copy()
     last[indenter] = first[indenter]
-    ways += [np.stack([start_rad, first, end_rad]), np.stack([start_rad, last, end_rad]),
-             np.stack([start_rad, first, last, end_rad])]  # fmt: skip
-    for way in ways:
+    for between in ([], [first], [last], [first, last]):
+        way = np.stack([start_rad, *between, end_rad])
         dense = _spaced(way, np.linspace(0, len(way) - 1, CHECKED))
         if _least_height(fingers, dense, radius_m) >= least_m:
             return way
@@ -98,10 +96,9 @@ def way_through_joints(
 
 
 def _least_height(fingers: Fingers, links_rad: FloatArray, radius_m: float) -> float:
-    found = contact_from_joints(
-        fingers.kinematics, links_rad, np.zeros_like(links_rad), indenter_radius_m=radius_m
-    )
-    return float(found.gap_m.min())
+    torques = np.zeros_like(links_rad)
+    contact = contact_from_joints(fingers.kinematics, links_rad, torques, indenter_radius_m=radius_m)
+    return float(contact.gap_m.min())
 
 
 def follow(
@@ -134,10 +131,8 @@ def paces_s(plan: Plan, fingers: Fingers, options: CollectOptions) -> Iterator[t
     Changes of the pose are left out.
     """
     first, before = plan.presses[0], plan.presses[0]
-    stiffness: dict[str, float] = {}
-    for name, angles in plan.poses.items():
-        posture = fingers.posture(first.site, angles, options)
-        stiffness[name] = posture.stiffness_n_per_m
+    postures = {name: fingers.posture(first.site, angles, options) for name, angles in plan.poses.items()}
+    stiffness = {name: posture.stiffness_n_per_m for name, posture in postures.items()}
     fast = FAST * options.approach_m_per_s
     for press in plan.presses:
         slow = min(options.approach_m_per_s, options.touch_n_per_s / stiffness[press.pose])

@@ -31,13 +31,9 @@ _PRIOR_M = 2e-3
 
 
 def estimate_positions(record: Record, estimator: Estimator, pinch: Pinch, width_m: float) -> FloatArray:
-    """Estimate the object's position (T, 2) at every state of a run, in patch coordinates [m]; NaN without contact.
+    """Estimate the position (T, 2) of an object of a width [m] at every state, in patch coordinates [m].
 
-    Args:
-        record: record of the run.
-        estimator: position estimator for the hand's taxels.
-        pinch: the hand; the sensor is assumed at the pose of the hand's description.
-        width_m: width of the object [m].
+    It is NaN without contact. The sensor is assumed at the pose of the hand's description.
     """
     in_contact = record.centroids_m.sum(axis=1) >= _LEAST_COUNTS
     places = np.full((len(in_contact), 2), np.nan)
@@ -45,16 +41,16 @@ def estimate_positions(record: Record, estimator: Estimator, pinch: Pinch, width
         return places
     every_s = np.array([state.time_s for state in record.states])
     time_s = every_s[in_contact]
-    seen = estimator(_moving_mean(record.images_counts[in_contact], time_s, IMAGE_S))
+    by_image = estimator(_moving_mean(record.images_counts[in_contact], time_s, IMAGE_S))
     commanded = _commanded_path(record, pinch, width_m)
     rolled = _moving_mean(commanded, every_s, COMMAND_S, after_s=0.0)[in_contact]
     # Regress image movements on commanded movements: the gain of this run, with a ridge prior.
-    smooth = _moving_mean(seen, time_s, SMOOTH_S / 4)
+    smooth = _moving_mean(by_image, time_s, SMOOTH_S / 4)
     x, y = (path - _moving_mean(path, time_s, 2 * SMOOTH_S) for path in (rolled, smooth))
     weight = len(x) * _PRIOR_M**2 * np.eye(2)
     gain = np.linalg.solve(x.T @ x + weight, x.T @ y + _FOLLOWED * weight)
     path = rolled @ gain
-    places[in_contact] = path + _moving_mean(seen - path, time_s, SMOOTH_S)
+    places[in_contact] = path + _moving_mean(by_image - path, time_s, SMOOTH_S)
     return places
 
 
@@ -95,7 +91,6 @@ def _moving_mean(
 
 def estimate_error_m(record: Record, places_m: FloatArray) -> float | None:
     """Return the median error of estimated positions (T, 2) while the policy acted [m]; None without true positions."""
-    acting = np.array([phase == "acting" for phase in record.phases])
-    apart = np.linalg.norm(places_m - record.places_m, axis=1)[acting]
+    apart = np.linalg.norm(places_m - record.places_m, axis=1)[record.is_acting]
     apart = apart[np.isfinite(apart)]
     return float(np.median(apart)) if apart.size else None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from skincal.deploy.motion import DeployOptions, Motion
@@ -10,6 +12,7 @@ from skincal.envs.postures import Postures
 from skincal.errors import WorkError
 from skincal.hand.driver import HandState
 from skincal.model.arrays import FloatArray, as_floats
+from skincal.robot import HandDescription
 
 _TOUCHED = 3
 """Number of successive states with contact that confirm it: a single one may be noise."""
@@ -65,29 +68,16 @@ def _force(jacobian: FloatArray, torque_nm: FloatArray) -> FloatArray:
     return as_floats(np.linalg.solve(square + 1e-12 * np.eye(3), jacobian @ torque_nm))
 
 
+@dataclass(frozen=True, eq=False)
 class Handover:
-    """Motions that take an object from a person and release it.
+    """Motions that take an object of a width from a person and release it."""
 
-    Args:
-        motion: the hand.
-        pinch: the pinch grasp of the hand.
-        postures: joint angles over the distance of the fingertips.
-        forces: estimator of the fingers' forces.
-        width_m: width of the object [m].
-        options: speeds and forces.
-    """
-
-    def __init__(
-        self,
-        motion: Motion,
-        pinch: Pinch,
-        postures: Postures,
-        forces: PinchForces,
-        width_m: float,
-        options: DeployOptions,
-    ) -> None:
-        self._motion, self._description, self._postures = motion, pinch.description, postures
-        self._forces, self._width_m, self._options = forces, width_m, options
+    motion: Motion
+    description: HandDescription
+    postures: Postures
+    forces: PinchForces
+    width_m: float
+    options: DeployOptions
 
     def take(self) -> FloatArray:
         """Open the fingers, close them on an object until both touch it, and squeeze.
@@ -98,9 +88,9 @@ class Handover:
         Raises:
             WorkError: the fingers closed without touching an object.
         """
-        motion = self._motion
-        states = motion.hold(self._open("opening"), self._options.rest_s)
-        self._forces.tare_nm = np.mean([state.tau_nm for state in states], axis=0)
+        motion = self.motion
+        states = motion.hold(self._open("opening"), self.options.rest_s)
+        self.forces.tare_nm = np.mean([state.tau_nm for state in states], axis=0)
         motion.rest_counts = np.mean([state.taxels for state in states], axis=0)
         motion.doing = "closing"
         command = self._close()
@@ -113,9 +103,9 @@ class Handover:
 
     def _open(self, doing: str) -> FloatArray:
         """Open the fingers; return their commanded angles (n,) [rad]."""
-        self._motion.doing = doing
-        goal = self._postures.at(self._width_m + self._options.open_m)
-        self._motion.go(goal, self._options.approach_rad_per_s)
+        self.motion.doing = doing
+        goal = self.postures.at(self.width_m + self.options.open_m)
+        self.motion.go(goal, self.options.approach_rad_per_s)
         return goal
 
     def _close(self) -> FloatArray:
@@ -124,12 +114,12 @@ class Handover:
         Returns:
             (n,) commanded angles at contact [rad].
         """
-        motion, options, width_m = self._motion, self._options, self._width_m
-        thumb = np.isin(self._description.joints, self._description.indenter_finger.joints)
+        motion, options, width_m = self.motion, self.options, self.width_m
+        thumb = np.isin(self.description.joints, self.description.indenter_finger.joints)
         widths = np.full(2, width_m + options.open_m)
-        command, touched = self._postures.at(widths[0]), 0
+        command, touched = self.postures.at(widths[0]), 0
         while touched < _TOUCHED:
-            free = np.array(self._forces.normal_n(motion.now)) < options.contact_n
+            free = np.array(self.forces.normal_n(motion.now)) < options.contact_n
             widths -= free * options.closing_m_per_s * motion.period_s
             # Fingers without an object meet at a width of zero; joint errors can shift this by a few millimetres.
             if widths.mean() < width_m / 3:
@@ -138,7 +128,7 @@ class Handover:
                     "they closed, and not both of them pressed. Put it on the middle of the sensor before the fingers "
                     "close."
                 )
-            command = np.where(thumb, self._postures.at(widths[1]), self._postures.at(widths[0]))
+            command = np.where(thumb, self.postures.at(widths[1]), self.postures.at(widths[0]))
             motion.step(command)
             touched = 0 if free.any() else touched + 1
         return command
@@ -149,12 +139,12 @@ class Handover:
         Returns:
             (n,) commanded angles that hold the object [rad].
         """
-        motion, options = self._motion, self._options
+        motion, options = self.motion, self.options
         # Average some states: noise in a single one would act as a torque that pushes the object aside.
         still = motion.hold(command_rad, options.squeeze_s)
         measured = np.mean([state.q_rad for state in still], axis=0)
-        torque = self._forces.torques_nm(still[-1], options.squeeze_n) + self._forces.tare_nm
-        goal = measured + torque / self._description.gains.stiffness_nm_per_rad
+        torque = self.forces.torques_nm(still[-1], options.squeeze_n) + self.forces.tare_nm
+        goal = measured + torque / self.description.gains.stiffness_nm_per_rad
         count = motion.steps(options.squeeze_s)
         for k in range(1, count + 1):
             motion.step(command_rad + (goal - command_rad) * k / count)

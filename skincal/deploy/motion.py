@@ -50,7 +50,7 @@ Watch = Callable[[HandState, str], None]
 """Callback for every state, with the name of the present phase."""
 
 
-class Motion(ControlLoop[HandState]):
+class Motion(ControlLoop[GuardedHand, HandState]):
     """Control loop that stores all states.
 
     Attributes:
@@ -68,7 +68,7 @@ class Motion(ControlLoop[HandState]):
         self.rest_counts: FloatArray = np.zeros(0)
 
     def _sample(self, state: HandState) -> HandState:
-        self.places_m.append(self.hand.object_position_m())
+        self.places_m.append(self.rig.object_position_m())
         self.phases.append(self.doing)
         return state
 

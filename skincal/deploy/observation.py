@@ -38,7 +38,7 @@ class PolicyObservation:
         self._past: deque[dict[str, NDArray[np.float64]]] = deque(maxlen=1 + max(a for _, a in self._order))
 
     @property
-    def sees_image(self) -> bool:
+    def has_image(self) -> bool:
         """True if the policy observes the tactile image."""
         return any(name == "image" for name, _ in self._order)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from skincal.hand.driver import HandDriver
 from skincal.hand.guard import GuardedHand
 from skincal.hand.guard_options import GuardOptions
 from skincal.model.arrays import FloatArray
+from skincal.robot import JointLimits
 from skincal.train.policy_file import Policy
 
 
@@ -99,7 +100,7 @@ def deploy(
     joints, taxels = pinch.joints, pinch.description.meta.sensor.taxels
     sizes = {"image": taxels, "target": targets.shape[1], "movement": targets.shape[1]}
     sizes |= dict.fromkeys(("desired", "measured", "error"), joints)
-    seen = PolicyObservation(policy.description.observation, sizes, policy.file)
+    observation = PolicyObservation(policy.description.observation, sizes, policy.file)
     if policy.description.actions != joints:
         expected = f"a policy that moves {joints} joints, as the hand has"
         raise input_error(policy.file, expected, f"one for {policy.description.actions}")
@@ -109,11 +110,12 @@ def deploy(
         with GuardedHand(driver, guard, clock=clock, contact_force=forces.largest_n) as hand:
             motion = Motion(hand, watch)
             state = motion.look()
-            if seen.sees_image and not np.isfinite(state.taxels).any():
+            if observation.has_image and not np.isfinite(state.taxels).any():
                 raise input_error(f"driver {hand.name}", f"{taxels} taxels, for a tactile policy", "none")
-            handover = Handover(motion, pinch, postures, forces, object_width_m, options)
+            handover = Handover(motion, pinch.description, postures, forces, object_width_m, options)
             command = handover.take()
-            loop = _PolicyLoop(policy, seen, motion, pinch, forces, targets, speed_rad_per_s, options)
+            step_rad, limits = speed_rad_per_s / POLICY_HZ, pinch.description.limits
+            loop = _PolicyLoop(policy, observation, motion, forces, targets, limits, step_rad, options)
             loop.run(command)
             if loop.lost_s is None:
                 handover.let_go()
@@ -124,6 +126,7 @@ def deploy(
     return loop.result()
 
 
+@dataclass(eq=False)
 class _PolicyLoop:
     """The policy's 10 Hz loop within the hand's faster control loop.
 
@@ -131,100 +134,94 @@ class _PolicyLoop:
     to its last command. Between steps, the commanded angles follow the policy's through a first-order low-pass.
     """
 
-    def __init__(
-        self,
-        policy: Policy,
-        seen: PolicyObservation,
-        motion: Motion,
-        pinch: Pinch,
-        forces: PinchForces,
-        targets: FloatArray,
-        speed_rad_per_s: float,
-        options: DeployOptions,
-    ) -> None:
-        self._forces = forces
-        self._policy, self._seen, self._motion, self._targets = policy, seen, motion, targets
-        self._step_rad, self._options = speed_rad_per_s / POLICY_HZ, options
-        self._limits = pinch.description.limits
-        self.lost_s: float | None = None
-        self._first, self._missed = 0, 0
-        self._errors: list[float] = []
-        self._begun: list[float] = []
-        self._own: list[float] = []
-        self._inference: list[float] = []
+    policy: Policy
+    observation: PolicyObservation
+    motion: Motion
+    forces: PinchForces
+    targets: FloatArray
+    limits: JointLimits
+    step_rad: float
+    options: DeployOptions
+    lost_s: float | None = None
+    first: int = 0
+    missed: int = 0
+    errors: list[float] = field(default_factory=list[float])
+    begun_s: list[float] = field(default_factory=list[float])
+    own_s: list[float] = field(default_factory=list[float])
+    inference_s: list[float] = field(default_factory=list[float])
 
     def run(self, command_rad: FloatArray) -> None:
         """Act until the end of the targets, or until the object is lost."""
-        motion = self._motion
+        motion, limits = self.motion, self.limits
         motion.doing = "acting"
         desired, sent = command_rad.copy(), command_rad.copy()
-        start_s, self._first = motion.now.time_s, len(motion.samples) - 1
+        start_s, self.first = motion.now.time_s, len(motion.samples) - 1
         empty_s, sent_s, k = 0.0, start_s - motion.period_s, 0
-        while k < len(self._targets) - 1:
-            wanted = desired + self._step_rad * self._action(k, desired)
-            desired = np.clip(wanted, self._limits.lower_rad, self._limits.upper_rad)
+        while k < len(self.targets) - 1:
+            wanted = desired + self.step_rad * self._action(k, desired)
+            desired = np.clip(wanted, limits.lower_rad, limits.upper_rad)
             end_s = start_s + (k + 1) / POLICY_HZ
             while motion.now.time_s < end_s - 0.5 * motion.period_s:
                 # Use the measured time step: with a slow link it exceeds the period.
                 passed_s, sent_s = motion.now.time_s - sent_s, motion.now.time_s
-                fraction = -math.expm1(-2 * math.pi * self._options.low_pass_hz * passed_s)
+                fraction = -math.expm1(-2 * math.pi * self.options.low_pass_hz * passed_s)
                 sent = sent + fraction * (desired - sent)
                 motion.step(sent)
                 empty_s = 0.0 if self._is_held() else empty_s + motion.now.time_s - sent_s
             late_s = motion.now.time_s - end_s
-            if late_s > self._options.late_s:
+            if late_s > self.options.late_s:
                 raise WorkError(
                     f"policy loop: expected step {k + 1} at {end_s:.3f} s of the hand's clock; got to it at "
                     f"{motion.now.time_s:.3f} s. The hand was stopped. Is the link to the hand too slow?"
                 )
-            missed = min(int(max(late_s, 0.0) * POLICY_HZ), len(self._targets) - 2 - k)
-            self._errors += [math.nan] * missed
-            self._missed += missed
+            missed = min(int(max(late_s, 0.0) * POLICY_HZ), len(self.targets) - 2 - k)
+            self.errors += [math.nan] * missed
+            self.missed += missed
             k += 1 + missed
-            self._errors.append(self._error(k))
-            if empty_s >= self._options.lost_s:
+            self.errors.append(self._error(k))
+            if empty_s >= self.options.lost_s:
                 self.lost_s = motion.now.time_s - start_s - empty_s
                 break
 
     @property
     def acting(self) -> bool:
         """True if the policy has acted."""
-        return "acting" in self._motion.phases
+        return "acting" in self.motion.phases
 
     def result(self) -> Deployed:
         """Return the result of the run so far."""
         return Deployed(
-            Record.of(self._motion, self._first, self._forces), self._targets, len(self._errors),
-            self._missed, self.lost_s, np.array(self._errors), np.diff(self._begun), np.diff(self._own),
-            np.array(self._inference),
+            Record.of(self.motion, self.first, self.forces), self.targets, len(self.errors),
+            self.missed, self.lost_s, np.array(self.errors), np.diff(self.begun_s), np.diff(self.own_s),
+            np.array(self.inference_s),
         )  # fmt: skip
 
     def _action(self, k: int, desired_rad: FloatArray) -> FloatArray:
         """Return the policy's action (n,) at step k, within ±1."""
-        state, target = self._motion.now, self._targets[k]
-        self._begun.append(state.time_s)
-        self._own.append(time.monotonic())
-        observation = self._seen.next(
+        state, target = self.motion.now, self.targets[k]
+        self.begun_s.append(state.time_s)
+        self.own_s.append(time.monotonic())
+        values = self.observation.next(
             {
                 "image": state.taxels,
                 "desired": desired_rad,
                 "measured": state.q_rad,
                 "error": desired_rad - state.q_rad,
                 "target": target,
-                "movement": target - self._targets[max(k - 1, 0)],
+                "movement": target - self.targets[max(k - 1, 0)],
             }
         )
-        action = np.asarray(self._policy(observation), dtype=np.float64)
-        self._inference.append(time.monotonic() - self._own[-1])
+        action = np.asarray(self.policy(values), dtype=np.float64)
+        self.inference_s.append(time.monotonic() - self.own_s[-1])
         if not np.isfinite(action).all():
-            raise WorkError(f"{self._policy.file}: expected finite actions; got NaN at step {k}")
+            raise WorkError(f"{self.policy.file}: expected finite actions; got NaN at step {k}")
         return np.clip(action, -1.0, 1.0)
 
     def _is_held(self) -> bool:
         """Return whether a finger still exerts a force."""
-        return max(self._forces.normal_n(self._motion.now)) > self._options.contact_n / 2
+        return max(self.forces.normal_n(self.motion.now)) > self.options.contact_n / 2
 
     def _error(self, k: int) -> float:
         """Return the distance of a marble from its target at step k [m]; NaN for a bolt or an unknown position."""
-        target, place = self._targets[k], self._motion.places_m[-1]
+        target, place = self.targets[k], self.motion.places_m[-1]
         return float(np.linalg.norm(place - target)) if len(target) == 2 else float("nan")

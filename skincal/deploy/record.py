@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skincal.dataset import HOLD, IDLE, Dataset, Frames, IndenterSpec, Presses, write_dataset
 from skincal.dataset.model_objects import layout_of, pose_of, surface_of
@@ -53,6 +54,11 @@ class Record:
         )  # fmt: skip
 
     @property
+    def is_acting(self) -> NDArray[np.bool_]:
+        """(T,) True while the policy acts."""
+        return np.array([phase == "acting" for phase in self.phases])
+
+    @property
     def images_counts(self) -> FloatArray:
         """(T, J) images above rest [counts]; a taxel without a reading is 0."""
         return np.nan_to_num(np.array([state.taxels for state in self.states]) - self.rest_counts)
@@ -66,17 +72,10 @@ class Record:
 def write_record(
     record: Record, description: HandDescription, path: Path, *, radius_m: float, source: str
 ) -> None:
-    """Write a run as a dataset with one press, which lasts while the policy acts.
+    """Write a run with an object of a radius [m] as a dataset with one press, which lasts while the policy acts.
 
     Contact points are the centroids of the images at the sensor's nominal pose, and are listed as assumed. Forces come
     from the joint torques.
-
-    Args:
-        record: record of the run.
-        description: the hand.
-        path: folder to create.
-        radius_m: radius of the object [m].
-        source: text for ``source`` in ``dataset.toml``.
     """
     meta = replace(
         description.meta,
@@ -90,8 +89,7 @@ def write_record(
 
 
 def _tables(record: Record, description: HandDescription) -> tuple[Presses, Frames]:
-    states = record.states
-    acting = np.array([phase == "acting" for phase in record.phases])
+    states, acting = record.states, record.is_acting
     counts = np.array([state.taxels for state in states])
     points = _points(record, description)
     columns = joint_columns(states, tuple(JOINT_FIELDS))

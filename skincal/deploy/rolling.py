@@ -22,12 +22,7 @@ from skincal.train.settings import part_seed
 
 
 def recorded_sensitivity(folder: Path, run: RunFile) -> Sensitivity:
-    """Return the sensitivity of the skin in the recorded run of a folder.
-
-    Raises:
-        InputError: the session has no frames, or frames with another number of taxels.
-        WorkError: the run has too few images under force.
-    """
+    """Return the sensitivity of the skin in the recorded run of a folder."""
     frames = read_dataset(folder / SESSION).frames
     if frames is None:
         raise input_error(str(folder / SESSION), "frames of the run", "none")
@@ -41,21 +36,16 @@ def recorded_sensitivity(folder: Path, run: RunFile) -> Sensitivity:
 def simulated_sensitivities(
     calibration: Calibration, run: RunFile, hands: int, seed: int, progress: Callable[[str, int, int], None]
 ) -> list[Sensitivity]:
-    """Repeat a run on hands drawn from a calibration; return the sensitivity of those that hold the object.
+    """Repeat a run on hands drawn from a calibration before wear; return the sensitivity of those that hold the object.
 
-    Args:
-        calibration: calibration of the hand before wear.
-        run: the run to repeat.
-        hands: number of hands.
-        seed: seed of the hands.
-        progress: callback (stage, done, total).
+    The arguments of ``progress`` are the stage, and how many hands of how many are done.
     """
     ranges = from_calibration(calibration, joint=calibration.draws is not None)
     policy, pinch, options = read_policy(policy_path(run.policy)), read_pinch(None), run.asked
     targets = targets_of(
         run.task, options.trajectory, options.write, options.frequency_hz, options.duration_s
     )
-    found: list[Sensitivity] = []
+    sensitivities: list[Sensitivity] = []
     for number in range(hands):
         progress("simulated hands", number, hands)
         hand = ReferenceHand(
@@ -72,7 +62,6 @@ def simulated_sensitivities(
         except WorkError:
             continue  # The guard stopped the hand: the run is not comparable.
         if done.lost_s is None:
-            record = done.record
-            acting = np.array([phase == "acting" for phase in record.phases])
-            found.append(measure_sensitivity(record.centroids_m[acting], record.grip_n[acting]))
-    return found
+            record, acting = done.record, done.record.is_acting
+            sensitivities.append(measure_sensitivity(record.centroids_m[acting], record.grip_n[acting]))
+    return sensitivities

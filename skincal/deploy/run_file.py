@@ -71,40 +71,36 @@ class RunFile(Table, unknown="keep"):
 
 
 def read_run_file(folder: Path) -> RunFile:
-    """Read ``deploy.json`` of a run's folder.
-
-    Raises:
-        InputError: the file is not an output of `deploy`, or the trajectory lies outside the working folder.
-    """
+    """Read ``deploy.json`` of a run's folder; its trajectory must lie in the working folder."""
     file, findings = folder / MARKER, Findings()
     expected = "the output of `skincal deploy` of this version or a later one"
     try:
         content = parse_json(read_text(file, within=folder))
         if not isinstance(content, dict):
             raise input_error(str(file), expected, type(content).__name__)
-        found = read_table(RunFile, cast("dict[str, Any]", content), findings, str(file))
+        run = read_table(RunFile, cast("dict[str, Any]", content), findings, str(file))
         findings.raise_errors()
-        if found.asked.trajectory not in ("circle", "still"):
-            check_input(found.asked.trajectory, within=Path.cwd())
+        if run.asked.trajectory not in ("circle", "still"):
+            check_input(run.asked.trajectory, within=Path.cwd())
     except (OSError, ValueError) as error:
         got = reason(error) if isinstance(error, OSError) else quoted(error)
         raise input_error(str(file), expected, got) from error
-    return found
+    return run
 
 
-def results(found: Deployed) -> dict[str, Any]:
+def results(run: Deployed) -> dict[str, Any]:
     """Return the results of a run for ``deploy.json``: steps, loss of the object, errors [m], times [s], force [N]."""
-    error, record = found.error_m[np.isfinite(found.error_m)], found.record
+    error, record = run.error_m[np.isfinite(run.error_m)], run.record
     return {
-        "steps": found.steps,
-        "missed_steps": found.missed,
-        "held": found.lost_s is None,
-        "lost_s": found.lost_s,
+        "steps": run.steps,
+        "missed_steps": run.missed,
+        "held": run.lost_s is None,
+        "lost_s": run.lost_s,
         "error_m": float(error.mean()) if error.size else None,
         "error_settled_m": float(error[20:].mean()) if error.size > 20 else None,
         "force_n": float(record.grip_n[record.acting :].mean()),
-        "period_s": float(found.period_s.mean()) if found.period_s.size else None,
-        "jitter_s": found.jitter_s,
-        "inference_s": float(found.inference_s.mean()),
+        "period_s": float(run.period_s.mean()) if run.period_s.size else None,
+        "jitter_s": run.jitter_s,
+        "inference_s": float(run.inference_s.mean()),
         "rest_counts": record.rest_counts,
     }

@@ -22,11 +22,7 @@ from skincal.train.scores import Runs
 
 
 def check_trial(trial: Trial) -> None:
-    """Check that a trial can run on reference hands.
-
-    Raises:
-        InputError: the task is not the marble, or the trial sets options that a reference hand does not have.
-    """
+    """Refuse a trial of another task than the marble, or with options that reference hands do not have."""
     problems: list[Problem] = []
     if trial.task is not Task.marble:
         fix = "skincal deploy bolt POLICY --driver reference"
@@ -34,11 +30,11 @@ def check_trial(trial: Trial) -> None:
     if isinstance(trial.trajectory, str) and trial.trajectory == "random":
         problems.append(Problem("--trajectory", "circle, still, or a file, with --on reference", "random"))
     if trial.values or trial.environment:
-        given = ", ".join([*trial.values, *trial.environment])
-        problems.append(Problem("--set, --environment", "nothing, with --on reference", given))
+        got = ", ".join([*trial.values, *trial.environment])
+        problems.append(Problem("--set, --environment", "nothing, with --on reference", got))
     if trial.randomize is not None and tuple(trial.randomize) != JOINT_OFFSETS:
-        given = ", ".join(trial.randomize) or "none"
-        problems.append(Problem("--randomize", "nothing: --on reference draws everything", given))
+        got = ", ".join(trial.randomize) or "none"
+        problems.append(Problem("--randomize", "nothing: --on reference draws everything", got))
     if problems:
         raise InputError(problems)
 
@@ -66,14 +62,8 @@ def reference_runs(
 ) -> Runs:
     """Run a policy for the marble on reference hands, one run per hand.
 
-    All parameters but the object's radius are drawn. A run that a fault stops counts as a drop.
-
-    Args:
-        policy: the policy.
-        trial: episodes, steps, trajectory and seeds.
-        ranges: ranges of the hands' parameters.
-        engine: physics engine.
-        progress: callback with the number of finished runs.
+    All parameters but the object's radius are drawn. A run that a fault stops counts as a drop. ``progress`` is called
+    with the number of finished runs.
     """
     check_trial(trial)
     pinch = read_pinch(None)
@@ -83,25 +73,24 @@ def reference_runs(
     runs.target_m[:], runs.rewards[:] = targets[1:], np.nan
     for number in range(trial.episodes):
         hand = ReferenceHand(seed=trial.episode_seed(number), ranges=ranges, engine=engine)
+        width = hand.object_width_m
         try:
-            found = deploy(
-                policy, hand, pinch, targets, object_width_m=hand.object_width_m, speed_rad_per_s=speed
-            )
+            run = deploy(policy, hand, pinch, targets, object_width_m=width, speed_rad_per_s=speed)
         except WorkError:
             runs.dropped[number] = True
         else:
-            runs.error_m[number, : found.steps] = found.error_m
-            runs.object_m[number, : found.steps] = _places(found)
-            runs.dropped[number] = found.lost_s is not None
+            runs.error_m[number, : run.steps] = run.error_m
+            runs.object_m[number, : run.steps] = _places(run)
+            runs.dropped[number] = run.lost_s is not None
         progress(number + 1)
     return runs
 
 
-def _places(found: Deployed) -> FloatArray:
+def _places(run: Deployed) -> FloatArray:
     """Return the object's position at the end of each step of the policy (steps, 2) [m]."""
-    record = found.record
+    record = run.record
     time_s = [state.time_s for state in record.states]
     start_s = time_s[record.acting]
-    ends = (start_s + (k + 1) / POLICY_HZ for k in range(found.steps))
+    ends = (start_s + (k + 1) / POLICY_HZ for k in range(run.steps))
     rows = [min(bisect_left(time_s, end - 1e-6), len(time_s) - 1) for end in ends]
     return record.places_m[rows]

@@ -70,14 +70,9 @@ class Wear:
 
 
 def measure_sensitivity(images_counts: FloatArray, force_n: FloatArray) -> Sensitivity:
-    """Return the sensitivity of the skin in a run.
+    """Return the sensitivity of the skin from images above rest (T, J) [counts] and normal forces (T,) [N].
 
-    Args:
-        images_counts: (T, J) images above rest [counts]; negative values and NaN count as 0.
-        force_n: (T,) normal forces [N].
-
-    Raises:
-        WorkError: there are too few images under force.
+    Negative counts and NaN count as 0. Raise a ``WorkError`` if there are too few images under force.
     """
     counts = np.maximum(np.nan_to_num(images_counts), 0.0)
     pressed = np.nan_to_num(force_n) >= _LEAST_N
@@ -95,11 +90,7 @@ def measure_sensitivity(images_counts: FloatArray, force_n: FloatArray) -> Sensi
 
 
 def estimate_wear(hand: Sensitivity, simulated: Sequence[Sensitivity]) -> Wear:
-    """Estimate the wear of a hand by comparison with n simulated ones.
-
-    Raises:
-        WorkError: there are fewer than three simulated hands.
-    """
+    """Estimate the wear of a hand by comparison with n simulated ones, at least three."""
     count = len(simulated)
     if count < 3:
         raise WorkError(

@@ -17,8 +17,10 @@ _LACKING = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)
 
 
 @contextmanager
-def alone(file: Path, place: Path, *, create: bool = False) -> Generator[None]:
-    """Exclude other processes while a block runs; do nothing on a file system without locks.
+def alone(file: Path, place: Path, *, create: bool = False) -> Generator[int]:
+    """Exclude other processes while a block runs, and yield the lock's descriptor.
+
+    On a file system without locks nobody is excluded.
 
     Args:
         file: the file to lock.
@@ -36,7 +38,7 @@ def alone(file: Path, place: Path, *, create: bool = False) -> Generator[None]:
         if descriptor is None:
             expected, fix = "no other process at work", "Wait for it, or stop it."
             raise input_error(str(place), expected, "another process at work", fix)
-        yield
+        yield descriptor
     finally:
         with held_back():
             if descriptor is not None:

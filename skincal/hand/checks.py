@@ -7,7 +7,7 @@ fault determined.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -81,10 +81,7 @@ class StateCheck:
                 if type(value) is not np.ndarray or value.shape != shape or value.dtype != np.float64:
                     text = f"state, {name}: expected an array of float64 of shape {shape}; got {shown(value)}"
                     raise HandError(text, "state")
-        for name in NUMBERS:
-            value = getattr(state, name)
-            if not is_number(value):
-                raise HandError(f"state, {name}: expected a number; got {shown(value)}", "state")
+        check_numbers(state, NUMBERS)
         low_c, high_c = TEMPERATURES_C
         if not (math.isnan(state.temperature_c) or low_c <= state.temperature_c <= high_c):
             expected = f"{low_c:g} to {high_c:g} degrees Celsius, or NaN if not measured"
@@ -122,6 +119,14 @@ class StateCheck:
         if not (math.isfinite(force_n) and abs(force_n) <= limit_n):
             text = f"contact force is {force_n:.3g} N, above the limit of {limit_n:.3g} N"
             raise HandError(text, "force", value=force_n, limit=limit_n)
+
+
+def check_numbers(state: object, names: Iterable[str]) -> None:
+    """Check that fields of a state are single numbers."""
+    for name in names:
+        value = getattr(state, name)
+        if not is_number(value):
+            raise HandError(f"state, {name}: expected a number; got {shown(value)}", "state")
 
 
 class TaxelCheck:

@@ -32,13 +32,11 @@ LONGEST_END_S = 3.0
 class Session:
     """Executor of one client's requests, in a separate thread, so that a stop gets through at any time.
 
-    Args:
-        contact_force: computes the contact force; None: not checked.
-        wire: socket to the server's loop, on which the session's thread sends replies, each after its client's name.
+    The thread sends replies, each after its client's name, on the socket ``wire`` to the server's loop.
 
     Attributes:
-        over: whether the hand has been given back.
-        trouble: failure of the last stop, which the client may not be there to hear of.
+        over: whether the hand has been released.
+        trouble: failure of the last stop, which the client may not be there to receive.
     """
 
     def __init__(
@@ -56,18 +54,18 @@ class Session:
         self._hand = GuardedHand(driver, options.guard_options, contact_force)
         self._wire = wire
         self._connected = False
-        self._given_back = False
+        self._released = False
         self._requests: SimpleQueue[Message | None] = SimpleQueue()
         self._lock = Lock()
         self._number = 0
-        self._heard_s = time.monotonic()
+        self._request_s = time.monotonic()
         self._client = b""
         self._last: Message | None = None
         self._observed = (0, 0.0)
         self._thread = Thread(target=self._work, name=f"session {driver.name}", daemon=True)
         self._thread.start()
 
-    def takes(self, message: Message) -> bool:
+    def accepts(self, message: Message) -> bool:
         """Return whether a request is answered: a finished session answers only its last request and stop."""
         with self._lock:
             return not self.over or message.kind == "stop" or message.number <= self._number
@@ -75,10 +73,9 @@ class Session:
     def request(self, client: bytes, message: Message) -> Message | None:
         """Handle a request: do a new one, answer the last one again, ignore late older ones.
 
-        Returns:
-            The reply; None: it comes later, or not at all.
+        Return the reply; None: it comes later, or not at all.
         """
-        self._heard_s = time.monotonic()
+        self._request_s = time.monotonic()
         if message.kind == "stop":
             return self._stop(message)
         with self._lock:
@@ -103,20 +100,23 @@ class Session:
         try:
             self._hand.stop()
         except HandError as error:
-            return Message("refused", message.number, self.token, refusal_body(error))
+            return self._refusal(message, error)
         return Message("done", message.number, self.token)
+
+    def _refusal(self, message: Message, error: HandError) -> Message:
+        return Message("refused", message.number, self.token, refusal_body(error))
 
     def _work(self) -> None:
         try:
             while (message := self._next()) is not None:
-                reply = self._done(message)
+                reply = self._reply_to(message)
                 with self._lock:
                     self._last, client = reply, self._client
                 self._send(client, reply)
                 if message.kind == "bye" or self._hand.failure is not None or not self._connected:
                     break
         finally:
-            self._give_back()
+            self._release()
             self._answer_rest()
             self._wire.close()
 
@@ -134,11 +134,11 @@ class Session:
             try:
                 return self._requests.get(timeout=self._options.watchdog_s / 4)
             except Empty:
-                silent_s = time.monotonic() - self._heard_s
+                silent_s = time.monotonic() - self._request_s
                 if self._hand.failure is not None or silent_s > self._options.watchdog_s:
                     return None
 
-    def _done(self, message: Message) -> Message:
+    def _reply_to(self, message: Message) -> Message:
         """Do a request; return the reply."""
         try:
             kind, body = self._do(message)
@@ -150,7 +150,7 @@ class Session:
         except Exception as error:
             refusal = HandError(quoted(error), "driver")
         self._stop_quietly()
-        return Message("refused", message.number, self.token, refusal_body(refusal))
+        return self._refusal(message, refusal)
 
     def _do(self, message: Message) -> tuple[str, dict[str, Any]]:
         hand = self._hand
@@ -168,7 +168,7 @@ class Session:
             hand.act(HandCommand(numbers(message, "q_desired_rad")))
         if message.kind == "bye":
             # The hand is free for the next client when this client receives the reply.
-            self._give_back()
+            self._release()
             self.over = True
         return "done", {}
 
@@ -177,26 +177,22 @@ class Session:
         answers, (observed, sent_s) = number(message, "answers"), self._observed
         age_s, limit_s = time.monotonic() - sent_s, self._options.command_age_s
         if answers != observed:
-            raise HandError(
-                f"the command answers message {answers:g}; the last state was {observed}", "command"
-            )
+            text = f"the command answers message {answers:g}; the last state was {observed}"
+            raise HandError(text, "command")
         if age_s > limit_s:
             text = (
                 f"the command came {age_s:.3g} s after the state that it answers, the limit is {limit_s:g} s"
             )
             raise HandError(text, "command", value=age_s, limit=limit_s)
 
-    def _give_back(self) -> None:
+    def _release(self) -> None:
         """Stop the hand and close it; a second call does nothing."""
-        if self._given_back:
+        if self._released:
             return
-        self._given_back = True
+        self._released = True
         self._stop_quietly()
-        try:
+        with suppress(HandError):  # the reply, or the failure of the guard, has reported it
             self._hand.close()
-        except HandError:
-            # The reply, or the failure of the guard, has reported this.
-            return
 
     def _answer_rest(self) -> None:
         """Answer the requests that came in while the session was ending."""
@@ -208,8 +204,7 @@ class Session:
                     continue
                 self._last = Message("done", message.number, self.token)
                 if message.kind != "bye":
-                    body = refusal_body(HandError("the session is over", "lost"))
-                    self._last = Message("refused", message.number, self.token, body)
+                    self._last = self._refusal(message, HandError("the session is over", "lost"))
                 self._send(self._client, self._last)
 
     def _stop_quietly(self) -> None:

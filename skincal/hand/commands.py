@@ -68,6 +68,10 @@ class StepCheck(ABC, Generic[State, Command]):
             HandError: it is not allowed.
         """
 
+    @abstractmethod
+    def nearest(self, target: FloatArray, now_s: float) -> Command:
+        """Return the allowed command nearest to a target (n,), as of now."""
+
     def observed(self, state: State, now_s: float) -> None:
         """Record a sound state that arrived at ``now_s`` on our clock [s]."""
         self._rig_s = float(state.time_s)
@@ -142,11 +146,11 @@ class CommandCheck(StepCheck[HandState, HandCommand]):
         if not ((q >= self._low) & (q <= self._high) & small).all():
             self._refuse(q, np.abs(q - before_rad), largest, now_s)
 
-    def nearest(self, q_rad: FloatArray, now_s: float) -> FloatArray:
-        """Return the allowed angles (n,) [rad] nearest to ``q_rad``, joint by joint."""
+    def nearest(self, target: FloatArray, now_s: float) -> HandCommand:
+        """Return the allowed command nearest to angles (n,) [rad], joint by joint."""
         before_rad, step = self._before(), self._step_rad(now_s)
-        near = np.clip(q_rad, before_rad - step, before_rad + step)
-        return np.clip(near, self._limits.lower_rad, self._limits.upper_rad)
+        near = np.clip(target, before_rad - step, before_rad + step)
+        return HandCommand(np.clip(near, self._limits.lower_rad, self._limits.upper_rad))
 
     def _step_rad(self, now_s: float) -> FloatArray:
         return self._limits.velocity_rad_per_s * self._passed_s(now_s)
@@ -157,9 +161,8 @@ class CommandCheck(StepCheck[HandState, HandCommand]):
             value = float(q[j])
             low, high = float(self._limits.lower_rad[j]), float(self._limits.upper_rad[j])
             if not math.isfinite(value):
-                raise HandError(
-                    f"joint {name}: commanded angle is {value}", "command", joint=name, value=value
-                )
+                text = f"joint {name}: commanded angle is {value}"
+                raise HandError(text, "command", joint=name, value=value)
             if not self._low[j] <= value <= self._high[j]:
                 text = f"joint {name}: commanded angle {value:.4g} rad lies outside its limits [{low:.4g}, {high:.4g}]"
                 raise HandError(text, "command", joint=name, value=value, limit=low if value < low else high)

@@ -64,11 +64,8 @@ class CheckResult:
     """Result of a check.
 
     Attributes:
-        name: its name.
-        expected: the expected behaviour.
         status: ``passed``, ``failed`` or ``skipped``.
         got: the actual behaviour, the reason for skipping, or the measured values.
-        time_s: duration [s].
     """
 
     name: str
@@ -109,25 +106,17 @@ def run_contract(
 ) -> ContractReport:
     """Run every check against a driver of a hand."""
     chosen = options or ContractOptions()
-    return run_checks(
-        name,
-        CHECKS,
-        lambda check, move: _attempt(check, make, replace(chosen, move=chosen.move and move)),
-        progress,
-    )
+
+    def attempt(check: Check, could_stop: bool) -> Outcome:
+        return _attempt(check, make, replace(chosen, move=chosen.move and could_stop))
+
+    return run_checks(name, CHECKS, attempt, progress)
 
 
 def run_checks(
     name: str, checks: Sequence[Check], attempt: Callable[[Check, bool], Outcome], progress: Progress
 ) -> ContractReport:
-    """Run checks one after the other.
-
-    Args:
-        name: the driver's name, for the report.
-        checks: functions with the check's name, and the expected behaviour for a docstring.
-        attempt: runs a check, given whether the rig could be stopped after all checks before.
-        progress: callback with every result.
-    """
+    """Run checks one after the other; ``attempt`` is also given whether the rig could always be stopped so far."""
     results: list[CheckResult] = []
     move = True
     for check in checks:
@@ -141,11 +130,7 @@ def run_checks(
 
 
 def outcome(run: Callable[[], str | None], limit_s: float) -> Outcome:
-    """Run a check; return its outcome.
-
-    Args:
-        run: the check; it returns what was measured, or raises.
-        limit_s: longest duration of a call, for the report [s].
+    """Run a check whose calls last ``limit_s`` [s] at most; return its outcome.
 
     Raises:
         KeyboardInterrupt: the user's.

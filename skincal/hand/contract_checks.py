@@ -13,7 +13,6 @@ import numpy as np
 from skincal.errors import SkincalError, quoted, text_of
 from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.errors import HandError
-from skincal.hand.guard import GuardedHand
 from skincal.hand.trial import CONNECT_S, FailedCheckError, SkippedCheckError, Trial, close_directly, expect
 from skincal.hand.worker import CallTimeoutError, call_and_leave
 from skincal.robot.description import ARRAYS
@@ -117,24 +116,23 @@ def commands_are_followed(trial: Trial) -> str:
     if not trial.driver.follows_commands:
         raise SkippedCheckError("the driver says that it follows no commands")
     step = trial.options.step_rad
-    force = trial.options.contact_force(trial.driver.description)
-    with GuardedHand(trial.driver, trial.options.guard, force, trial.options.clock) as hand:
-        joints, limits = hand.description.joints, hand.description.limits
-        start = hand.observe().q_desired_rad.copy()
+    with trial:
+        joints, limits = trial.description.joints, trial.description.limits
+        start = trial.observe().q_desired_rad.copy()
         moved: list[float] = []
         for j, name in enumerate(joints):
             goal = start.copy()
             # Towards the middle of its range, where there is room.
             goal[j] += math.copysign(step, 0.5 * (limits.lower_rad[j] + limits.upper_rad[j]) - start[j])
-            before = _go(hand, start, 10).q_rad[j]
-            after = _go(hand, goal, trial.options.periods)
+            before = _go(trial, start, 10).q_rad[j]
+            after = _go(trial, goal, trial.options.periods)
             missing = abs(float(after.q_desired_rad[j] - goal[j]))
             expect(missing <= 0.1 * step, f"joint {name}: desired angle {missing:.3g} rad from the command")
             share = float((after.q_rad[j] - before) / (goal[j] - start[j]))
             # Friction and noise may hide a small step; the wrong way, or much too far, is something else.
             expect(-0.5 <= share <= 2.0, f"joint {name}: moved by {share:.2f} of the step")
             moved.append(share)
-            _go(hand, start, 10)
+            _go(trial, start, 10)
     return f"moved by {min(moved):.2f} to {max(moved):.2f} of {step:g} rad"
 
 
@@ -274,11 +272,11 @@ CHECKS: tuple[Check, ...] = (
 """The checks in this order: the hand does not move before everything else is known to work."""
 
 
-def _go(hand: GuardedHand, goal: np.ndarray[Any, Any], periods: int) -> HandState:
+def _go(trial: Trial, goal: np.ndarray[Any, Any], periods: int) -> HandState:
     """Move to a goal for some periods, at the allowed speed; return a state with median angles of the last third."""
     states: list[HandState] = []
     for _ in range(periods):
-        states.append(hand.observe())
-        hand.act(hand.nearest(goal))
+        states.append(trial.observe())
+        trial.act(trial.nearest(goal))
     last = states[-max(3, periods // 3) :]
     return replace(last[-1], q_rad=np.median([s.q_rad for s in last], axis=0))

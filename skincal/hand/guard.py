@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -38,25 +37,20 @@ class GuardedHand(Guarded[HandDescription, HandState, HandCommand]):
         super().__init__(driver, options, clock)
         self._contact_force = contact_force
 
-    def nearest(self, q_desired_rad: FloatArray) -> HandCommand:
-        """Return the allowed command nearest to some angles (n,) [rad], within joint limits and speed."""
-        self._ready("nearest")
-        return HandCommand(self._check_command.nearest(q_desired_rad, self._clock()))
-
     def object_position_m(self) -> FloatArray:
         """Return where the hand sees the object (2,) [m]; NaN: it does not.
 
         Raises:
             HandError: the driver gave something else, failed or did not return; the hand has been stopped.
         """
-        given = self._call(
-            "object_position_m", self._made.object_position_m, timeout_s=self._options.timeout_s
-        )
-        place: Any = np.full(2, np.nan) if given is None else given
+        what = "object_position_m"
+        place = self._call(what, self._made.object_position_m, timeout_s=self._options.timeout_s)
+        if place is None:
+            return np.full(2, np.nan)
         numbers = type(place) is np.ndarray and place.shape == (2,) and place.dtype == np.float64
         if not numbers or np.isinf(place).any():
             expected = "None, or an array of float64 of shape (2,), finite or NaN"
-            self._fail(HandError(f"object_position_m: expected {expected}; got {shown(given)}", "state"))
+            self._fail(HandError(f"{what}: expected {expected}; got {shown(place)}", "state"))
         return place.copy()
 
     def _check_limits(self) -> None:

@@ -19,6 +19,7 @@ import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from contextlib import suppress
 from copy import copy
 from dataclasses import fields, is_dataclass
 from threading import Lock
@@ -28,23 +29,20 @@ from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
 import numpy as np
 
 from skincal.errors import one_line, quoted, shown, text_of
-from skincal.hand.driver import Driver
+from skincal.hand.driver import Command, Description, Driver, State
 from skincal.hand.errors import ADVICE, HandError, HandErrorKind, described
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.halt import HURRY_S, Stop, note_stop, stopped
 from skincal.hand.worker import CallTimeoutError, Worker, raised_by
+from skincal.model.arrays import FloatArray
 from skincal.signals import held_back
 
 LONGEST_PERIOD_S = 1.0
 """Longest period of a controlled rig [s]."""
 
-
 PATIENCE = 10.0
 """Factor by which a simulated rig may take longer to connect; compilation takes about 15 s on an idle core."""
 
-Description = TypeVar("Description")
-State = TypeVar("State")
-Command = TypeVar("Command")
 Value = TypeVar("Value")
 
 
@@ -57,6 +55,10 @@ class Guarded(ABC, Generic[Description, State, Command]):
         driver: the rig, not connected.
         options: limits and times; ``max_force_n`` replaces that of the description.
         clock: our clock [s].
+
+    Attributes:
+        name: the driver's name.
+        failure: error for which the guard stopped the rig; None without a fault.
     """
 
     rig: ClassVar[str]
@@ -69,23 +71,19 @@ class Guarded(ABC, Generic[Description, State, Command]):
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._made: Any = driver
-        self._name = one_line(str(getattr(driver, "name", type(driver).__name__)), 60)
+        self.name = one_line(str(getattr(driver, "name", type(driver).__name__)), 60)
         self._options = options or GuardOptions()
         self._clock = clock
         self._worker: Worker | None = None
         self._lock = Lock()
-        self._failure: HandError | None = None
-        self._halt = Stop(lambda: self._made.stop(), self._options.stop_timeout_s, self._name, self.rig)
+        self.failure: HandError | None = None
+        self._halt = Stop(lambda: self._made.stop(), self._options.stop_timeout_s, self.name, self.rig)
         self._closed = False
         self._period_s: float | None = None
 
     @abstractmethod
     def _check_limits(self) -> None:
-        """Refuse a description with limits beyond all bounds, before connecting.
-
-        Raises:
-            InputError: the limits are beyond all bounds.
-        """
+        """Refuse a description with limits beyond all bounds, by an ``InputError``, before connecting."""
 
     @abstractmethod
     def _checks(self) -> tuple[Any, Any]:
@@ -93,13 +91,8 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     @property
     def description(self) -> Description:
-        """The description of the rig."""
+        """The rig: limits, geometry, sensor."""
         return self._made.description
-
-    @property
-    def name(self) -> str:
-        """The driver's name."""
-        return self._name
 
     @property
     def period_s(self) -> float:
@@ -110,11 +103,6 @@ class Guarded(ABC, Generic[Description, State, Command]):
     def real_time(self) -> bool:
         """True if the rig's clock runs as fast as ours."""
         return self._made.real_time
-
-    @property
-    def failure(self) -> HandError | None:
-        """Error for which the guard stopped the rig; None without a fault."""
-        return self._failure
 
     def connect(self) -> None:
         """Connect to the rig.
@@ -136,8 +124,8 @@ class Guarded(ABC, Generic[Description, State, Command]):
         patience = 1.0 if self._made.real_time else PATIENCE
         try:
             self._call("connect", self._made.connect, timeout_s=patience * options.connect_timeout_s)
-            found = self._call("description", self._described, timeout_s=options.timeout_s)
-            self._check_state, self._check_command = found
+            checks = self._call("description", self._described, timeout_s=options.timeout_s)
+            self._check_state, self._check_command = checks
             # A full garbage collection looks at every object of the process, for as long as a state may be late, in
             # whichever period it falls. Those that are there by now are left out until the rig is released.
             gc.freeze()
@@ -153,10 +141,8 @@ class Guarded(ABC, Generic[Description, State, Command]):
         """Run in the worker, as a driver's attributes may hang or raise too: return the checks."""
         period_s = self._made.period_s
         if not 0 < period_s <= LONGEST_PERIOD_S:
-            text = (
-                f"period_s: expected a time above 0 s, {LONGEST_PERIOD_S:g} s at most; got {shown(period_s)}"
-            )
-            raise HandError(text, "driver")
+            expected = f"a time above 0 s, {LONGEST_PERIOD_S:g} s at most"
+            raise HandError(f"period_s: expected {expected}; got {shown(period_s)}", "driver")
         self._period_s = float(period_s)  # a driver's own may change, or fail, later
         return self._checks()
 
@@ -167,14 +153,14 @@ class Guarded(ABC, Generic[Description, State, Command]):
             HandError: a check failed; the rig has been stopped.
         """
         start_s = self._clock()
-        given: State = self._call("observe", self._made.observe, timeout_s=self._options.timeout_s)
-        return self._checked(given, start_s)
+        state: State = self._call("observe", self._made.observe, timeout_s=self._options.timeout_s)
+        return self._checked(state, start_s)
 
-    def _checked(self, given: State, start_s: float) -> State:
-        """Check a state that has been asked for at ``start_s`` on our clock [s]; return it with its own arrays."""
-        now_s, state = self._clock(), given
+    def _checked(self, state: State, start_s: float) -> State:
+        """Check a state that was requested at ``start_s`` on our clock [s]; return it with arrays of its own."""
+        now_s = self._clock()
         try:
-            state = _own(given)
+            state = _own(state)
             self._check_state(state, now_s, now_s - start_s)
         except HandError as violation:
             self._fail(described("observe", violation))
@@ -182,6 +168,11 @@ class Guarded(ABC, Generic[Description, State, Command]):
             self._fail(HandError(f"a state that cannot be read: {quoted(error)}", "state"))
         self._check_command.observed(state, now_s)
         return state
+
+    def nearest(self, target: FloatArray) -> Command:
+        """Return the allowed command nearest to a target (n,) in the unit of commands, within limits and speed."""
+        self._ready("nearest")
+        return self._check_command.nearest(target, self._clock())
 
     def act(self, command: Command) -> None:
         """Check a command and send it.
@@ -223,11 +214,11 @@ class Guarded(ABC, Generic[Description, State, Command]):
         if self._closed or self._worker is None:
             return
         error = self._give_back(self._worker)
-        if error is not None and self._failure is None:
+        if error is not None and self.failure is None:
             raise error
 
     def __enter__(self) -> Self:
-        """Connects."""
+        """Connect."""
         self.connect()
         return self
 
@@ -257,9 +248,9 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     def _leave(self, error: BaseException | None, trouble: str) -> None:
         """Release the rig, and report whether it was stopped."""
-        told = isinstance(error, HandError) and error.stopped is False
+        reported = isinstance(error, HandError) and error.stopped is False
         try:
-            if not (trouble or told or isinstance(error, KeyboardInterrupt)):
+            if not (trouble or reported or isinstance(error, KeyboardInterrupt)):
                 self.close()
             elif self._worker is not None and not self._closed:
                 # Do not delay a user who must cut the power, or a process that is to end.
@@ -269,22 +260,17 @@ class Guarded(ABC, Generic[Description, State, Command]):
             if error is None:
                 raise
         except BaseException as interrupt:
-            self._tell(interrupt, trouble)
+            self._report(interrupt, trouble)
             raise
-        self._tell(error, trouble)
+        self._report(error, trouble)
 
-    def _tell(self, error: BaseException | None, trouble: str) -> None:
+    def _report(self, error: BaseException | None, trouble: str) -> None:
         """Note on the block's exception that the rig was stopped; raise an error if it was not."""
         if isinstance(error, HandError) and error.stopped is not None:
             return
         if trouble:
-            reason = (
-                "interrupted; "
-                if isinstance(error, KeyboardInterrupt)
-                else ""
-                if error is None
-                else f"{text_of(error)}; "
-            )
+            reason = "" if error is None else f"{text_of(error)}; "
+            reason = "interrupted; " if isinstance(error, KeyboardInterrupt) else reason
             raise HandError(f"{self.name}: {reason}{trouble}", "driver", stopped=False) from error
         if error is not None:
             error.add_note(stopped(self.rig))
@@ -297,8 +283,8 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     def _ready(self, what: str) -> Worker:
         """Return the worker of a connected rig without faults."""
-        if self._failure is not None:
-            raise self._failure.again()
+        if self.failure is not None:
+            raise self.failure.again()
         if self._worker is None or self._closed:
             raise HandError(f"{self.name}: {what}() of a {self.rig} that is not connected", "order")
         return self._worker
@@ -312,8 +298,8 @@ class Guarded(ABC, Generic[Description, State, Command]):
             text = f"{what}() did not return within {timeout_s:g} s"
             self._fail(HandError(text, "timeout", value=timeout_s, limit=timeout_s))
         except Exception as error:
-            if self._failure is not None:
-                raise self._failure.again() from None
+            if self.failure is not None:
+                raise self.failure.again() from None
             raised = raised_by(error)
             self._fail(described(what, raised), cause=raised)
         except BaseException:
@@ -322,8 +308,8 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     def _unless_failed(self, work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         """Run in the worker: do nothing if the rig was stopped while the call waited for its turn."""
-        if self._failure is not None:
-            raise self._failure
+        if self.failure is not None:
+            raise self.failure
         return work(*arguments)
 
     def _send(self, command: Command) -> None:
@@ -332,13 +318,13 @@ class Guarded(ABC, Generic[Description, State, Command]):
             raise HandError(f"the {self.rig} has been stopped; the command was not sent", "stopped")
         self._made.act(command)
 
-    def _fail(self, found: HandError, cause: BaseException | None = None) -> NoReturn:
-        """Stop the rig and raise what was found, with what became of the rig; only the first failure counts."""
+    def _fail(self, violation: HandError, cause: BaseException | None = None) -> NoReturn:
+        """Stop the rig and raise the violation, with what became of the rig; only the first failure counts."""
         trouble = self._halt()
-        end = trouble or f"{stopped(self.rig)} {self._advice(found.kind)}".rstrip()
-        error = found.again(f"{self.name}: {found}. {end}", stopped=not trouble)
+        end = trouble or f"{stopped(self.rig)} {self._advice(violation.kind)}".rstrip()
+        error = violation.again(f"{self.name}: {violation}. {end}", stopped=not trouble)
         with self._lock:
-            self._failure = self._failure or error
+            self.failure = self.failure or error
         raise error from cause
 
     def _advice(self, kind: HandErrorKind) -> str:
@@ -348,13 +334,9 @@ class Guarded(ABC, Generic[Description, State, Command]):
         """Run in the worker: stop a rig that has not been called for ``idle_s``."""
         if self._closed or self._halt.asked:
             return
-        try:
-            self._fail(
-                HandError(f"no call for {self._options.idle_s:g} s", "idle", limit=self._options.idle_s)
-            )
-        except HandError:
-            # The next call raises the error.
-            return
+        idle_s = self._options.idle_s
+        with suppress(HandError):  # the next call raises it
+            self._fail(HandError(f"no call for {idle_s:g} s", "idle", limit=idle_s))
 
     def _give_back(self, worker: Worker, timeout_s: float | None = None) -> HandError | None:
         """Close the driver and let the worker end; return the error of closing, or None."""
@@ -363,7 +345,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
         atexit.unregister(self._at_exit)
         options = self._options
         timeout_s = timeout_s or options.connect_timeout_s
-        hung = self._failure is not None and self._failure.kind == "timeout"
+        hung = self.failure is not None and self.failure.kind == "timeout"
         try:
             # A driver with a hanging call cannot be closed; do not wait.
             worker.call(lambda: None, timeout_s=options.stop_timeout_s if hung else options.timeout_s)

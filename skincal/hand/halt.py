@@ -41,11 +41,7 @@ class Stop:
         self.trouble: str | None = None
 
     def __call__(self) -> str:
-        """Stop the rig: call the driver's ``stop``, a second time if it raises; this is not interrupted.
-
-        Returns:
-            What went wrong with it; empty: it returned, the rig is stopped.
-        """
+        """Call the driver's ``stop``, a second time if it raises; this is not interrupted. Return the trouble."""
         self.asked = True
         trouble, power = "", f"Cut the {self.rig}'s power."
         with held_back():

@@ -1,38 +1,36 @@
-"""The loop that commands a hand through its guard, once in every period, and keeps what it observes."""
+"""The loop that commands a rig through its guard, once in every period, and keeps what it observes."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
-from skincal.hand.driver import HandState
-from skincal.hand.guard import GuardedHand
+from skincal.hand.guarded import Guarded
 from skincal.model.arrays import FloatArray
 
+Rig = TypeVar("Rig", bound=Guarded[Any, Any, Any])
 Sample = TypeVar("Sample")
 
 
-class ControlLoop(ABC, Generic[Sample]):
-    """Control loop of a hand.
-
-    Args:
-        hand: the hand, connected.
-        watch: callback with every sample and what the hand is doing.
+class ControlLoop(ABC, Generic[Rig, Sample]):
+    """Control loop of a connected rig.
 
     Attributes:
-        samples: what was observed, in order.
-        doing: what the hand is doing.
+        samples: the samples of the observed states, in order.
+        command: the last command.
+        doing: what the rig is doing, for the callback ``watch`` with every sample.
     """
 
-    def __init__(self, hand: GuardedHand, watch: Callable[[Sample, str], None] | None = None) -> None:
-        self.hand, self._watch = hand, watch
-        self.period_s = hand.period_s
+    def __init__(self, rig: Rig, watch: Callable[[Sample, str], None] | None = None) -> None:
+        self.rig, self._watch = rig, watch
+        self.period_s = rig.period_s
         self.samples: list[Sample] = []
+        self.command: Any = None
         self.doing = ""
 
     @abstractmethod
-    def _sample(self, state: HandState) -> Sample:
+    def _sample(self, state: Any) -> Sample:
         """Return what is kept of a state."""
 
     @property
@@ -42,21 +40,27 @@ class ControlLoop(ABC, Generic[Sample]):
 
     def look(self) -> Sample:
         """Return the next sample, without sending a command."""
-        sample = self._sample(self.hand.observe())
+        sample = self._sample(self.rig.observe())
         self.samples.append(sample)
         if self._watch is not None:
             self._watch(sample, self.doing)
         return sample
 
-    def step(self, command_rad: FloatArray) -> Sample:
-        """Send commanded angles (n,) [rad], limited to what the joints may do; return the next sample."""
-        self.hand.act(self.hand.nearest(command_rad))
+    def step(self, target: FloatArray) -> Sample:
+        """Send the allowed command nearest to a target (n,); return the next sample."""
+        self.command = self.rig.nearest(target)
+        self.rig.act(self.command)
         return self.look()
 
-    def hold(self, command_rad: FloatArray, time_s: float) -> list[Sample]:
-        """Hold commanded angles for a time; return the samples."""
-        return [self.step(command_rad) for _ in range(self.steps(time_s))]
+    def hold(self, target: FloatArray, time_s: float) -> list[Sample]:
+        """Send the same target for a time; return the samples."""
+        return [self.step(target) for _ in range(self.steps(time_s))]
 
     def steps(self, time_s: float) -> int:
         """Return the number of periods in a time, at least one."""
         return max(1, round(time_s / self.period_s))
+
+    def take(self) -> list[Sample]:
+        """Return the samples since the last call, and clear them."""
+        taken, self.samples = self.samples, []
+        return taken

@@ -65,14 +65,7 @@ class MessageError(ValueError):
 
 @dataclass(frozen=True)
 class Message:
-    """One message.
-
-    Attributes:
-        kind: one of ``REQUESTS`` or ``REPLIES``.
-        number: the field ``id``.
-        session: session of the message.
-        body: fields of its kind.
-    """
+    """One message: its kind, the field ``id``, its session, and the fields of its kind."""
 
     kind: str
     number: int
@@ -87,11 +80,7 @@ def encode(message: Message) -> bytes:
 
 
 def decode(data: bytes, kinds: tuple[str, ...]) -> Message:
-    """Return bytes as a message of one of some kinds.
-
-    Raises:
-        MessageError: the bytes are not such a message.
-    """
+    """Return bytes as a message of one of some kinds; raise a ``MessageError`` if they are none."""
     if len(data) > MAX_BYTES:
         raise MessageError(f"expected at most {MAX_BYTES} bytes; got {len(data)}")
     try:
@@ -117,15 +106,11 @@ def decode(data: bytes, kinds: tuple[str, ...]) -> Message:
 def state_body(state: HandState) -> dict[str, Any]:
     """Return the fields of a ``state`` message."""
     body: dict[str, Any] = {name: _null(getattr(state, name)) for name in NUMBERS}
-    return body | {name: _nulls(getattr(state, name)) for name in ARRAYS}
+    return body | {name: [_null(value) for value in getattr(state, name).tolist()] for name in ARRAYS}
 
 
 def state_of(message: Message) -> HandState:
-    """Return the state of a ``state`` message; the guard checks its shapes.
-
-    Raises:
-        MessageError: a field is missing or not a number.
-    """
+    """Return the state of a ``state`` message, of numbers; the guard checks its shapes."""
     fields: dict[str, Any] = {name: number(message, name) for name in NUMBERS}
     fields |= {name: numbers(message, name) for name in ARRAYS}
     return HandState(**fields)
@@ -187,12 +172,6 @@ def _is_number(value: Any) -> bool:
 
 def _null(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def _nulls(values: FloatArray) -> list[float | None]:
-    if np.isfinite(values).all():
-        return cast(list[float | None], values.tolist())
-    return [_null(value) for value in values.tolist()]
 
 
 def _no_constant(name: str) -> Any:

@@ -31,14 +31,7 @@ GROUP = "skincal.drivers"
 
 @dataclass(frozen=True)
 class DriverOption:
-    """An option of a driver.
-
-    Attributes:
-        name: its name.
-        kind: its annotation.
-        default: its default; ``inspect.Parameter.empty``: it must be given.
-        text: help text; may be empty.
-    """
+    """An option of a driver: its annotation, its default (``inspect.Parameter.empty``: none) and its help text."""
 
     name: str
     kind: Any
@@ -63,16 +56,16 @@ def driver_class(name: str) -> Callable[..., HandDriver | StageDriver]:
         InputError: there is no driver of that name, or two.
         WorkError: it cannot be imported.
     """
-    found = [EntryPoint(name, name, GROUP)] if ":" in name else list(entry_points(group=GROUP, name=name))
-    if not found:
+    points = [EntryPoint(name, name, GROUP)] if ":" in name else list(entry_points(group=GROUP, name=name))
+    if not points:
         choices = ", ".join(driver_names()) or "none is installed"
         fix = f"Register a driver by an entry point of the group {GROUP}."
         raise input_error("driver", f"module:Class or one of: {choices}", f'"{name}"', fix)
-    values = {point.value for point in found}
+    values = {point.value for point in points}
     if len(values) > 1:
         fix = "Give the intended one as module:Class, or uninstall the other."
         raise input_error(f'driver "{name}"', "one entry point", " and ".join(sorted(values)), fix)
-    return _loaded(name, found[0])
+    return _loaded(name, points[0])
 
 
 def driver_options(name: str) -> tuple[DriverOption, ...]:
@@ -121,16 +114,13 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
     made = driver_class(name)
     known = {option.name: option for option in driver_options(name)}
     problems = [_unknown(name, key, known) for key in options if key not in known]
-    problems += [
-        Problem(
-            f'driver "{name}"',
-            f"the option {key} ({type_text(option.kind)})",
-            "nothing",
-            f"Add --driver-option {key}=VALUE.",
-        )
-        for key, option in known.items()
-        if option.required and key not in options
-    ]
+    for key, option in known.items():
+        if option.required and key not in options:
+            expected, fix = (
+                f"the option {key} ({type_text(option.kind)})",
+                f"Add --driver-option {key}=VALUE.",
+            )
+            problems.append(Problem(f'driver "{name}"', expected, "nothing", fix))
     values: dict[str, Any] = {}
     for key, value in options.items():
         try:
@@ -145,9 +135,7 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
         driver = made(**values)
         # Whatever its class computes is asked for here, before anything moves.
         described, *_ = (getattr(driver, what, None) for what in ("description", "name", "real_time"))
-    except SkincalError:
-        raise
-    except KeyboardInterrupt:
+    except (SkincalError, KeyboardInterrupt):
         raise
     except BaseException as error:  # a driver may raise SystemExit, or CancelledError, which ends no process
         raise WorkError(f'driver "{name}" cannot be created: {quoted(error)}') from error
@@ -203,6 +191,6 @@ def _loaded(name: str, point: EntryPoint) -> Callable[..., HandDriver | StageDri
 
 
 def _unknown(name: str, key: str, known: Mapping[str, DriverOption]) -> Problem:
-    given = [option for option in known.values() if is_text(option.kind)]
-    choices = ", ".join(f"{o.name} ({type_text(o.kind)})" for o in given) or "none; it has no options"
+    texts = [option for option in known.values() if is_text(option.kind)]
+    choices = ", ".join(f"{o.name} ({type_text(o.kind)})" for o in texts) or "none; it has no options"
     return Problem(f'driver "{name}"', f"an option of: {choices}", f'"{key}"')

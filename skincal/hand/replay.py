@@ -64,11 +64,7 @@ class ReplayDriver(HandDriver):
         self._connected = True
 
     def observe(self) -> HandState:
-        """Return the next frame.
-
-        Raises:
-            HandError: the recording has ended (kind ``end``), or is not connected.
-        """
+        """Return the next frame; after the last one, raise a ``HandError`` of kind ``end``."""
         self._check_connected("observe")
         if self._next == len(self._states):
             last_s = self._states[-1].time_s
@@ -114,9 +110,9 @@ def _states(folder: Path, description: HandDescription) -> list[HandState]:
 def _from_frames(folder: Path, frames: Frames, joints: int) -> list[HandState]:
     times = frames.time_s
     q, tau = _needed(folder, frames, "q", joints), _needed(folder, frames, "tau", joints)
-    dq, desired = _wanted(frames, "dq", joints), _wanted(frames, "q_desired", joints)
-    if dq is None:
-        dq = np.gradient(q, times, axis=0)
+    dq, desired = (_joint_columns(frames, name, joints) for name in ("dq", "q_desired"))
+    dq = np.gradient(q, times, axis=0) if dq is None else dq
+    desired = q if desired is None else desired
     stamps = _column(frames, "taxel_time_s", times)
     temperature = _column(frames, "temperature_c", np.full(len(times), np.nan))
     counts, taxels = frames.counts, len(frames.counts[0])
@@ -126,7 +122,7 @@ def _from_frames(folder: Path, frames: Frames, joints: int) -> list[HandState]:
             q_rad=q[i],
             dq_rad_per_s=dq[i],
             tau_nm=tau[i],
-            q_desired_rad=q[i] if desired is None else desired[i],
+            q_desired_rad=desired[i],
             taxels=counts[i],
             taxel_time_s=np.full(taxels, stamps[i]),
             temperature_c=float(temperature[i]),
@@ -140,16 +136,16 @@ def _column(frames: Frames, name: str, default: FloatArray) -> FloatArray:
     return default if column is None else np.asarray(column, dtype=np.float64)
 
 
-def _wanted(frames: Frames, name: str, joints: int) -> FloatArray | None:
+def _joint_columns(frames: Frames, name: str, joints: int) -> FloatArray | None:
     columns = [frames.column(f"{name}_{j}") for j in range(joints)]
-    found = [np.asarray(column, dtype=float) for column in columns if column is not None]
-    return np.column_stack(found) if len(found) == joints else None
+    complete = [np.asarray(column, dtype=float) for column in columns if column is not None]
+    return np.column_stack(complete) if len(complete) == joints else None
 
 
 def _needed(folder: Path, frames: Frames, name: str, joints: int) -> FloatArray:
-    found = _wanted(frames, name, joints)
-    if found is None:
-        there = ", ".join(n for n in frames.columns if n.startswith(f"{name}_")) or "none of them"
-        place = f"{folder}, frames"
-        raise input_error(place, f"columns {name}_0 to {name}_{joints - 1}, one per joint", there)
-    return found
+    values = _joint_columns(frames, name, joints)
+    if values is None:
+        got = ", ".join(n for n in frames.columns if n.startswith(f"{name}_")) or "none of them"
+        expected = f"columns {name}_0 to {name}_{joints - 1}, one per joint"
+        raise input_error(f"{folder}, frames", expected, got)
+    return values

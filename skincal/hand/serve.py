@@ -128,8 +128,7 @@ class HandServer:
         """Serve until :meth:`end` is called, or until a number of sessions have ended.
 
         Raises:
-            HandError: a client is gone, and the hand could not be stopped: nobody else may have it; or messages without
-                an end fill the memory.
+            HandError: a client is gone, and the hand could not be stopped; or messages without an end fill the memory.
         """
         least_bytes = _taken_bytes()
         poller = self._zmq.Poller()
@@ -179,7 +178,7 @@ class HandServer:
         mine = session is not None and session.token == message.session
         if message.kind == "hello" and not mine:
             self._welcome(client, message)
-        elif session is None or not mine or not session.takes(message):
+        elif session is None or not mine or not session.accepts(message):
             text = "there is no such session: it is over, or the server was restarted"
             self._refuse(client, message, text, "lost")
         elif (reply := session.request(client, message)) is not None:

@@ -32,11 +32,7 @@ INSTALL = "pip install 'skincal[remote]'"
 
 
 def zmq_module() -> Any:
-    """Return the module ``zmq``.
-
-    Raises:
-        WorkError: pyzmq is not installed.
-    """
+    """Return the module ``zmq``; raise a ``WorkError`` if pyzmq is not installed."""
     try:
         zmq = importlib.import_module("zmq")
         importlib.import_module("zmq.auth.thread")
@@ -47,14 +43,7 @@ def zmq_module() -> Any:
 
 @dataclass(frozen=True)
 class Keys:
-    """Keys of one side, and those that it trusts.
-
-    Attributes:
-        public: own public key.
-        secret: own secret key.
-        server: public key of the hand, at a client; None at the hand.
-        allowed: public keys of the clients, at the hand.
-    """
+    """Own keys of one side; at a client the public key of the hand, at the hand those of the clients."""
 
     public: bytes
     secret: bytes
@@ -67,12 +56,7 @@ class Keys:
 
 
 def make_keys(folder: Path, *, force: bool = False) -> None:
-    """Write a key pair for a hand and one for a client that it trusts.
-
-    Raises:
-        InputError: the folder exists.
-        WorkError: pyzmq is not installed.
-    """
+    """Write a key pair for a hand and one for a client that it trusts into a new folder."""
     auth = zmq_module().auth
     with whole_folder(folder, force=force, marker="hand/hand.key_secret") as out:
         hand, client = out / "hand", out / "client"
@@ -89,11 +73,7 @@ def make_keys(folder: Path, *, force: bool = False) -> None:
 
 
 def hand_keys(folder: Path) -> Keys:
-    """Return the keys of the server from its folder.
-
-    Raises:
-        InputError: a file in it is not a key.
-    """
+    """Return the keys of the server from its folder."""
     public, secret = _key_pair(folder / "hand.key_secret")
     allowed = folder / "allowed"
     clients = sorted(allowed.glob("*.key"))
@@ -104,11 +84,7 @@ def hand_keys(folder: Path) -> Keys:
 
 
 def client_keys(folder: Path) -> Keys:
-    """Return the keys of a client from its folder.
-
-    Raises:
-        InputError: a file in it is not a key.
-    """
+    """Return the keys of a client from its folder."""
     public, secret = _key_pair(folder / "client.key_secret")
     return Keys(public, secret, server=_certificate(folder / "hand.key")[0])
 
@@ -191,12 +167,7 @@ def _certificate(path: Path) -> tuple[bytes, bytes | None]:
         raise _no_key(path, "a key file", "a large one") from None
     except OSError as error:
         raise _no_key(path, "a key file", reason(error)) from None
-    keys = {
-        name: key
-        for line in content.splitlines()
-        if (found := _KEY.match(line))
-        for name, key in [found.groups()]
-    }
+    keys = {key[1]: key[2] for line in content.splitlines() if (key := _KEY.match(line))}
     for name, key in keys.items():
         if not _is_z85(key):
             got = f"{len(key)} letters" if len(key) != KEY_LENGTH else "others"

@@ -22,8 +22,8 @@ STEP_M, PERIODS, STOP_S = 0.2e-3, 20, 0.5
 def states(stage: StageDriver, guard: GuardOptions) -> str:
     """Finite states of the right shape, whose clock advances, within travel and force."""
     with GuardedStage(stage, guard) as guarded:
-        seen = [guarded.observe() for _ in range(PERIODS)]
-    periods = np.diff([state.time_s for state in seen])
+        observed = [guarded.observe() for _ in range(PERIODS)]
+    periods = np.diff([state.time_s for state in observed])
     return f"{PERIODS} states, one every {1e3 * float(np.median(periods)):.3g} ms"
 
 
@@ -79,15 +79,7 @@ def run_stage_checks(
     guard: GuardOptions | None = None,
     progress: Progress = lambda result: None,
 ) -> ContractReport:
-    """Run every check against a driver of a stage.
-
-    Args:
-        name: the driver's name, for the report.
-        make: creates a driver that is not connected; called once per check.
-        move: whether to move the stage; one that could not be stopped is not moved.
-        guard: limits and times.
-        progress: callback with every result.
-    """
+    """Run every check against a new driver of a stage, which is not moved if ``move`` is false or a stop failed."""
     limits = guard or GuardOptions()
 
     def attempt(check: Check, could_stop: bool) -> Outcome:

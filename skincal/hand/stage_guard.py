@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from skincal.errors import InputError, Problem, shown
-from skincal.hand.checks import TaxelCheck
+from skincal.hand.checks import TaxelCheck, check_numbers
 from skincal.hand.clock import ClockCheck
 from skincal.hand.commands import StepCheck
-from skincal.hand.errors import HandError, HandErrorKind, is_number
+from skincal.hand.errors import HandError, HandErrorKind
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.guarded import Guarded
 from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState
@@ -32,11 +32,6 @@ class GuardedStage(Guarded[StageDescription, StageState, FloatArray]):
 
     rig = "stage"
 
-    def nearest(self, position_m: FloatArray) -> FloatArray:
-        """Return the allowed position nearest to a position (3,) [m], within travel and speed."""
-        self._ready("nearest")
-        return self._check_command.nearest(position_m, self._clock())
-
     def _check_limits(self) -> None:
         check_stage(self.description, beyond=self._options.beyond_limits)
 
@@ -48,11 +43,7 @@ class GuardedStage(Guarded[StageDescription, StageState, FloatArray]):
 
 
 def check_stage(rig: StageDescription, *, beyond: bool = False) -> None:
-    """Refuse limits that are invalid, or beyond those of any bench.
-
-    Args:
-        rig: the stage.
-        beyond: whether any limit is allowed, as somebody has said so.
+    """Refuse limits that are invalid, or unless ``beyond`` allows it larger than those of any bench.
 
     Raises:
         InputError: travel, speed or force are no numbers above zero, or above their bounds.
@@ -103,10 +94,7 @@ class StageStateCheck:
             if type(value) is not np.ndarray or value.shape != shape or not _plain(value.dtype):
                 text = f"state, {name}: expected an array of numbers of shape {shape}; got {shown(value)}"
                 raise HandError(text, "taxels" if name == "taxels" else "state")
-        for name in ("time_s", "force_n"):
-            value = getattr(state, name)
-            if not is_number(value):
-                raise HandError(f"state, {name}: expected a number; got {shown(value)}", "state")
+        check_numbers(state, ("time_s", "force_n"))
         if not np.isfinite([*state.position_m, state.force_n, state.time_s]).all():
             raise HandError(f"expected a finite time, place and force; got {state}", "state")
 
@@ -158,10 +146,10 @@ class StageCommandCheck(StepCheck[StageState, FloatArray]):
             text = f"a step of {1e3 * step_m:.3g} mm, and in the time passed {1e3 * longest_m:.3g} mm is the most"
             raise HandError(text, "command", value=step_m, limit=longest_m)
 
-    def nearest(self, position_m: FloatArray, now_s: float) -> FloatArray:
+    def nearest(self, target: FloatArray, now_s: float) -> FloatArray:
         """Return the allowed position (3,) [m] nearest to a position."""
         base, rig = self._before(), self._rig
-        inside = np.clip(position_m, rig.lower_m, rig.upper_m)
+        inside = np.clip(target, rig.lower_m, rig.upper_m)
         step_m, longest_m = float(np.linalg.norm(inside - base)), self._longest_m(now_s)
         return inside if step_m <= longest_m else base + (inside - base) * (longest_m / step_m)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from skincal.hand.driver import HandDriver, HandState
 from skincal.hand.guard import GuardedHand
-from skincal.hand.halt import Stop, note_stop
+from skincal.hand.halt import note_stop
 from skincal.hand.worker import CallTimeoutError, call_and_leave
 
 if TYPE_CHECKING:
@@ -35,8 +35,7 @@ class Trial(GuardedHand):
     def __init__(self, driver: HandDriver, options: ContractOptions, make: Callable[[], HandDriver]) -> None:
         super().__init__(driver, options.guard, clock=options.clock)
         self.driver, self.options, self.make = driver, options, make
-        self.halt = Stop(lambda: self.driver.stop(), options.stop_s, self.name)
-        note_stop(self.halt)
+        note_stop(self._halt)  # it may move before it is connected
 
     @classmethod
     def of(cls, make: Callable[[], HandDriver], options: ContractOptions) -> Self:
@@ -56,9 +55,9 @@ class Trial(GuardedHand):
     def own_state(self) -> HandState:
         """Return the next state, checked, as the driver gives it: it may share its arrays with others."""
         start_s = self._clock()
-        given: HandState = self._call("observe", self.driver.observe, timeout_s=self.options.call_s)
-        self._checked(given, start_s)
-        return given
+        state: HandState = self._call("observe", self.driver.observe, timeout_s=self.options.call_s)
+        self._checked(state, start_s)
+        return state
 
     def time_stop(self) -> float:
         """Stop the hand from another thread; return the duration [s]."""
@@ -71,19 +70,14 @@ class Trial(GuardedHand):
 
     def end(self, close_s: float = CONNECT_S) -> str:
         """Stop the hand and release it, in whatever state it is; return the failure to stop, or ''."""
-        trouble = self.halt()
+        trouble = self._halt()
         with suppress(Exception):
             call_and_leave(self.driver.close if self._worker is None else self.close, close_s, "trial end")
         return trouble
 
 
 def created(make: Callable[[], Rig], timeout_s: float | None = None) -> Rig:
-    """Create a driver, which may hang.
-
-    Raises:
-        CallTimeoutError: it was not created in time.
-        CallExitError: it raised anything but an ``Exception``.
-    """
+    """Create a driver, which may hang; errors are those of :func:`call_and_leave`."""
     return call_and_leave(make, timeout_s or CONNECT_S, "make a driver")
 
 

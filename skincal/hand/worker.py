@@ -85,13 +85,7 @@ class Worker:
 
 
 def call_and_leave(work: Callable[[], Value], timeout_s: float, name: str) -> Value:
-    """Make one call in a separate thread, and abandon it if it does not return in time.
-
-    Raises:
-        CallTimeoutError: the call did not return within ``timeout_s``.
-        CallExitError: the call raised anything but an ``Exception``.
-        Exception: what the call raised.
-    """
+    """Make one call in a separate thread, and abandon it as :meth:`Worker.call` does."""
     results: SimpleQueue[Result] = SimpleQueue()
     job: Job = (0, work, ())
     try:

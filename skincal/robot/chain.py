@@ -113,17 +113,8 @@ class Chain:
     def jacobian(self, frames: TipFrames, points_m: FloatArray) -> FloatArray:
         """Return the velocity of points (K, 3) fixed to the tip link per joint velocity, (K, 3, J) [m/rad]."""
         arm = points_m[:, None] - frames.pivots_m
-        columns = np.where(self.slides[:, None], frames.axes, cross(frames.axes, arm))
+        columns = np.where(self.slides[:, None], frames.axes, np.cross(frames.axes, arm))
         return np.swapaxes(columns, 1, 2)
-
-
-def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the cross products of vectors (..., 3); numpy's own is many times slower for a few vectors."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return out
 
 
 def _turn(before: FloatArray, joint: UrdfJoint) -> tuple[FloatArray, FloatArray, FloatArray]:

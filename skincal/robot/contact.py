@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.errors import WorkError
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import FloatArray, as_floats
 from skincal.robot.description import HandDescription, HandState
 from skincal.robot.kinematics import Kinematics
 
@@ -37,6 +37,11 @@ class JointContact:
     gap_m: FloatArray
     centres_m: FloatArray
 
+    @property
+    def total_n(self) -> FloatArray:
+        """(K,) Size of the whole force: a hand that presses sideways presses, too [N]."""
+        return as_floats(np.sqrt(self.force_n**2 + self.shear_u_n**2 + self.shear_v_n**2))
+
 
 def contact_from_joints(
     kinematics: Kinematics, q_rad: ArrayLike, tau_nm: ArrayLike, *, indenter_radius_m: float | None = None
@@ -62,8 +67,7 @@ def contact_from_joints(
         WorkError: the torques do not determine the force at these joint angles.
     """
     q, tau = kinematics.angles(q_rad), kinematics.angles(tau_nm)
-    radius = kinematics.description.meta.indenter.radius_m if indenter_radius_m is None else indenter_radius_m
-    assert radius is not None
+    radius = kinematics.description.indenter_radius_m if indenter_radius_m is None else indenter_radius_m
     out, known = contact_rows(kinematics, q, tau)
     if not known:
         raise WorkError(
@@ -100,16 +104,11 @@ def prepare_contacts(kinematics: Kinematics) -> None:
 
 
 def joint_contact_force(description: HandDescription) -> Callable[[HandState], float]:
-    """Return a function that computes the size of the contact force [N] of a state from joint angles and torques.
-
-    It is the full force, not only its normal part: a hand that presses sideways presses, too.
-    """
+    """Return a function that computes the size of the contact force [N] of a state from joint angles and torques."""
     kinematics = Kinematics(description)
     prepare_contacts(kinematics)
 
     def force_n(state: HandState) -> float:
-        contact = contact_from_joints(kinematics, state.q_rad, state.tau_nm)
-        parts = (contact.force_n[0], contact.shear_u_n[0], contact.shear_v_n[0])
-        return float(sum(part * part for part in parts) ** 0.5)
+        return float(contact_from_joints(kinematics, state.q_rad, state.tau_nm).total_n[0])
 
     return force_n

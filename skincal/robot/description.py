@@ -95,6 +95,13 @@ class HandDescription:
     digest: str
     compliance_rad_per_nm: FloatArray | None = None
 
+    @property
+    def indenter_radius_m(self) -> float:
+        """Radius of the indenter's sphere [m]."""
+        radius_m = self.meta.indenter.radius_m
+        assert radius_m is not None
+        return radius_m
+
 
 JOINT_FIELDS: Final = {"q": "q_rad", "dq": "dq_rad_per_s", "tau": "tau_nm", "q_desired": "q_desired_rad"}
 """Arrays (n,) of a state, by the columns that tables have for them: ``q_0`` is that of joint 0."""
@@ -154,11 +161,7 @@ FIX = "Correct it; if the hand really bears that, allow it with --beyond-limits.
 
 
 def check_limits(description: HandDescription, *, beyond: bool = False) -> None:
-    """Refuse limits and gains that no finger has.
-
-    Raises:
-        InputError: some limits or gains are above their bounds; all are reported.
-    """
+    """Refuse limits and gains that no finger has, unless ``beyond`` allows them; all are reported."""
     limits, gains, give = description.limits, description.gains, description.compliance_rad_per_nm
     give = np.zeros(1) if give is None else give
     turn = np.maximum(np.abs(limits.lower_rad), np.abs(limits.upper_rad))

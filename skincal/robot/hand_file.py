@@ -82,18 +82,13 @@ class _File(Description):
     def violations(self) -> Iterator[Violation]:
         yield from super().violations()
         count, tables = len(self.joints.names), {"joints": self.joints, "gains": self.gains}
-        for place, value in (
-            ((name, key), v) for name, table in tables.items() for key, v in vars(table).items()
-        ):
-            if (
-                place[1] != "names"
-                and isinstance(value, tuple)
-                and len(cast("tuple[float, ...]", value)) != count
-            ):
+        values = {(name, key): v for name, table in tables.items() for key, v in vars(table).items()}
+        del values["joints", "names"]
+        for place, value in values.items():
+            if isinstance(value, tuple) and len(cast("tuple[float, ...]", value)) != count:
                 yield place, f"a number, or a list of {count} finite numbers", value
-        lower, upper, home = map(
-            self.per_joint, (self.joints.lower_deg, self.joints.upper_deg, self.joints.home_deg)
-        )
+        angles = self.joints.lower_deg, self.joints.upper_deg, self.joints.home_deg
+        lower, upper, home = map(self.per_joint, angles)
         if np.any(lower >= upper):
             yield ("joints", "upper_deg"), "more than lower_deg", self.joints.upper_deg
         if np.any((home < lower) | (home > upper)):
@@ -132,14 +127,7 @@ class _File(Description):
 
 
 def read_hand(path: str | Path) -> HandDescription:
-    """Read the description of a hand.
-
-    Args:
-        path: ``hand.toml``, or the folder that holds it.
-
-    Raises:
-        InputError: the file has violations; all are reported.
-    """
+    """Read the description of a hand from ``hand.toml``, or the folder that holds it; all violations are reported."""
     path = Path(path)
     path = real(path / "hand.toml" if path.is_dir() else path)
     findings = Findings()
@@ -227,11 +215,7 @@ DEFAULT_HAND = "dlr_hand_2"
 
 
 def bundled_hand(name: str = DEFAULT_HAND) -> HandDescription:
-    """Return the description of a bundled hand.
-
-    Raises:
-        InputError: there is no bundled hand of that name.
-    """
+    """Return the description of a bundled hand."""
     folder = Path(__file__).parent / "hands"
     known = sorted(path.parent.name for path in folder.glob("*/hand.toml"))
     if name not in known:
@@ -240,10 +224,6 @@ def bundled_hand(name: str = DEFAULT_HAND) -> HandDescription:
 
 
 def hand_named(hand: str | Path = DEFAULT_HAND) -> HandDescription:
-    """Return the description of a hand: a bundled one by name, or a ``hand.toml``, or its folder.
-
-    Raises:
-        InputError: there is no hand of that name, or the file is invalid.
-    """
+    """Return the description of a hand: a bundled one by name, or a ``hand.toml``, or its folder."""
     path = Path(hand).expanduser()
     return read_hand(path) if path.exists() or path.suffix or len(path.parts) > 1 else bundled_hand(str(hand))

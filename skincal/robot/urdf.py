@@ -64,19 +64,15 @@ class Urdf:
 
     def chain(self, link: str) -> tuple[UrdfJoint, ...]:
         """Return the joints from the root to a link, fixed joints included."""
-        found: list[UrdfJoint] = []
+        joints: list[UrdfJoint] = []
         while link != self.root:
-            found.append(self.joints[link])
-            link = self.joints[link].parent
-        return tuple(reversed(found))
+            joints.insert(0, self.joints[link])
+            link = joints[0].parent
+        return tuple(joints)
 
 
 def read_urdf(path: Path, findings: Findings, within: Path | None = None) -> Urdf | None:
-    """Read the tree of a URDF.
-
-    Returns:
-        The tree; None, with errors added, where it is invalid.
-    """
+    """Read the tree of a URDF; return None, with errors added, where it is invalid."""
     try:
         robot = parse_xml(read_text(path, within=within))
     except FileNotFoundError:
@@ -119,13 +115,7 @@ def _check_named_files(robot: ElementTree.Element, path: Path, within: Path, fin
 
 
 def urdf_with_sphere(path: Path, link: str, radius_m: float) -> bytes:
-    """Return a URDF in which a link collides as a sphere about its origin; it may be written to any folder.
-
-    Args:
-        path: a URDF that has been read before.
-        link: the link.
-        radius_m: radius of the sphere [m].
-    """
+    """Return a URDF in which a link collides as a sphere about its origin; it may be written to any folder."""
     robot = parse_xml(read_text(path))
     for element in robot.findall("link"):
         if element.get("name") == link:
@@ -164,9 +154,9 @@ def _check_tree(file: str, root: str, joints: dict[str, UrdfJoint], findings: Fi
             way.append(joints[way[-1]].parent)
         if way[-1] in joints:
             loop = way[way.index(joints[way[-1]].parent) :]
-            shown = " on ".join([*loop[:8], *(["..."] if len(loop) > 8 else []), loop[0]])
+            names = " on ".join([*loop[:8], *(["..."] if len(loop) > 8 else []), loop[0]])
             findings.error(
-                file, f"links that all hang on {root}", f"a loop: {shown}", "Correct a joint's parent."
+                file, f"links that all hang on {root}", f"a loop: {names}", "Correct a joint's parent."
             )
             return
 

@@ -30,44 +30,33 @@ class Fingers:
         tips = links[description.skin_finger.tip_link], links[description.indenter_finger.tip_link]
         self._skin, self._indenter = tips
         self._set_up(options, contact_stiffness_n_per_m)
-        self.reset(description.home_rad.tolist())
+        self._client.reset_joints(self._fingers, description.home_rad.tolist())
 
     def _load(self, description: HandDescription) -> Loaded:
-        client, radius_m = self._client, description.meta.indenter.radius_m
-        assert radius_m is not None
+        client, link = self._client, description.indenter_finger.tip_link
+        urdf = urdf_with_sphere(description.urdf, link, description.indenter_radius_m)
         try:
             with TemporaryDirectory(prefix="skincal-") as folder:
                 file = Path(folder) / "hand.urdf"
-                file.write_bytes(
-                    urdf_with_sphere(description.urdf, description.indenter_finger.tip_link, radius_m)
-                )
+                file.write_bytes(urdf)
                 return client.load_fingers(file, description.joints)
         except client.error as error:
             self.close()
-            raise WorkError(
-                f"{description.urdf}: expected a URDF that PyBullet can load; got: {text_of(error)}"
-            ) from error
+            text = f"{description.urdf}: expected a URDF that PyBullet can load; got: {text_of(error)}"
+            raise WorkError(text) from error
 
     def _set_up(self, options: SimOptions, contact_stiffness_n_per_m: float) -> None:
         client, body = self._client, self._fingers.body
-        client.setPhysicsEngineParameter(
-            fixedTimeStep=1.0 / options.physics_hz, deterministicOverlappingPairs=1
-        )
+        step_s = 1.0 / options.physics_hz
+        client.setPhysicsEngineParameter(fixedTimeStep=step_s, deterministicOverlappingPairs=1)
         for link in range(-1, client.getNumJoints(body)):
             client.setCollisionFilterGroupMask(body, link, 0, 0)
         for link in (self._skin, self._indenter):
             client.soften(
-                body,
-                link,
-                lateral=math.sqrt(options.friction),
-                stiffness_n_per_m=contact_stiffness_n_per_m,
+                body, link, lateral=math.sqrt(options.friction), stiffness_n_per_m=contact_stiffness_n_per_m,
                 damping_ns_per_m=options.contact_damping_ns_per_m,
-            )
+            )  # fmt: skip
         client.setCollisionFilterPair(body, body, self._skin, self._indenter, 1)
-
-    def reset(self, q_rad: Sequence[float]) -> None:
-        """Put the links at angles (n,) [rad], at rest."""
-        self._client.reset_joints(self._fingers, q_rad)
 
     def joints(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return angles [rad] and velocities [rad/s] of the links (n,)."""
@@ -77,10 +66,8 @@ class Fingers:
 
     def step(self, torque_nm: Sequence[float]) -> None:
         """Advance by one step under torques (n,) [N m]."""
-        client, fingers = self._client, self._fingers
-        client.setJointMotorControlArray(
-            fingers.body, fingers.joints, client.TORQUE_CONTROL, forces=torque_nm
-        )
+        client, body, joints = self._client, self._fingers.body, self._fingers.joints
+        client.setJointMotorControlArray(body, joints, client.TORQUE_CONTROL, forces=torque_nm)
         client.stepSimulation()
 
     def force(self) -> FloatArray:

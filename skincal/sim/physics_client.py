@@ -43,15 +43,16 @@ class Client:
 
     def __init__(self, *, window: bool = False) -> None:
         with quiet():
-            self.module: Any = load_engine()
+            check_engine()
+            self.module: Any = importlib.import_module("pybullet")
             self.number: int = self.module.connect(self.module.GUI if window else self.module.DIRECT)
         if self.number < 0:
             fix = "Close simulated hands and environments no longer used."
             raise WorkError(f"physics: PyBullet gives no further client. {fix}")
 
     def __getattr__(self, name: str) -> Any:
-        found = getattr(self.module, name)
-        bound = partial(found, physicsClientId=self.number) if isbuiltin(found) else found
+        value = getattr(self.module, name)
+        bound = partial(value, physicsClientId=self.number) if isbuiltin(value) else value
         setattr(self, name, bound)
         return bound
 
@@ -122,12 +123,6 @@ def check_engine() -> None:
         here = f"none for Python {sys.version_info.major}.{sys.version_info.minor}"
         fix = "Use Python 3.11, for which it is installed with skincal; or build it: pip install pybullet"
         raise input_error("physics", "the package pybullet", here, fix)
-
-
-def load_engine() -> Any:
-    """Return the module ``pybullet``; raise as :func:`check_engine` does."""
-    check_engine()
-    return importlib.import_module("pybullet")
 
 
 @contextmanager

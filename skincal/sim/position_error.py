@@ -35,17 +35,9 @@ class PositionError:
     rms_m: float
     scatter_m: float
 
-    def as_dict(self) -> dict[str, float]:
-        """Return plain numbers, for a JSON file."""
-        return dict(vars(self))
-
 
 def position_error(kinematics: Kinematics, truth: Truth) -> PositionError:
-    """Return the position error caused by joint offsets, waves and the drives' true stiffness.
-
-    Raises:
-        WorkError: no point of the grid can be reached from the home pose.
-    """
+    """Return the position error caused by joint offsets, waves and the drives' true stiffness."""
     errors = [
         error
         for place in zip(*_places(kinematics), strict=True)
@@ -53,13 +45,13 @@ def position_error(kinematics: Kinematics, truth: Truth) -> PositionError:
     ]
     if not errors:
         raise WorkError("simulated hand: expected a sensor that the indenter can reach from the home pose")
-    found = np.array(errors)
-    mean = found.mean(axis=0)
+    offsets = np.array(errors)
+    mean = offsets.mean(axis=0)
     return PositionError(
         mean_across_m=float(mean[0]),
         mean_along_m=float(mean[1]),
-        rms_m=float(np.sqrt((found**2).sum(axis=1).mean())),
-        scatter_m=float(np.sqrt(((found - mean) ** 2).sum(axis=1).mean())),
+        rms_m=float(np.sqrt((offsets**2).sum(axis=1).mean())),
+        scatter_m=float(np.sqrt(((offsets - mean) ** 2).sum(axis=1).mean())),
     )
 
 
@@ -81,20 +73,17 @@ def _error_at(
     kinematics: Kinematics, truth: Truth, point: FloatArray, normal: FloatArray
 ) -> tuple[float, float] | None:
     """Return the error of the position, across and along [m]; None if the point is out of reach."""
-    meta = kinematics.description.meta
-    assert meta.indenter.radius_m is not None
+    hand = kinematics.description
     try:
-        q = place_indenter(
-            kinematics, point + meta.indenter.radius_m * normal, kinematics.description.home_rad
-        )
+        q = place_indenter(kinematics, point + hand.indenter_radius_m * normal, hand.home_rad)
     except WorkError:
         return None
     skin = kinematics.skin_frames(q)
     at, force = skin.to_root(point[None]), skin.rotations[0] @ (-FORCE_N * normal)
     tau = kinematics.torques(skin, kinematics.indenter_frames(q), at, at, force)
     measured = q
-    if kinematics.description.compliance_rad_per_nm is not None:
+    if hand.compliance_rad_per_nm is not None:
         measured = q + tau / truth.joints.drive_stiffness_nm_per_rad
-    found = contact_from_joints(kinematics, measured + truth.joints.angle_error_rad(measured), tau)
-    across, along = surface_error(kinematics.surface, found.points_m, point[None])[0].tolist()
+    contact = contact_from_joints(kinematics, measured + truth.joints.angle_error_rad(measured), tau)
+    across, along = surface_error(kinematics.surface, contact.points_m, point[None])[0].tolist()
     return across, along

@@ -36,10 +36,10 @@ class SimulatedHand:
         memory: contact history of the skin, to which new contacts are added; None: none.
 
     Attributes:
-        felt: the true contact at the latest image.
+        image_contact: the true contact at the latest image.
     """
 
-    felt: TrueContact
+    image_contact: TrueContact
 
     def __init__(
         self,
@@ -63,12 +63,10 @@ class SimulatedHand:
         self._skin.prepare()
         prepare_contacts(self._kinematics)
         self._skin.remember([look.contact for look in past])
-        stiffness = contact_stiffness(
-            self._kinematics, truth.elasticity_pa_per_m, options.contact_depth_force_n
-        )
-        self._drives = Drives(
-            _drive_parameters(description, truth, options), description.home_rad, 1 / options.physics_hz
-        )
+        elasticity, depth_n = truth.elasticity_pa_per_m, options.contact_depth_force_n
+        stiffness = contact_stiffness(self._kinematics, elasticity, depth_n)
+        drives = _drive_parameters(description, truth, options)
+        self._drives = Drives(drives, description.home_rad, 1 / options.physics_hz)
         self._fingers = Fingers(description, options, stiffness)
         self._between = options.physics_hz // options.taxel_hz
         self._steps = round(start_s * options.taxel_hz) * self._between
@@ -84,16 +82,11 @@ class SimulatedHand:
         return self._steps / self._options.physics_hz
 
     def command(self, q_desired_rad: ArrayLike) -> None:
-        """Set the target angles (n,) [rad], as the joint sensors measure them.
-
-        Raises:
-            WorkError: the number of angles is wrong, or one is not finite.
-        """
+        """Set the finite target angles (n,) [rad], as the joint sensors measure them."""
         desired = np.array(q_desired_rad, dtype=np.float64)
         if desired.shape != self._desired.shape or not np.isfinite(desired).all():
-            raise WorkError(
-                f"simulated hand: expected {len(self._desired)} finite angles; got {q_desired_rad!r}"
-            )
+            expected = f"{len(self._desired)} finite angles"
+            raise WorkError(f"simulated hand: expected {expected}; got {q_desired_rad!r}")
         self._desired = desired
 
     def hold(self) -> None:
@@ -106,20 +99,21 @@ class SimulatedHand:
         fingers, drives = self._fingers, self._drives
         # The controller sees angles with the sensors' errors, which change little in such a time.
         motors = drives.motor_rad
-        drives.target_rad = self._desired - self._truth_error(motors)
+        drives.target_rad = self._desired - self.truth.joints.angle_error_rad(motors)
         q, dq = fingers.joints()
         for _ in range(steps):
             fingers.step(drives.step(q, dq))
             q, dq = fingers.joints()
             self._steps += 1
             if self._steps % self._between == 0:
-                self._look(q)
+                self._look()
         if not all(map(_sound, q)):
             raise WorkError("simulated hand: expected finite joint angles; the simulation has diverged")
 
     def contact(self) -> TrueContact:
         """Return the present true contact."""
-        return self._contact(self._fingers.joints()[0])
+        q = np.array(self._fingers.joints()[0])
+        return true_contact(self._kinematics, self.time_s, q, self._fingers.force())
 
     def reading(self) -> HandState:
         """Return the present readings of the sensors; every call draws new noise."""
@@ -145,7 +139,7 @@ class SimulatedHand:
             "skin": truth.skin_dict(),
             "effects": truth.effects_list(),
             "joints": truth.joints.as_dict(),
-            "position_error": position_error(self._kinematics, truth).as_dict(),
+            "position_error": vars(position_error(self._kinematics, truth)),
             "session": self._session_dict(),
         }
 
@@ -155,18 +149,17 @@ class SimulatedHand:
             return {"contacts": 0}
         looks = self._touches
         angles, torques = np.array([look.q_rad for look in looks]), np.array([look.tau_nm for look in looks])
-        found = contact_from_joints(self._kinematics, angles, torques)
+        measured = contact_from_joints(self._kinematics, angles, torques)
         true = np.array([look.contact.point_m for look in looks])
         surface = self._kinematics.surface
-        across, along = surface_error(surface, found.points_m, true).mean(axis=0)
+        across, along = surface_error(surface, measured.points_m, true).mean(axis=0)
         pose = surface.moved_pose(self.truth.pose, float(across))
-        told = replace(self.truth, pose=replace(pose, y_m=pose.y_m + float(along))).model_dict(
-            plane=self.description.meta.surface.is_plane
-        )
+        shifted = replace(self.truth, pose=replace(pose, y_m=pose.y_m + float(along)))
+        model = shifted.model_dict(plane=self.description.meta.surface.is_plane)
         return {
             "contacts": len(looks),
             "constant_position_error_m": {"across": float(across), "along": float(along)},
-            "truth_as_the_positions_tell_it": {k: told[k] for k in ("y_m", "x_m", "beta_deg") if k in told},
+            "truth_as_the_positions_tell_it": {k: model[k] for k in ("y_m", "x_m", "beta_deg") if k in model},
         }
 
     def close(self) -> None:
@@ -175,9 +168,8 @@ class SimulatedHand:
         if self._memory is not None:
             self._memory.close()
 
-    def _look(self, q: tuple[float, ...]) -> None:
-        contact = self._contact(q)
-        self.felt = contact
+    def _look(self) -> None:
+        self.image_contact = contact = self.contact()
         look = Look(contact, self._measured_angles(), self._drives.torque_nm.copy())
         if contact.force_n > _TOUCH_N:
             self._touches.append(look)
@@ -185,19 +177,13 @@ class SimulatedHand:
             self._memory.keep(look)
         self._image, self._image_time_s = self._skin.image(contact), contact.time_s
 
-    def _contact(self, q: tuple[float, ...]) -> TrueContact:
-        return true_contact(self._kinematics, self.time_s, np.array(q), self._fingers.force())
-
-    def _truth_error(self, q_rad: FloatArray) -> FloatArray:
-        return self.truth.joints.angle_error_rad(q_rad)
-
     def _measured_angles(self) -> FloatArray:
         """Return angles (n,) without noise where the hand measures them: at the motors, or at the links."""
         if self.description.compliance_rad_per_nm is None:
             q = np.array(self._fingers.joints()[0])
         else:
             q = self._drives.motor_rad.copy()
-        return q + self._truth_error(q)
+        return q + self.truth.joints.angle_error_rad(q)
 
 
 def _sound(value: float) -> bool:

@@ -51,16 +51,7 @@ class TrueContact:
 def true_contact(
     kinematics: Kinematics, time_s: float, q_rad: FloatArray, force_root_n: FloatArray
 ) -> TrueContact:
-    """Return the contact at true angles of the links.
-
-    Args:
-        kinematics: the hand.
-        time_s: its clock [s].
-        q_rad: (n,) true angles [rad].
-        force_root_n: (3,) force on the skin, root frame [N].
-    """
-    indenter_radius_m = kinematics.description.meta.indenter.radius_m
-    assert indenter_radius_m is not None
+    """Return the contact at true angles of the links (n,) [rad], with a force on the skin (3,), root frame [N]."""
     row = contact_rows(kinematics, q_rad[None], np.zeros((1, len(q_rad))))[0][0]
     normal = row[3:6]
     x, y, z = (force_root_n @ kinematics.skin_frames(q_rad).rotations[0]).tolist()
@@ -71,17 +62,16 @@ def true_contact(
         force_n=max(0.0, -float(x * normal[0] + y * normal[1] + z * normal[2])),
         shear_u_n=float(x * normal[2] - z * normal[0]),
         shear_v_n=y,
-        gap_m=float(row[9]) - indenter_radius_m,
+        gap_m=float(row[9]) - kinematics.description.indenter_radius_m,
         q_rad=q_rad,
     )
 
 
 def contact_stiffness(kinematics: Kinematics, elasticity_pa_per_m: float, force_n: float) -> float:
     """Return the force over depth of the hand's indenter in its skin at some force [N/m]."""
-    meta = kinematics.description.meta
-    assert meta.indenter.radius_m is not None
-    pose = pose_of(meta.mount)
-    return kinematics.surface.ball_stiffness(pose, meta.indenter.radius_m, elasticity_pa_per_m, force_n)
+    hand = kinematics.description
+    pose = pose_of(hand.meta.mount)
+    return kinematics.surface.ball_stiffness(pose, hand.indenter_radius_m, elasticity_pa_per_m, force_n)
 
 
 MAGIC = b"skinmem1"

@@ -96,11 +96,7 @@ class Truth:
         options: TruthOptions | None = None,
         effects: Mapping[str, float] | None = None,
     ) -> Truth:
-        """Draw a truth.
-
-        Raises:
-            InputError: an unknown effect, or an invalid strength.
-        """
+        """Draw a truth, with effects of some strengths by name."""
         options = options or TruthOptions()
         pose = _pose(rng, description, options.mount_share)
         low, high = (math.log(e) for e in options.elasticity_pa_per_m)
@@ -123,15 +119,15 @@ class Truth:
         """
         meta, place = description.meta, f"hand {description.name}"
         layout = layout_of(meta.sensor, None)
-        found = sensor_differences(calibration, meta.sensor, layout, meta.surface, {}, place=place)
+        problems = sensor_differences(calibration, meta.sensor, layout, meta.surface, {}, place=place)
         own = effects_of(calibration)
-        found += [
+        problems += [
             Problem(f"effect {name}", "either drawn or the calibration's", "both", "Remove one of them.")
             for name in own
             if name in self.effects
         ]
-        if found:
-            raise InputError(found)
+        if problems:
+            raise InputError(problems)
         parameters = calibration.parameters()
         return replace(
             self,
@@ -193,9 +189,8 @@ def _pose(rng: np.random.Generator, description: HandDescription, share: float) 
     if mount.beta_range_deg is None:
         assert mount.x_range_m is not None
         return SensorPose(y_m=y, alpha_rad=alpha, x_m=_within(rng, mount.x_range_m, share))
-    return SensorPose(
-        y_m=y, alpha_rad=alpha, beta_rad=math.radians(_within(rng, mount.beta_range_deg, share))
-    )
+    beta = math.radians(_within(rng, mount.beta_range_deg, share))
+    return SensorPose(y_m=y, alpha_rad=alpha, beta_rad=beta)
 
 
 def _within(rng: np.random.Generator, bounds: Range, share: float) -> float:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -19,13 +23,15 @@ from skincal.sample import NAMES, sample_path
 
 
 def left_behind(out: Path) -> Path:
-    """A demonstration that was killed while it collected its second session."""
+    """Return a demonstration that was killed while it collected and fitted its second session."""
     make_room(out)
     with whole_folder(out / "run", marker="dataset.toml") as run:
         (run / "dataset.toml").touch()
     (out / "truth.json").touch()
     (out / ".cal.abcdefgh.part").mkdir()
     Journal.open(journal_folder(out / "gap"), {}, {"created": "2026-01-01"}, restart=False)
+    (out / ".gap-cal.fit" / ".turn-001.npz.abcdefgh.part").mkdir(parents=True)
+    (out / ".gap-cal.fit" / "turn-000.npz").touch()
     return out
 
 
@@ -37,7 +43,14 @@ def test_an_earlier_demonstration_is_replaced_however_it_ended(tmp_path: Path) -
 
 @pytest.mark.parametrize(
     "name",
-    ["thesis.tex", "run/notes.txt", "cal/mine.toml", ".gap.collect/x.csv", ".mine.collect/press-1.npz"],
+    [
+        "thesis.tex",
+        "run/notes.txt",
+        "cal/mine.toml",
+        ".gap.collect/x.csv",
+        ".mine.collect/press-1.npz",
+        ".gap-cal.fit/x.csv",
+    ],
 )
 def test_a_demonstration_with_work_of_others_stays(tmp_path: Path, name: str) -> None:
     out = left_behind(tmp_path / "demo")
@@ -54,6 +67,23 @@ def test_a_demonstration_at_work_stays(tmp_path: Path) -> None:
     with alone(out / MARKER, out), pytest.raises(InputError, match="another process at work"):
         make_room(out)
     assert (out / "run" / "dataset.toml").is_file()
+
+
+def test_a_verb_that_outlives_its_demonstration_is_at_work(tmp_path: Path) -> None:
+    out, verb = tmp_path / "demo", tmp_path / "verb"
+    verb.write_text("#!/bin/sh\necho $$\nexec sleep 100\n")
+    verb.chmod(0o700)
+    code = "import sys; from skincal.cli import demo; sys.executable, out = sys.argv[1:]; demo.demo(demo.Path(out))"
+    command = [sys.executable, "-c", code, verb, out]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as killed:
+        assert killed.stdout is not None
+        orphan = next(int(line) for line in killed.stdout if line.strip().isdecimal())
+        killed.kill()
+    try:
+        with pytest.raises(InputError, match="another process at work"):
+            make_room(out)
+    finally:
+        os.kill(orphan, signal.SIGKILL)
 
 
 def test_session_is_no_demonstration(folder: Path) -> None:

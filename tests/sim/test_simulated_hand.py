@@ -145,10 +145,10 @@ def test_the_image_shows_the_contact() -> None:
         assert hand.reading().taxels.max() <= 5
         press(hand, 0.015)
         assert hand.reading().taxels.max() > 30
-        image = hand._skin.base_values(hand.felt)
+        image = hand._skin.base_values(hand.image_contact)
         assert np.abs(image - hand.reading().taxels).max() < 6
         hand.advance(40)  # to the next image
-        assert image.sum() == pytest.approx(hand._skin.base_values(hand.felt).sum(), rel=0.05)
+        assert image.sum() == pytest.approx(hand._skin.base_values(hand.image_contact).sum(), rel=0.05)
 
 
 def test_counts_are_whole_and_within_the_converters_range() -> None:
