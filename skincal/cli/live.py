@@ -36,9 +36,10 @@ FULL_COUNTS = 255.0
 class _Live(AbstractContextManager["_Live"]):
     """A picture on standard error that is updated now and then; none without a terminal."""
 
-    def __init__(self) -> None:
+    def __init__(self, sensor: SensorSpec) -> None:
         from rich.console import Console
 
+        self._sensor = sensor
         self._console = Console(stderr=True)
         self._is_terminal = self._console.is_terminal
         self._live: Live | None = None
@@ -77,11 +78,8 @@ class _Live(AbstractContextManager["_Live"]):
 class SessionProgress(_Live):
     """Reporter of a collecting session."""
 
-    def __init__(self, sensor: SensorSpec) -> None:
-        super().__init__()
-        self._sensor = sensor
-        self._first: int | None = None
-        self._last_line = -1
+    _first: int | None = None
+    _last_line = -1
 
     def __call__(self, progress: Progress) -> None:
         """Report the progress of the session."""
@@ -112,9 +110,7 @@ class SessionProgress(_Live):
 class RunProgress(_Live):
     """Reporter of a policy's run on a hand."""
 
-    def __init__(self, sensor: SensorSpec) -> None:
-        super().__init__()
-        self._sensor, self._stage = sensor, ""
+    _stage = ""
 
     def __call__(self, state: HandState, stage: str) -> None:
         """Report a state of the hand."""

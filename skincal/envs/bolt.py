@@ -44,20 +44,15 @@ class BoltRollEnv(RollEnv):
 
     def _look(self) -> None:
         super()._look()
-        axis = self._axis_rad()
+        seen, axis = self._view, 0.0  # of the bolt on the sensor, from +u towards +v [rad]
+        if seen.sound:
+            u, v = self.world.sensor.direction(seen.tip.turned(seen.body.rotation[:, 0]))
+            axis = math.atan2(v, u)
         if self._step == 0:
             self._first_rad, self._start_m = axis, self._view.position_m
             # The direction (2,) in which it shall roll.
             self._normal = np.array([-math.sin(axis), math.cos(axis)])
         self._turned_rad = math.remainder(axis - self._first_rad, 2 * math.pi)
-
-    def _axis_rad(self) -> float:
-        """Return the angle of the bolt's axis on the sensor, from +u towards +v [rad]."""
-        seen = self._view
-        if not seen.sound:
-            return 0.0
-        u, v = self.world.sensor.direction(seen.tip.turned(seen.body.rotation[:, 0]))
-        return math.atan2(v, u)
 
     def _target_m(self) -> FloatArray:
         return self._targets[self._step, 0] * self._normal

@@ -90,8 +90,8 @@ class ReferenceHand(SimulatedDriver):
         self._truth, self._sample = self._world.drawer.episode(truth_rng)
         # Whoever puts an object between the fingers knows its size.
         radius = f"object.{task}.radius_m"
-        nominal = {radius: self._world.drawer.nominal[radius]}
-        self._truth |= nominal | self._hidden(effects or {}, effect_rng)
+        self._truth[radius] = self._world.drawer.nominal[radius]
+        self._truth |= self._hidden(effects or {}, effect_rng)
         self._seen: View | None = None
 
     @property
@@ -134,7 +134,7 @@ class ReferenceHand(SimulatedDriver):
         place = array(values, f"object.{world.kind}.position_m")
         turn = turn_of(world.kind, values, self._orientation_deg)
         width = world.grasp.open(world.scene, values, world.body, turn, place)
-        self._desired = world.grasp.posture(width)
+        self._desired = world.grasp.postures.at(width)
         world.begin_skin(drawn_age_s(self._rng))
         # A driver's guard gives observe() little time, and compiling takes seconds.
         world.skin.prepare()

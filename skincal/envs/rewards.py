@@ -18,11 +18,6 @@ def falling(x: float, width: float) -> float:
     return 0.0 if x >= width else 0.5 * (1 + math.cos(math.pi * x / width))
 
 
-def rising(x: float, width: float) -> float:
-    """The penalty pen(x; width) for being x beyond a soft margin: 0 before it, 1 a width behind it (the hard limit)."""
-    return 1.0 - falling(x, width)
-
-
 @dataclass(frozen=True)
 class RewardScales:
     """Weights and widths of all terms; the weights and the first three widths are the paper's.
@@ -93,12 +88,12 @@ def reward_terms(
     }
     if angle_rad is not None:
         terms["angle"] = scales.angle * falling(abs(angle_rad), scales.angle_width_rad)
-    terms["joint"] = -scales.joint * _past(past_joint_rad, scales.joint_margin_rad)
-    terms["speed"] = -scales.speed * _past(past_speed, scales.speed_margin)
-    terms["torque"] = -scales.torque * _past(past_torque, scales.torque_margin)
+    terms["joint"] = -scales.joint * penalty(past_joint_rad, scales.joint_margin_rad)
+    terms["speed"] = -scales.speed * penalty(past_speed, scales.speed_margin)
+    terms["torque"] = -scales.torque * penalty(past_torque, scales.torque_margin)
     return terms
 
 
-def _past(x: float, margin: float) -> float:
-    """Return the penalty; without a soft margin it begins at the hard limit."""
-    return rising(x, margin) if margin > 0 else float(x > 0)
+def penalty(x: float, margin: float) -> float:
+    """Return the paper's pen(x; margin) for being x beyond the start of a soft margin: 1 at its end, the hard limit."""
+    return 1.0 - falling(x, margin) if margin > 0 else float(x > 0)

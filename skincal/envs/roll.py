@@ -373,7 +373,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def _shown(self) -> PictureState:
         return PictureState(
-            centre_m=self.world.grasp.centre_m,
+            centre_m=self.world.grasp.postures.middle_m,
             layout=self.skin.layout,
             image=self.image if self.policy is PolicyKind.tactile else None,
             target_m=self._target_m(),

@@ -78,7 +78,7 @@ def begin(
     work: Work,
     ranges: Ranges,
     out: Path,
-    *inputs: Path,
+    *inputs: str | Path | None,
     start: Policy | None = None,
     run: Path | None = None,
     force: bool = False,
@@ -89,7 +89,7 @@ def begin(
         work: what is learned, and how.
         ranges: what is randomised.
         out: the folder.
-        inputs: files that were read, and are not to be replaced.
+        inputs: files that were read, and are not to be replaced; None is skipped.
         start: the policy that the run goes on from; None: it begins with random networks.
         run: folder of the run that learned ``start``; its critics and its memory are taken over, too.
         force: whether an earlier run there is replaced.
