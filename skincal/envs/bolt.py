@@ -10,7 +10,7 @@ import numpy as np
 from skincal.envs.bodies import turn_of
 from skincal.envs.drawing import Values
 from skincal.envs.roll import RollEnv
-from skincal.envs.task_options import EpisodeOptions, TaskOptions
+from skincal.envs.task_options import TaskOptions
 from skincal.envs.trajectories import BOLT_HZ, ORIENTATIONS_DEG, sine
 from skincal.model.arrays import FloatArray
 from skincal.tasks import SPEEDS_RAD_PER_S, Task
@@ -32,21 +32,23 @@ class BoltRollEnv(RollEnv):
         """The sine is up to four times as fast as the marble's ways; fewer iterations would drop it more often."""
         return TaskOptions(speed_rad_per_s=SPEEDS_RAD_PER_S[Task.bolt], solver_iterations=30)
 
-    def _place(self, values: Values, asked: EpisodeOptions) -> FloatArray:
+    def _initial_rotation(self, values: Values) -> FloatArray:
         drawn = float(self.np_random.choice(ORIENTATIONS_DEG))
-        self._orientation_deg = drawn if asked.orientation_deg is None else asked.orientation_deg
+        given = self._episode.orientation_deg
+        self._orientation_deg = drawn if given is None else given
         return turn_of("bolt", values, self._orientation_deg)
 
-    def _plan(self, asked: EpisodeOptions, steps: int) -> FloatArray:
+    def _plan_targets(self, steps: int) -> FloatArray:
         drawn = float(self.np_random.uniform(*BOLT_HZ))
-        self._frequency_hz = drawn if asked.frequency_hz is None else asked.frequency_hz
+        given = self._episode.frequency_hz
+        self._frequency_hz = drawn if given is None else given
         return sine(steps, self._frequency_hz)
 
     def _look(self) -> None:
         super()._look()
-        seen, axis = self._view, 0.0  # of the bolt on the sensor, from +u towards +v [rad]
-        if seen.sound:
-            u, v = self.world.sensor.direction(seen.tip.turned(seen.body.rotation[:, 0]))
+        view, axis = self._view, 0.0  # of the bolt on the sensor, from +u towards +v [rad]
+        if view.sound:
+            u, v = self.world.sensor.direction(view.tip.turned(view.body.rotation[:, 0]))
             axis = math.atan2(v, u)
         if self._step == 0:
             self._first_rad, self._start_m = axis, self._view.position_m

@@ -68,7 +68,7 @@ class Grasp:
             values: the episode's draws.
             body: the object.
             rotation: (3, 3) from its frame to the fingertip's.
-            places_m: (3,) what is added to its place, fingertip frame [m]; one for each of several objects alike.
+            places_m: (3,) offset from the middle, fingertip frame [m]; one for each of several objects alike.
 
         Returns:
             (n,) the command at which it is held, as the joint sensors measure it [rad].

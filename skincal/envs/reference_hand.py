@@ -92,7 +92,7 @@ class ReferenceHand(SimulatedDriver):
         radius = f"object.{task}.radius_m"
         self._truth[radius] = self._world.drawer.nominal[radius]
         self._truth |= self._hidden(effects or {}, effect_rng)
-        self._seen: View | None = None
+        self._view: View | None = None
 
     @property
     def description(self) -> HandDescription:
@@ -157,8 +157,8 @@ class ReferenceHand(SimulatedDriver):
         time_s = self._periods * self.period_s
         world.noise = world.drawer.step(self._rng, self._sample)
         world.push()
-        self._seen = world.look()
-        image = world.image(self._seen.skin_contact(world.body), time_s)
+        self._view = world.look()
+        image = world.image(self._view.skin_contact(world.body), time_s)
         drives = scene.drives
         return HandState(
             time_s=time_s,
@@ -205,8 +205,8 @@ class ReferenceHand(SimulatedDriver):
             self._world.command(self._desired)
 
     def object_position_m(self) -> FloatArray | None:
-        seen = self._seen
-        return None if seen is None or seen.dropped else seen.position_m.copy()
+        view = self._view
+        return None if view is None or view.dropped else view.position_m.copy()
 
     def _hold(self) -> None:
         scene = self._world.scene

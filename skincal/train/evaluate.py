@@ -55,10 +55,10 @@ class Trial:
             "values": dict(self.values),
         }
         if self.task is Task.marble:
-            return {**options, "trajectory": self.trajectory}
-        if self.task is Task.pellets:
-            return options
-        return {**options, "orientation_deg": ORIENTATIONS_DEG[episode % len(ORIENTATIONS_DEG)]}
+            options["trajectory"] = self.trajectory
+        if self.task is Task.bolt:
+            options["orientation_deg"] = ORIENTATIONS_DEG[episode % len(ORIENTATIONS_DEG)]
+        return options
 
     def episode_seed(self, episode: int) -> int:
         """Return the seed of an episode."""
@@ -94,9 +94,8 @@ def environment_for(
     Raises:
         InputError: the policy is of another task, or sees something else than the environment shows.
     """
-    import skincal.envs
+    import skincal.envs  # noqa: F401  # registers the tasks
 
-    assert skincal.envs  # registers the tasks
     check_task(policy, trial.task)
     kind = str(policy.description.policy)
     given = {**trial.environment, **arguments}

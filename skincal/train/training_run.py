@@ -86,7 +86,7 @@ def begin(
     """Make the folder of a run: what it is, the environment's numbers included, and the ranges it randomises over.
 
     Args:
-        work: what is learned, and how.
+        work: options of the run.
         ranges: what is randomised.
         out: the folder.
         inputs: files that were read, and are not to be replaced; None is skipped.
@@ -206,28 +206,23 @@ class _Course:
     def go_on(self, rounds: int) -> None:
         """Work until so many rounds are done."""
         with Curve(self.folder / CURVE, self.progress.steps) as curve:
-            while self.progress.rounds < rounds:
-                self._segment(min(rounds, self._next_checkpoint()), curve)
+            every = self.work.rounds_per_checkpoint
+            while (done := self.progress.rounds) < rounds:
+                self._segment(min(rounds, (done // every + 1) * every), curve)
                 self.write_policy()
 
     def write_policy(self) -> Description:
         """Write the policy as it is now."""
         network = self.learner.network()
         if not all(np.isfinite(layer).all() for layer in (*network.weights, *network.biases)):
-            raise WorkError(
-                f"{self.folder}: the networks hold numbers that are not finite; nothing was written"
-            )
-        about = self._describe()
-        write_policy(network, about, self.folder / POLICY, force=True)
-        return about
-
-    def _describe(self) -> Description:
-        work, actions = self.work, self.learner.model.action_space
-        return Description(
+            fault = "the networks hold numbers that are not finite; nothing was written"
+            raise WorkError(f"{self.folder}: {fault}")
+        work = self.work
+        about = Description(
             task=work.task,
             policy=work.policy,
             observation=_layout(self.learner),
-            actions=spaces.flatdim(actions),
+            actions=network.actions,
             ranges_sha256=digest(self.ranges),
             seed=work.seed,
             steps=self.progress.steps,
@@ -238,10 +233,8 @@ class _Course:
             created=datetime.now(UTC).isoformat(timespec="seconds"),
             start=work.start,
         )
-
-    def _next_checkpoint(self) -> int:
-        every = self.work.rounds_per_checkpoint
-        return (self.progress.rounds // every + 1) * every
+        write_policy(network, about, self.folder / POLICY, force=True)
+        return about
 
     def _segment(self, until: int, curve: Curve) -> None:
         def listen(row: Round) -> None:
