@@ -1,4 +1,4 @@
-"""What tasks and the reference hand simulate alike: two fingers, the skin of one, and what lies between them."""
+"""World of a task and of the reference hand: two fingers, the skin of one, and an object between them."""
 
 from __future__ import annotations
 
