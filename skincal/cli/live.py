@@ -127,21 +127,21 @@ class RunProgress(_Live):
 @contextmanager
 def training_shown(steps: int) -> Generator[Callable[[Round], None]]:
     """Yield a callback of the rounds of a training run: it shows a bar, or without a terminal a line now and then."""
-    began = told = time.monotonic()
+    began = printed = time.monotonic()
     first: int | None = None
     with progress() as bars:
         task = bars.add_task("", total=steps)
 
         def report(row: Round) -> None:
-            nonlocal first, told
+            nonlocal first, printed
             figures, now = f"reward {row.reward:.3f}, error {1e3 * row.error_m:.2f} mm", time.monotonic()
             if first is None:
-                # What an earlier run has done says nothing of the time left.
+                # Steps of an earlier run do not count for the time left.
                 first = row.steps
                 bars.reset(task, completed=first)
             bars.update(task, completed=row.steps, description=figures)
-            if bars.disable and now - told >= LINE_EVERY_S:
-                told = now
+            if bars.disable and now - printed >= LINE_EVERY_S:
+                printed = now
                 left_min = (now - began) / max(row.steps - first, 1) * (steps - row.steps) / 60
                 say(f"{row.steps} of {steps} steps, {figures}, about {left_min:.0f} min left")
 

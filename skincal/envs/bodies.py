@@ -1,4 +1,4 @@
-"""The things that are rolled: what physics and skin need to know of them."""
+"""Rolled objects: their shape, mass and indenter."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class Body(ABC):
     """A rigid body; its frame has its origin at the centre of mass.
 
     Attributes:
-        kind: what ranges call it.
-        radius_m: of what the fingers hold [m].
+        kind: name in ranges.
+        radius_m: radius of the part that the fingers hold [m].
     """
 
     kind: ClassVar[ObjectName]
@@ -48,7 +48,7 @@ class Body(ABC):
     @property
     @abstractmethod
     def parts(self) -> tuple[Part, ...]:
-        """Return what it is made of, as it collides."""
+        """Return the collision shapes."""
 
     @abstractmethod
     def look(self, engine: Any) -> int:
@@ -62,7 +62,7 @@ class Body(ABC):
     @property
     @abstractmethod
     def indenter(self) -> Indenter:
-        """Return what the skin feels."""
+        """Return the shape that presses on the skin."""
 
     def contacts(
         self,
@@ -72,7 +72,7 @@ class Body(ABC):
         position_m: FloatArray,
         rotation: FloatArray,
     ) -> Contacts:
-        """Return a contact as the skin takes it, all in the fingertip frame.
+        """Return a contact for the skin model; all vectors are in the fingertip frame.
 
         Args:
             point_m: (3,) where it touches [m].
@@ -203,7 +203,7 @@ class Bolt(Body):
 
 
 BODIES: Final[dict[ObjectName, type[Body]]] = {one.kind: one for one in (Marble, Bolt)}
-"""Bodies by what ranges call them."""
+"""Bodies by their name in ranges."""
 
 
 def body_of(kind: ObjectName, values: Values) -> Body:
@@ -212,7 +212,7 @@ def body_of(kind: ObjectName, values: Values) -> Body:
 
 
 def turn_of(kind: ObjectName, values: Values, orientation_deg: float) -> FloatArray:
-    """Return how the object is turned at first (3, 3), in the fingertip's frame; a ball is not."""
+    """Return the object's initial rotation (3, 3) in the fingertip's frame; the identity for a ball."""
     if kind == "marble":
         return np.eye(3)
     psi, theta, phi = (number(values, f"object.{kind}.{name}_deg") for name in ("psi", "theta", "phi"))

@@ -1,4 +1,4 @@
-"""A bolt that is rolled along a sine; how it lies, the policy has to feel."""
+"""A bolt that is rolled along a sine; the policy has to infer its orientation from touch."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class BoltRollEnv(RollEnv):
     """``skincal/BoltRoll-v0``: see :class:`RollEnv`.
 
     The bolt is put between the fingers at one of four angles from the finger's across direction, its head in front. The
-    policy is told how far it shall be along its normal, but not which way that is: the axis of the bolt, as it lies on
-    the sensor when the fingers have taken it, turned by 90° on.
+    policy observes the target distance along the bolt's normal, but not the normal: the axis of the bolt on the sensor
+    after the grasp, rotated by 90°.
     """
 
     object_name = "bolt"
@@ -29,7 +29,7 @@ class BoltRollEnv(RollEnv):
 
     @classmethod
     def default_options(cls) -> TaskOptions:
-        """The sine is up to four times as fast as the marble's ways; fewer iterations would drop it more often."""
+        """Return options for a sine up to four times as fast as the marble's targets, with more solver iterations."""
         return TaskOptions(speed_rad_per_s=SPEEDS_RAD_PER_S[Task.bolt], solver_iterations=30)
 
     def _initial_rotation(self, values: Values) -> FloatArray:

@@ -83,7 +83,7 @@ class Drawer:
         randomize: Sequence[str] | None = None,
         given: Mapping[str, ArrayLike] | None = None,
     ) -> Values:
-        """Return what is drawn anew in a step: noise and forces; of what is not randomized, the nominal value."""
+        """Return the draws of a step, noise and forces; nominal values where nothing is randomized."""
         drawn = self._draw(rng, "step", episode)
         return {
             path: v if is_chosen(path, randomize) and path not in (given or ()) else _copy(self.nominal[path])
@@ -158,7 +158,7 @@ def effects_of(values: Values) -> dict[str, dict[str, Value]]:
 
 
 def _defaults(kind: ObjectName, pinch: Pinch, taxels: int) -> Values:
-    """Return defaults for what ranges leave out: the hand's own values, the middle of the paper's ranges, or 0."""
+    """Return defaults of parameters without ranges: the hand's own values, the middle of the paper's ranges, or 0."""
     description, mount = pinch.description, pinch.description.meta.mount
     n = pinch.joints
     give = description.compliance_rad_per_nm

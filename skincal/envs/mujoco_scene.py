@@ -1,4 +1,4 @@
-"""Two fingers and what they hold in MuJoCo: the same bodies, drives and contacts as in PyBullet.
+"""Two fingers and their objects in MuJoCo: the same bodies, drives and contacts as in PyBullet.
 
 A contact is a spring and a damper that act on the next step's state, in both engines. MuJoCo's soft constraint is
 ``f = (-k r - b v - a) / R`` with a regularization R. With the step h, stiffness K and damping D of the grip,
@@ -77,7 +77,7 @@ class MujocoScene(Scene):
         option.timestep, option.gravity = _STEP_S, [0.0, 0.0, 0.0]
         option.cone, option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, _FRICTION_RATIO
         option.solver, option.iterations, option.tolerance = mj.mjtSolver.mjSOL_NEWTON, 50, 1e-10
-        # A world that has gone astray is seen as such, not begun anew.
+        # A simulation that diverges is detected by its state; MuJoCo must not reset it.
         option.disableflags |= int(mj.mjtDisableBit.mjDSBL_AUTORESET)
         tips = [self._tip_geom(spec, link) for link in self._tip_links]
         self._ball_names: list[str] = []
@@ -142,7 +142,7 @@ class MujocoScene(Scene):
                 model.pair_margin[pair] = 0.0 if abs(float(axis @ along)) > _ALONG else _NEVER_M
 
     def _names(self) -> None:
-        """Return where joints, bodies and geoms are in MuJoCo's arrays."""
+        """Look up the indices of joints, bodies and geoms in MuJoCo's arrays."""
         model = self._model
         joints = [model.joint(name) for name in self._pinch.description.joints]
         self._columns = np.array([int(joint.qposadr[0]) for joint in joints])

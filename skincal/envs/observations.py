@@ -27,9 +27,9 @@ KINDS: Final[dict[PolicyKind, tuple[str, ...]]] = {
     PolicyKind.desired: ("desired",),
     PolicyKind.ideal: ("truth", "desired"),
 }
-"""What each policy sees five times, as published; ``ideal`` is what a perfect skin would tell."""
+"""Stacked parts of each policy's observation, as published; ``ideal`` is the output of a perfect skin."""
 TASK: Final = ("target", "movement")
-"""What every policy sees once: the target and its change."""
+"""Parts that every policy observes once: the target and its change."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Layout:
         self._slices = [(p.name, slice(end - p.size, end)) for p, end in zip(parts, ends, strict=True)]
 
     def fill(self, values: Mapping[str, Any]) -> FloatArray:
-        """Return the array (size,): what lies beyond its bounds is cut off, what is NaN is 0."""
+        """Return the array (size,): values are clipped to their bounds, and NaN becomes 0."""
         flat = np.empty(len(self.low))
         for name, where in self._slices:
             flat[where] = values[name]
@@ -132,7 +132,7 @@ _LEFT_OUT: Final = (
 
 
 def constant_parts(nominal: Values) -> list[Part]:
-    """Return what an episode was drawn with, in the order of the names."""
+    """Return the parts for the draws of an episode, in the order of the names."""
     return [
         Part(path, int(np.size(value)), -1e12, 1e12)
         for path, value in nominal.items()

@@ -1,7 +1,7 @@
 """Pellets that are held between two fingertips and let go one at a time.
 
 After the authors' later work (ICRA 2026): two or three pellets of 6 mm. Ranges and settings of the training are
-published; how many are asked for and when, what pays, and their mass are assumed here.
+published; the target numbers over time, the reward and the mass are assumed here.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ GONE_M: Final = 0.02
 """A pellet so far from where it was taken is gone [m]."""
 LEAST: Final = 2
 TRIES: Final = 20
-"""The fingers close so often until they have got the least number."""
+"""Most attempts of the grasp to take the least number."""
 
 
 class PelletSeparateEnv(RollEnv):
     """``skincal/PelletSeparate-v0``: see :class:`RollEnv`.
 
-    The policy is told how many pellets it shall hold: at first all of them, then one less at even intervals, in the end
-    one. It is paid for each step in which it holds that many; when it holds fewer the episode ends.
+    The policy observes the target number of pellets: at first all of them, then one less at even intervals, in the end
+    one. Each step in which it holds that many is rewarded; when it holds fewer, the episode ends.
     """
 
     object_name = "marble"
@@ -52,7 +52,7 @@ class PelletSeparateEnv(RollEnv):
             raise input_error("ranges", "no effects, for pellets", "skin.effects", fix)
 
     def _begin(self) -> None:
-        """Take the pellets, anew where the fingers have not got two of them: the task is to let go of one."""
+        """Grasp the pellets; repeat the grasp until the fingers hold two of them, as the task is to release one."""
         for _ in range(TRIES):
             super()._begin()
             self._look()
@@ -67,7 +67,7 @@ class PelletSeparateEnv(RollEnv):
         return replace(super()._body(values), mass_kg=MASS_KG)
 
     def _initial_positions_m(self, values: Values) -> list[FloatArray]:
-        """Side by side along the finger, or in a triangle about the middle."""
+        """Return positions side by side along the finger, or in a triangle about the middle."""
         width = APART * number(values, "object.marble.radius_m")
         middle = array(values, "object.marble.position_m")
         about = width if self._count == 2 else 2 * width / np.sqrt(3)

@@ -32,7 +32,7 @@ _TARGET, _PLACE = (90, 220, 120), (255, 255, 255)
 
 
 def display_there() -> bool:
-    """Return whether a window can be opened. If not, that is said once: PyBullet itself would end the process."""
+    """Return whether a window can be opened, and print if not: PyBullet itself would end the process."""
     there = sys.platform != "linux" or bool(os.environ.get("DISPLAY"))
     if not there:
         print("skincal: there is no display to open a window on (DISPLAY is not set)", file=sys.stderr)
@@ -113,7 +113,7 @@ class Board:
         self._next_s = time.monotonic()
 
     def show(self, shown: PictureState) -> None:
-        """Colour the tiles, and waits until life has come so far."""
+        """Colour the tiles, and wait to keep pace with real time."""
         image = shown.image
         share = np.zeros(len(self._tiles)) if image is None else image / FULL_COUNTS
         for tile, colour in zip(self._tiles, colours(share) / 255.0, strict=True):

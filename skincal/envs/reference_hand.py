@@ -123,7 +123,7 @@ class ReferenceHand(SimulatedDriver):
         return found
 
     def connect(self) -> None:
-        """The fingers stand open about the object, which a person holds."""
+        """Begin with the fingers open about the object, which a person holds."""
         self._halted.clear()
         world, values = self._world, self._truth
         if world.scene is not None:
@@ -151,7 +151,7 @@ class ReferenceHand(SimulatedDriver):
         return self._world.scene
 
     def observe(self) -> HandState:
-        """Move on by one period, or to the present of a clock that it keeps pace with; say what the sensors say."""
+        """Advance by one period, or to the present of its clock, and return the sensors' readings."""
         world, scene = self._world, self._connected
         self._move_on(scene, least=1)
         time_s = self._periods * self.period_s
@@ -196,9 +196,9 @@ class ReferenceHand(SimulatedDriver):
             scene.release()
 
     def act(self, command: HandCommand) -> None:
-        """Hold to other angles from now on; a hand that has been stopped stays so until it is connected again."""
+        """Command other joint angles; a stopped hand ignores them until it is connected again."""
         scene = self._connected
-        # What came before this command went by another.
+        # Time up to now passed under the previous command.
         self._move_on(scene, least=0)
         if not self._halted.is_set():
             self._desired = np.array(command.q_desired_rad, dtype=np.float64)

@@ -9,9 +9,9 @@ from skincal.errors import check_options
 
 
 def falling(x: float, width: float) -> float:
-    """Return what a deviation is rewarded with: 1 at none, along a cosine to 0 at a width and beyond.
+    """Return the reward of a deviation: 1 at zero, falling along a cosine to 0 at a width and beyond.
 
-    The paper's figure rew(x; width) is printed with its outer cases exchanged: being far away would pay most.
+    The paper prints rew(x; width) with its outer cases exchanged, which would reward the largest deviation most.
     """
     if x <= 0:
         return 1.0
@@ -30,10 +30,10 @@ class RewardScales:
         joint: weight of the penalty at joint limits.
         speed: weight of the penalty at limits of joint velocity.
         torque: weight of the penalty at limits of torque.
-        position_width_m: distance that pays nothing [m].
-        force_n: the force that pays most [N].
-        force_width_n: deviation that pays nothing [N].
-        angle_width_rad: angle that pays nothing [rad].
+        position_width_m: distance without reward [m].
+        force_n: force with the highest reward [N].
+        force_width_n: deviation without reward [N].
+        angle_width_rad: angle without reward [rad].
         joint_margin_rad: soft margin before the joint limits [rad]; assumed.
         speed_margin: soft margin, in parts of the largest velocity; assumed.
         torque_margin: soft margin, in parts of the largest torque; assumed.

@@ -1,4 +1,4 @@
-"""Objects between two fingertips: what all tasks share (Kasolowsky & Bäuml, IROS 2024, section IV)."""
+"""Base of all tasks with objects between two fingertips (Kasolowsky & Bäuml, IROS 2024, section IV)."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         engine: str = "pybullet",
         **single: Any,
     ) -> None:
-        # A pickle holds the arguments: the copy is as the environment was made, and is to be reset.
+        # A pickle holds the arguments only: the copy has to be reset.
         EzPickle.__init__(self, policy, ranges, hand, render_mode, options, engine, **single)
         if policy not in KINDS:
             raise input_error("policy", f"one of {', '.join(KINDS)}", repr(policy))
@@ -195,7 +195,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """Move on by 0.1 s.
 
         Args:
-            action: (n,) in [-1, 1]; what lies beyond is cut off, what is NaN counts as 0.
+            action: (n,) in [-1, 1]; clipped; NaN counts as 0.
         """
         scene = self.world.scene
         if scene is None:
@@ -325,11 +325,11 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     @property
     def truth(self) -> View:
-        """Return what is true at this moment."""
+        """Return the true state at this moment."""
         return self._view
 
     def _orientation(self) -> FloatArray:
-        """Return what the critic is told of how the object lies (4,); nothing of a marble."""
+        """Return the orientation that the critic observes (4,); zeros for a marble."""
         return np.zeros(4)
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
@@ -383,7 +383,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
 
 def _worst(values: FloatArray) -> float:
-    """Return the largest; what is not finite counts as far beyond the limit."""
+    """Return the largest value; one that is not finite counts as far beyond the limit."""
     worst = float(values.max())
     return worst if math.isfinite(worst) else float(np.where(np.isfinite(values), values, 1e3).max())
 

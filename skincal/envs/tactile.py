@@ -61,7 +61,7 @@ class TactileSkin:
 
     @cached_property
     def _cells(self) -> Patch:
-        """Made when there is something to feel: policies without touch do without."""
+        """Cells of the patch, built at first use: policies without touch never need them."""
         # Always at the same pose: the order of sums must not depend on what was asked for before.
         return Patch.build(self._surface, self.layout, SensorPose(0.0, 0.0), self._resolution_m, MARGIN_M)
 
@@ -121,7 +121,7 @@ class TactileSkin:
         return values[0] if len(values) == 1 else values.sum(axis=0)
 
     def _samples(self, contact: SkinContact | None, time_s: float) -> Samples:
-        """Return the contact with what effects need to know besides.
+        """Return the contact with the covariates that effects need.
 
         A skin in use has been touched everywhere before: the cycle is not known, and what fades with it has faded.
         """

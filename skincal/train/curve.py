@@ -51,7 +51,7 @@ COLUMNS = tuple(field.name for field in fields(Round))
 
 
 class RoundWatch(BaseCallback):
-    """Listens to a learner and sums up every round."""
+    """Callback of a learner that summarises every round."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -109,7 +109,7 @@ class RoundWatch(BaseCallback):
 
 
 def _figure(figures: dict[str, Any], *names: str) -> float:
-    """Return the first of some figures that there is: algorithms name them unlike."""
+    """Return the first figure that exists: algorithms use different names."""
     return next((float(figures[name]) for name in names if name in figures), float("nan"))
 
 

@@ -1,4 +1,4 @@
-"""Lets policies act in the published evaluations, and keeps what happened."""
+"""Run policies in the published evaluations and record their episodes."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step of an episode, as it is told while it happens."""
+    """One step of an episode."""
 
     observation: Mapping[str, NDArray[np.float32]]
     reward: float

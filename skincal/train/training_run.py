@@ -1,4 +1,4 @@
-"""A training run: a folder that holds what it is, how far it has come, and in the end a policy."""
+"""A training run: a folder with its options, progress, and in the end a policy."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def begin(
     run: Path | None = None,
     force: bool = False,
 ) -> None:
-    """Make the folder of a run: what it is, the environment's numbers included, and the ranges it randomises over.
+    """Make the folder of a run: its options, including the environment's numbers, and the ranges it randomises over.
 
     Args:
         work: options of the run.
@@ -189,7 +189,7 @@ def train(
 
 
 class _Course:
-    """The way of one run from checkpoint to checkpoint."""
+    """Progress of one run from checkpoint to checkpoint."""
 
     def __init__(
         self, folder: Path, work: Work, ranges: Ranges, learner: Learner, report: Callable[[Round], None]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import Run
+from commands import Run, RunJson
 
 from skincal.collect import Plan, PlannedPress, write_plan
 from skincal.dataset import check_dataset, read_dataset
@@ -35,12 +35,11 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_json_is_what_the_contract_says(here: Path, run: Run):
-    status, out, err = run("collect", "--driver", "sim", "--seed", "7", "--plan", "plan.csv", "--out", "run",
-        "--truth", "truth.json", "--effect", "hysteresis=1", "--json",
+def test_json_is_what_the_contract_says(here: Path, run_json: RunJson):
+    told = run_json(
+        "collect", "--driver", "sim", "--seed", "7", "--plan", "plan.csv", "--out", "run",
+        "--truth", "truth.json", "--effect", "hysteresis=1",
     )  # fmt: skip
-    assert status == 0, err
-    told = json.loads(out)
     assert told["presses"] == 3 and told["missed_target"] in (0, 1) and told["dataset"] == "run"
     assert check_dataset(Path("run")).errors == ()
     truth = json.loads(Path("truth.json").read_text())
@@ -68,15 +67,12 @@ def test_same_seed_same_dataset(here: Path, run: Run):
     assert Path("one/presses.csv").read_bytes() == Path("two/presses.csv").read_bytes()
 
 
-def test_plan_only_moves_nothing(here: Path, run: Run):
-    status, out, _ = run("collect", "--seed", "7", "--out", "run", "--plan-only", "--json")
-    assert status == 0
-    told = json.loads(out)
+def test_plan_only_moves_nothing(here: Path, run: Run, run_json: RunJson):
+    told = run_json("collect", "--seed", "7", "--out", "run", "--plan-only")
     assert told["presses"] == 97 and told["kinds"]["repeat"] == 20 and told["seconds"] < 330
     assert sorted(p.name for p in here.iterdir()) == ["plan.csv", "run-plan.png", "run-plan.toml"]
     # The plan that was shown can be given back.
-    status, out, _ = run("collect", "--plan", "run-plan.toml", "--out", "again", "--plan-only", "--json")
-    assert status == 0 and json.loads(out)["presses"] == 97
+    assert run_json("collect", "--plan", "run-plan.toml", "--out", "again", "--plan-only")["presses"] == 97
     assert run("collect", "--seed", "7", "--out", "run", "--plan-only")[0] == 2
 
 
