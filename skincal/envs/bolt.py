@@ -46,7 +46,7 @@ class BoltRollEnv(RollEnv):
 
     def _look(self) -> None:
         super()._look()
-        view, axis = self._view, 0.0  # of the bolt on the sensor, from +u towards +v [rad]
+        view, axis = self._view, 0.0  # angle of the bolt's axis from +u towards +v [rad]
         if view.sound:
             u, v = self.world.sensor.direction(view.tip.turned(view.body.rotation[:, 0]))
             axis = math.atan2(v, u)
