@@ -12,12 +12,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from skincal.cli.main import main
 
 Run = Callable[..., tuple[int, str, str]]
+RunJson = Callable[..., dict[str, Any]]
 
 
 def run(*arguments: object) -> int:

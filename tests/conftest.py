@@ -10,17 +10,19 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")
 
 import gc
+import json
 import shutil
 import signal
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import numpy as np
 import pytest
-from commands import Run, captured
+from commands import Run, RunJson, captured
 from published import META, RADIUS_M
 
 from skincal.dataset import Dataset, Frames, Presses, write_dataset
@@ -129,3 +131,15 @@ def shared() -> Path:
 def run(capsys: pytest.CaptureFixture[str]) -> Run:
     """Runs a command; returns its exit status, standard output and standard error."""
     return partial(captured, capsys)
+
+
+@pytest.fixture
+def run_json(run: Run) -> RunJson:
+    """Runs a command with ``--json``, which must succeed; returns the object that it prints."""
+
+    def answer(*arguments: object) -> dict[str, Any]:
+        status, out, err = run(*arguments, "--json")
+        assert status == 0, err
+        return json.loads(out)
+
+    return answer

@@ -43,17 +43,16 @@ def audit(
     from skincal.files import refuse_existing, whole_folder
 
     if out is not None:
-        inputs = [source, *(Path(one) for one in (calibration, hand) if one)]
-        refuse_existing(out, *inputs, force=force, marker=PICTURE)
+        refuse_existing(out, source, calibration, hand, force=force, marker=PICTURE)
     report, unit = _audited(source, calibration, hand, seed)
+    picture = None if out is None else out / PICTURE
     if out is not None:
         from skincal.report.audit import audit_figure
         from skincal.report.style import save
 
         with whole_folder(out, force=force, marker=PICTURE) as folder:
             save(audit_figure(report), folder / PICTURE)
-    picture = None if out is None else out / PICTURE
-    then = "" if picture is None else f"picture: {picture}"
+    then = f"picture: {picture}" if picture else ""
     answer(as_json, _as_json(report, picture), *_lines(report, unit), then=then)
 
 
@@ -95,21 +94,18 @@ def _as_json(report: AuditReport, picture: Path | None) -> dict[str, Any]:
 
 def _lines(report: AuditReport, unit: str) -> list[str]:
     """Return the audit for a person, line by line."""
-    what, of = "planned presses" if report.planned else "presses", "hold means"
+    what = "planned presses" if report.planned else "presses"
+    of = "frames in bins" if report.has_frames else "hold means"
     floor, settings = report.floor, report.options
-    frame, mean = (
-        f"({low:.3g} to {high:.3g}, from " for low, high in (floor.frame_interval, floor.mean_interval)
-    )
+    frame, mean = (f"({low:.3g} to {high:.3g}" for low, high in (floor.frame_interval, floor.mean_interval))
     lines = [
-        f"{report.presses} {what}, {report.observations} images ({'frames in bins' if report.has_frames else of}) of "
-        f"{report.taxels} taxels",
-        f"noise of a frame {floor.frame_counts:.3g} {unit} {frame}{floor.frame_from}), "
-        f"of a hold mean {floor.mean_counts:.3g} {mean}{floor.mean_from})",
+        f"{report.presses} {what}, {report.observations} images ({of}) of {report.taxels} taxels",
+        f"noise of a frame {floor.frame_counts:.3g} {unit} {frame}, from {floor.frame_from}), "
+        f"of a hold mean {floor.mean_counts:.3g} {mean}, from {floor.mean_from})",
     ]
     if report.left_out:
-        lines.append(
-            f"left out, because their force is an outlier: presses {first_of(report.left_out, MOST_LISTED)}"
-        )
+        presses = first_of(report.left_out, MOST_LISTED)
+        lines.append(f"left out, because their force is an outlier: presses {presses}")
     if not report.calibrated:
         lines.append("pose, E and S are assumed; --calibration CAL takes those of a fit")
     lines += ["", f"{'visible':<17}{'smallest strength':>18}   looks the same as"]

@@ -82,14 +82,13 @@ def collect(
     simulated = f", seed {seed}" if driver == "sim" else ""
     effects = f", effects {', '.join(effect)}" if effect else ""
     kind = "stage, " if is_stage else ""
-    source = (
-        f"skincal collect: {kind}driver {driver}{simulated}{effects}, plan {chosen.name}, {description.name}"
-    )
+    of = f"driver {driver}{simulated}{effects}, plan {chosen.name}, {description.name}"
+    source = f"skincal collect: {kind}{of}"
     found = press(rig, chosen, out, source, force=force, inputs=inputs, restart=restart)
-    _conclude(found, out, as_json)
+    _report(found, out, as_json)
 
 
-def _conclude(found: Collected, out: Path, as_json: bool) -> None:
+def _report(found: Collected, out: Path, as_json: bool) -> None:
     """Report a finished session; status 1 if its dataset cannot be fitted."""
     presses = len(found.dataset.presses)
     marks = ", ".join(f"{n} {name}" for name, n in found.statuses.items())
@@ -109,9 +108,8 @@ def _conclude(found: Collected, out: Path, as_json: bool) -> None:
     answer(as_json, content, f"{summary}, {found.session_s:.0f} s of the hand's time", f"dataset: {out}")
     warn((*found.rest_shifts, *found.problems))
     if found.problems:
-        say(
-            f"skincal: error: {out}: expected a dataset that can be fitted; got the problems above. Nothing is lost."
-        )
+        expected = "expected a dataset that can be fitted; got the problems above. Nothing is lost."
+        say(f"skincal: error: {out}: {expected}")
         raise typer.Exit(1)
 
 
@@ -171,10 +169,9 @@ def plan_of(
 
     mount = Mount.of(description.meta)
     if path is not None and protocol is not None:
+        got = f"--protocol {protocol} and --plan {path}"
         fix = "A plan lists all presses; leave one of the two options out."
-        raise input_error(
-            "--protocol", "a protocol or a plan of your own", f"--protocol {protocol} and --plan {path}", fix
-        )
+        raise input_error("--protocol", "a protocol or a plan of your own", got, fix)
     protocol = protocol or "full"
     if second_mm is not None and (path is not None or protocol != "full"):
         raise input_error("--second-indenter-mm", "the full protocol", path or f"--protocol {protocol}")

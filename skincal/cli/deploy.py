@@ -83,8 +83,7 @@ def deploy(
     from skincal.train import policy_path, read_policy
 
     file = Path(policy_path(policy))
-    inputs = [one for one in (file, pinch, Path(trajectory)) if one is not None and one.exists()]
-    refuse_existing(out, *inputs, force=force, marker=MARKER)
+    refuse_existing(out, file, pinch, trajectory, force=force, marker=MARKER)
     chosen = read_policy(file)
     if str(chosen.description.task) != task.value:
         fix = f"skincal deploy {chosen.description.task} {policy}"
@@ -148,12 +147,9 @@ def deploy(
     held = "held to the end" if content["held"] else f"lost after {content['lost_s']:.1f} s"
     error = "" if content["error_m"] is None else f", tracking error {1e3 * content['error_m']:.2f} mm"
     period = "" if content["period_s"] is None else f"; period {1e3 * content['period_s']:.1f} ms"
-    answer(
-        as_json,
-        content,
-        f"{task.value}: {found.steps} steps, {held}{error}{period}, jitter {1e3 * found.jitter_s:.2f} ms",
-        f"session: {content['session']}",
-    )
+    jitter = f"jitter {1e3 * found.jitter_s:.2f} ms"
+    shown = f"{task.value}: {found.steps} steps, {held}{error}{period}, {jitter}"
+    answer(as_json, content, shown, f"session: {content['session']}")
 
 
 def _size(hand: HandDescription, targets: int) -> int:

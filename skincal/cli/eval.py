@@ -93,8 +93,8 @@ def evaluate(
     if gif and on is not Engine.pybullet:
         raise input_error("--gif", "--on pybullet", f"--on {on}")
     if out is not None:
-        inputs = [one for one in (ranges, calibration, Path(trajectory)) if one]
-        refuse_existing(out, *map(policy_path, policies), *inputs, force=force, marker=MARKER)
+        inputs = *map(policy_path, policies), ranges, calibration, trajectory
+        refuse_existing(out, *inputs, force=force, marker=MARKER)
     if calibration is not None:
         if ranges is not None or randomize:
             given = "--ranges" if ranges is not None else "--randomize"

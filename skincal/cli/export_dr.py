@@ -18,6 +18,7 @@ EPILOG = example(
     "skincal export-dr cal --out ranges.yaml --preset icra26 --joint",
 )
 
+_PRESET = "Published ranges for what the calibration does not know."
 _JOINT = "Also write the joint posterior draws: these parameters are drawn together."
 _ASSUME = "S [counts per N] to assume where the calibration leaves it open; required there."
 
@@ -25,9 +26,7 @@ _ASSUME = "S [counts per N] to assume where the calibration leaves it open; requ
 def export_dr(
     cal: options.Calibration,
     out: Annotated[Path, option("File to write: .toml, .json or .yaml.")],
-    preset: Annotated[
-        PresetName, option("Published ranges for what the calibration does not know.")
-    ] = "iros24",
+    preset: Annotated[PresetName, option(_PRESET)] = "iros24",
     joint: Annotated[bool, option(_JOINT, "--joint")] = False,
     draws: Annotated[int, option("With --joint: write at most this many draws.", min=1, max=10_000)] = 500,
     assume_scale: Annotated[Pair | None, option(_ASSUME, metavar="LOW HIGH")] = None,
@@ -66,20 +65,13 @@ def export_dr(
         "findings": [finding.code for finding in calibration.findings],
         "warnings": problems_json(ranges.warnings),
     }
-    cells = [
-        (
-            row.path.removeprefix("skin."),
-            str(row.parameter),
-            "–" if row.published is None else str(row.published),
-            "–" if row.ratio != row.ratio else f"{row.ratio:.0%}",
-        )
-        for row in rows
-    ]
+    cells: list[tuple[str, ...]] = []
+    for row in rows:
+        before = "–" if row.published is None else str(row.published)
+        ratio = "–" if row.ratio != row.ratio else f"{row.ratio:.0%}"
+        cells.append((row.path.removeprefix("skin."), str(row.parameter), before, ratio))
     known = len(ranges.calibrated())
     cloud = f", {len(ranges.joint)} draws of the valley" if ranges.joint else ""
-    answer(
-        as_json,
-        content,
-        *([] if as_json else [table(("calibrated", "range", preset, "width of it"), cells)]),
-        f"{out}: {known} parameters calibrated, {len(ranges) - known} assumed from {preset}{cloud}",
-    )
+    shown = [] if as_json else [table(("calibrated", "range", preset, "width of it"), cells)]
+    summary = f"{out}: {known} parameters calibrated, {len(ranges) - known} assumed from {preset}{cloud}"
+    answer(as_json, content, *shown, summary)

@@ -113,7 +113,7 @@ def fit(
     from skincal.workers.processes import mapper, rare_collections
 
     bound_counts2 = _bound(bound)
-    refuse_existing(out, dataset, *([effects] if effects else []), force=force, marker="calibration.toml")
+    refuse_existing(out, dataset, effects, force=force, marker="calibration.toml")
     # Workers start while this process imports and reads.
     with rare_collections(), mapper(workers, scheduler) as spread:
         here = map if scheduler is not None else spread  # a cluster need not have what draws
@@ -252,12 +252,11 @@ def _metres(name: str, range_mm: Pair | None, mount_m: Pair | None) -> Pair | No
         return None
     low, high = range_mm
     if mount_m is not None:
-        overlaps = low <= mount_m[1] and high >= mount_m[0]
-        if overlaps and abs(high - low) < NARROW * 1e3 * (mount_m[1] - mount_m[0]):
-            expected = f"low and high [mm] ([mount] has {1e3 * mount_m[0]:g} to {1e3 * mount_m[1]:g})"
-            raise input_error(
-                name, expected, f"{low:g} and {high:g}", "Are they in metres? Multiply by 1000."
-            )
+        least, most = mount_m
+        if low <= most and high >= least and abs(high - low) < NARROW * 1e3 * (most - least):
+            expected = f"low and high [mm] ([mount] has {1e3 * least:g} to {1e3 * most:g})"
+            fix = "Are they in metres? Multiply by 1000."
+            raise input_error(name, expected, f"{low:g} and {high:g}", fix)
     return low * 1e-3, high * 1e-3
 
 

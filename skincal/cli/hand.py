@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from skincal.hand.stage import StageDriver
     from skincal.robot import HandDescription
 
+_DRIVER = "A driver's name, or module:Class."
+
 app = typer.Typer(
     no_args_is_help=True,
     help="Drivers of hands: list them, test one, show a hand, make keys.",
@@ -38,17 +40,18 @@ def list_drivers(as_json: options.Json = False) -> None:
     from skincal.hand.registry import driver_class, driver_names, driver_options
 
     drivers: list[dict[str, Any]] = []
+    lines: list[str] = []
     for name in driver_names():
+        driver: dict[str, Any] = {"name": name, "class": None, "options": [], "error": None}
+        drivers.append(driver)
+        lines.append(name)
         try:
             made = driver_class(name)
-            taken = [_option(one) for one in driver_options(name) if is_text(one.kind)]
-            place = f"{made.__module__}:{getattr(made, '__qualname__', made)}"
-            drivers.append({"name": name, "class": place, "options": taken, "error": None})
+            driver["options"] = [_option(one) for one in driver_options(name) if is_text(one.kind)]
+            driver["class"] = f"{made.__module__}:{getattr(made, '__qualname__', made)}"
         except SkincalError as error:
-            drivers.append({"name": name, "class": None, "options": [], "error": str(error)})
-    lines: list[str] = []
-    for driver in drivers:
-        lines += [driver["name"], *([f"  {driver['error']}"] if driver["error"] else [])]
+            driver |= {"options": [], "error": str(error)}
+            lines.append(f"  {error}")
         for one in driver["options"]:
             default = "required" if one["required"] else f"default {one['default']}"
             text = f": {one['text']}" if one["text"] else ""
@@ -140,9 +143,7 @@ def _fingers(description: HandDescription) -> list[str]:
     ),
 )
 def test(
-    driver: Annotated[
-        str, argument("DRIVER", "A driver's name, or module:Class.", callback=find_modules_here)
-    ],
+    driver: Annotated[str, argument("DRIVER", _DRIVER, callback=find_modules_here)],
     driver_option: options.DriverOptions = None,
     step_deg: Annotated[float, option("Largest motion of a joint [°].", min=0.1, max=5.0)] = 1.0,
     move: Annotated[bool, option("Move the hand, or only observe it.")] = True,

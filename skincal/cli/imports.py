@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,15 +22,11 @@ app = typer.Typer(
 )
 
 
-def _print_template(kind: str) -> Callable[[bool], None]:
-    """Return a callback that prints a commented mapping file and exits, whatever else the command line says."""
-
-    def show(wanted: bool) -> None:
-        if wanted:
-            import_template(kind)
-            raise typer.Exit()
-
-    return show
+def _print_template(context: typer.Context, wanted: bool) -> None:
+    """Print the commented mapping file of a verb and exit, whatever else the command line says."""
+    if wanted:
+        import_template(context.info_name or "")
+        raise typer.Exit()
 
 
 def _print_topics(bag: Path | None) -> None:
@@ -47,12 +42,9 @@ def _files(metavar: str, what: str) -> Any:
     return argument(metavar, f"{what}, in the order of the session [default: those that the mapping lists].")
 
 
-def _template(kind: str) -> Any:
-    text = "Print a mapping to start from, and exit."
-    return option(text, "--template", is_eager=True, callback=_print_template(kind))
-
-
+_TEMPLATE = "Print a mapping to start from, and exit."
 _TOPICS = "Print the topics of a bag with their types, and exit."
+Template = Annotated[bool, option(_TEMPLATE, "--template", is_eager=True, callback=_print_template)]
 MappingArgument = Annotated[Path, argument("MAPPING", "Meaning of the source's columns (TOML).")]
 TopicsOption = Annotated[Path | None, option(_TOPICS, is_eager=True, callback=_print_topics, metavar="BAG")]
 
@@ -71,7 +63,7 @@ def import_csv(
     files: Annotated[list[Path] | None, _files("FILES", "The recording's files")] = None,
     force: options.Force = False,
     as_json: options.Json = False,
-    template: Annotated[bool, _template("csv")] = False,
+    template: Template = False,
 ) -> None:
     """Make a dataset from text files: presses row by row, or a time series that is cut into presses."""
     from skincal import imports
@@ -106,7 +98,7 @@ def import_rosbag(
     bags: Annotated[list[Path] | None, _files("BAGS", "ROS 1 files or ROS 2 folders")] = None,
     force: options.Force = False,
     as_json: options.Json = False,
-    template: Annotated[bool, _template("rosbag")] = False,
+    template: Template = False,
     topics: TopicsOption = None,
 ) -> None:
     """Make a dataset from ROS 1 or ROS 2 bags: their streams on one clock, cut into presses."""

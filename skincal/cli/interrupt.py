@@ -83,31 +83,31 @@ def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
         _stopping_first(stops),
         interruptible(*more, ignored=(signal.SIGINT, signal.SIGQUIT)),
     ):
-        told: list[int] = []
-        # Twice: what interrupts the inner one before it has told comes to the outer one.
-        with _telling_end(saved, stops, told), _telling_end(saved, stops, told):
+        reported: list[int] = []
+        # Twice: an interrupt of the inner one before it has reported reaches the outer one.
+        with _reporting_end(saved, stops, reported), _reporting_end(saved, stops, reported):
             yield
 
 
 @contextmanager
-def _telling_end(
-    saved: Callable[[], str], stops: Mapping[tuple[str, str], Stop], told: list[int]
+def _reporting_end(
+    saved: Callable[[], str], stops: Mapping[tuple[str, str], Stop], reported: list[int]
 ) -> Generator[None]:
-    """Tell of the end of a verb that moves a rig, once; ``told`` receives the exit status."""
+    """Report the end of a verb that moves a rig, once; ``reported`` receives the exit status."""
     try:
         yield
     except (KeyboardInterrupt, Exception) as error:  # a full disk, no memory left, a fault of ours
         if isinstance(error, InputError) and not stops:
             raise  # found before the rig moved
-        while not told:
+        while not reported:
             with suppress(KeyboardInterrupt):  # of a further signal
-                told.append(_tell_end(error, saved, [*stops.values()]))
-        if not told[0]:
+                reported.append(_report_end(error, saved, [*stops.values()]))
+        if not reported[0]:
             raise
-        raise Ended(told[0]) from None
+        raise Ended(reported[0]) from None
 
 
-def _tell_end(error: BaseException, saved: Callable[[], str], stops: Sequence[Stop]) -> int:
+def _report_end(error: BaseException, saved: Callable[[], str], stops: Sequence[Stop]) -> int:
     """Say why a verb that moves a rig ends, what is saved, and whether the rig was stopped.
 
     Returns:

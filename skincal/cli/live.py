@@ -36,9 +36,10 @@ FULL_COUNTS = 255.0
 class _Live(AbstractContextManager["_Live"]):
     """A picture on standard error that is updated now and then; none without a terminal."""
 
-    def __init__(self) -> None:
+    def __init__(self, sensor: SensorSpec) -> None:
         from rich.console import Console
 
+        self._sensor = sensor
         self._console = Console(stderr=True)
         self._is_terminal = self._console.is_terminal
         self._live: Live | None = None
@@ -77,11 +78,8 @@ class _Live(AbstractContextManager["_Live"]):
 class SessionProgress(_Live):
     """Reporter of a collecting session."""
 
-    def __init__(self, sensor: SensorSpec) -> None:
-        super().__init__()
-        self._sensor = sensor
-        self._first: int | None = None
-        self._last_line = -1
+    _first: int | None = None
+    _last_line = -1
 
     def __call__(self, progress: Progress) -> None:
         """Report the progress of the session."""
@@ -112,9 +110,7 @@ class SessionProgress(_Live):
 class RunProgress(_Live):
     """Reporter of a policy's run on a hand."""
 
-    def __init__(self, sensor: SensorSpec) -> None:
-        super().__init__()
-        self._sensor, self._stage = sensor, ""
+    _stage = ""
 
     def __call__(self, state: HandState, stage: str) -> None:
         """Report a state of the hand."""
@@ -131,21 +127,21 @@ class RunProgress(_Live):
 @contextmanager
 def training_shown(steps: int) -> Generator[Callable[[Round], None]]:
     """Yield a callback of the rounds of a training run: it shows a bar, or without a terminal a line now and then."""
-    began = told = time.monotonic()
+    began = printed = time.monotonic()
     first: int | None = None
     with progress() as bars:
         task = bars.add_task("", total=steps)
 
         def report(row: Round) -> None:
-            nonlocal first, told
+            nonlocal first, printed
             figures, now = f"reward {row.reward:.3f}, error {1e3 * row.error_m:.2f} mm", time.monotonic()
             if first is None:
-                # What an earlier run has done says nothing of the time left.
+                # Steps of an earlier run do not count for the time left.
                 first = row.steps
                 bars.reset(task, completed=first)
             bars.update(task, completed=row.steps, description=figures)
-            if bars.disable and now - told >= LINE_EVERY_S:
-                told = now
+            if bars.disable and now - printed >= LINE_EVERY_S:
+                printed = now
                 left_min = (now - began) / max(row.steps - first, 1) * (steps - row.steps) / 60
                 say(f"{row.steps} of {steps} steps, {figures}, about {left_min:.0f} min left")
 

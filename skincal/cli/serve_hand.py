@@ -49,13 +49,12 @@ def serve_hand(
     from skincal.robot import joint_contact_force
 
     settings = parse_options(driver_option or [])
+    guard = GuardOptions(timeout_s=timeout_s, beyond_limits=beyond_limits)
     server = HandServer(
         lambda: create_driver(driver, **settings),
         bind,
         keys=None if keys is None else hand_keys(keys),
-        options=ServeOptions(
-            watchdog_s=watchdog_s, guard=GuardOptions(timeout_s=timeout_s, beyond_limits=beyond_limits)
-        ),
+        options=ServeOptions(watchdog_s=watchdog_s, guard=guard),
         contact_force=joint_contact_force if force_check else None,
     )
     with server:

@@ -120,7 +120,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 def problems_json(problems: Iterable[Problem]) -> list[dict[str, str]]:
     """Return problems as JSON objects."""
-    return [{"place": p.place, "expected": p.expected, "got": p.got, "fix": p.fix} for p in problems]
+    return [picked(problem, "place expected got fix") for problem in problems]
 
 
 def findings_json(problems: Iterable[Problem]) -> list[dict[str, Any]]:

@@ -103,7 +103,7 @@ def train(
             before, _ = read_run(run)
             _check_like(run, work, before)
             work = replace(work, settings=before.settings)
-        inputs = [*([ranges] if ranges else []), *([Path(first.file)] if first else [])]
+        inputs = ranges, None if first is None else first.file
         begin(work, _ranges(task, ranges), out, *inputs, start=first, run=run, force=force)
         work, used = read_run(out)
     _report(_trained(out, work, used, steps or work.steps, processes=processes), as_json)
@@ -222,7 +222,7 @@ def _train_estimator(
         raise input_error("train estimator", expected, ", ".join(others))
     if out.suffix != ".npz":
         raise input_error(f"--out {out}", "a file that ends in .npz, for an estimator", out.name)
-    refuse_existing(out, *([ranges] if ranges else []), force=force, mark=FORMAT)
+    refuse_existing(out, ranges, force=force, mark=FORMAT)
     with stage_bars() as progress:
         found = train_estimator(ranges_for("marble", ranges), read_pinch(None), seed=seed, progress=progress)
     write_estimator(found, out, force=force)

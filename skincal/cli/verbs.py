@@ -17,10 +17,10 @@ from skincal.cli import (
     imports,
     predict,
     rescale,
-    serve_hand,
     train,
 )
 from skincal.cli import eval as evaluation
+from skincal.cli import serve_hand as remote
 
 
 def register(app: typer.Typer) -> None:
@@ -40,12 +40,7 @@ def register(app: typer.Typer) -> None:
         ("eval", evaluation.evaluate, evaluation.EPILOG, "Compare policies, evaluated as published."),
         ("deploy", deploy.deploy, deploy.EPILOG, "Run a policy on a hand, through its driver."),
         ("rescale", rescale.rescale, rescale.EPILOG, "Find how much sensitivity a skin has lost by wear."),
-        (
-            "serve-hand",
-            serve_hand.serve_hand,
-            serve_hand.EPILOG,
-            "Serve a hand to another computer or program.",
-        ),
+        ("serve-hand", remote.serve_hand, remote.EPILOG, "Serve a hand to another computer or program."),
         ("demo", demo.demo, demo.EPILOG, "Show the main job on a simulated hand."),
     ):
         app.command(verb, epilog=epilog, short_help=line)(function)

@@ -1,11 +1,11 @@
-"""The things that are rolled: what physics and skin need to know of them."""
+"""Rolled objects: their shape, mass and indenter."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -37,8 +37,8 @@ class Body(ABC):
     """A rigid body; its frame has its origin at the centre of mass.
 
     Attributes:
-        kind: what ranges call it.
-        radius_m: of what the fingers hold [m].
+        kind: name in ranges.
+        radius_m: radius of the part that the fingers hold [m].
     """
 
     kind: ClassVar[ObjectName]
@@ -48,7 +48,7 @@ class Body(ABC):
     @property
     @abstractmethod
     def parts(self) -> tuple[Part, ...]:
-        """Return what it is made of, as it collides."""
+        """Return the collision shapes."""
 
     @abstractmethod
     def look(self, engine: Any) -> int:
@@ -62,9 +62,8 @@ class Body(ABC):
     @property
     @abstractmethod
     def indenter(self) -> Indenter:
-        """Return what the skin feels."""
+        """Return the shape that presses on the skin."""
 
-    @abstractmethod
     def contacts(
         self,
         point_m: FloatArray,
@@ -73,7 +72,7 @@ class Body(ABC):
         position_m: FloatArray,
         rotation: FloatArray,
     ) -> Contacts:
-        """Return a contact as the skin takes it, all in the fingertip frame.
+        """Return a contact for the skin model; all vectors are in the fingertip frame.
 
         Args:
             point_m: (3,) where it touches [m].
@@ -82,6 +81,7 @@ class Body(ABC):
             position_m: (3,) the body's origin [m].
             rotation: (3, 3) from the body's frame.
         """
+        return Contacts.one(point_m, normal, force_n, rotation, position_m)
 
 
 @dataclass(frozen=True)
@@ -102,13 +102,9 @@ class Marble(Body):
         moment = 0.4 * self.mass_kg * self.radius_m**2
         return moment, moment, moment
 
-    @cached_property
-    def _sphere(self) -> Sphere:
-        return Sphere(self.radius_m)
-
     @property
     def indenter(self) -> Indenter:
-        return self._sphere
+        return Sphere(self.radius_m)
 
     def contacts(
         self,
@@ -156,11 +152,6 @@ class Bolt(Body):
         return self._FLATS * self.radius_m / 2
 
     @property
-    def head_corner_m(self) -> float:
-        """From the axis to the corners of the head [m]."""
-        return self.head_radius_m * 2 / math.sqrt(3)
-
-    @property
     def behind_m(self) -> float:
         """From the end of the shank to the centre of mass [m]."""
         shank, head = self._volumes
@@ -175,18 +166,13 @@ class Bolt(Body):
     @property
     def inertia_kg_m2(self) -> tuple[float, float, float]:
         """See :attr:`Body.inertia_kg_m2`. The head as a cylinder of its volume."""
-        parts = zip(
-            self._volumes,
-            (self.shank_m, self.head_m),
-            (self.shank_m / 2 - self.behind_m, self.shank_m + self.head_m / 2 - self.behind_m),
-            strict=True,
-        )
         along = across = 0.0
-        for volume, length, place in parts:
+        for volume, part in zip(self._volumes, self.parts, strict=True):
+            assert part.length_m is not None
             mass = self.mass_kg * volume / sum(self._volumes)
-            radius_2 = volume / (math.pi * length)
+            radius_2 = volume / (math.pi * part.length_m)
             along += mass * radius_2 / 2
-            across += mass * (radius_2 / 4 + length**2 / 12 + place**2)
+            across += mass * (radius_2 / 4 + part.length_m**2 / 12 + part.at_m**2)
         return along, across, across
 
     @property
@@ -199,17 +185,14 @@ class Bolt(Body):
 
     def look(self, engine: Any) -> int:
         vertices, faces = self.mesh()
-        return engine.createVisualShape(
-            engine.GEOM_MESH,
-            vertices=vertices.tolist(),
-            indices=faces.ravel().tolist(),
-            rgbaColor=_BOLT_COLOUR,
-        )
+        mesh = {"vertices": vertices.tolist(), "indices": faces.ravel().tolist()}
+        return engine.createVisualShape(engine.GEOM_MESH, **mesh, rgbaColor=_BOLT_COLOUR)
 
     def mesh(self) -> tuple[FloatArray, NDArray[np.int64]]:
         """Return vertices (V, 3) [m] and faces (F, 3): shank and head, each closed."""
         shank = _prism(self.radius_m, 96, 0.0, self.shank_m + self.head_m / 2)
-        head = _prism(self.head_corner_m, 6, self.shank_m, self.shank_m + self.head_m)
+        corner_m = self.head_radius_m * 2 / math.sqrt(3)
+        head = _prism(corner_m, 6, self.shank_m, self.shank_m + self.head_m)
         vertices = np.concatenate([shank[0], head[0]]) - [self.behind_m, 0.0, 0.0]
         return vertices, np.concatenate([shank[1], head[1] + len(shank[0])])
 
@@ -218,19 +201,9 @@ class Bolt(Body):
         """See :attr:`Body.indenter`. Its ray structure is built once for each radius."""
         return _bolt_indenter(self.radius_m)
 
-    def contacts(
-        self,
-        point_m: FloatArray,
-        normal: FloatArray,
-        force_n: float,
-        position_m: FloatArray,
-        rotation: FloatArray,
-    ) -> Contacts:
-        return Contacts.one(point_m, normal, force_n, rotation, position_m)
-
 
 BODIES: Final[dict[ObjectName, type[Body]]] = {one.kind: one for one in (Marble, Bolt)}
-"""Bodies by what ranges call them."""
+"""Bodies by their name in ranges."""
 
 
 def body_of(kind: ObjectName, values: Values) -> Body:
@@ -239,7 +212,7 @@ def body_of(kind: ObjectName, values: Values) -> Body:
 
 
 def turn_of(kind: ObjectName, values: Values, orientation_deg: float) -> FloatArray:
-    """Return how the object is turned at first (3, 3), in the fingertip's frame; a ball is not."""
+    """Return the object's initial rotation (3, 3) in the fingertip's frame; the identity for a ball."""
     if kind == "marble":
         return np.eye(3)
     psi, theta, phi = (number(values, f"object.{kind}.{name}_deg") for name in ("psi", "theta", "phi"))

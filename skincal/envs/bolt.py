@@ -1,4 +1,4 @@
-"""A bolt that is rolled along a sine; how it lies, the policy has to feel."""
+"""A bolt that is rolled along a sine; the policy has to infer its orientation from touch."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from skincal.envs.bodies import turn_of
 from skincal.envs.drawing import Values
 from skincal.envs.roll import RollEnv
-from skincal.envs.task_options import EpisodeOptions, TaskOptions
+from skincal.envs.task_options import TaskOptions
 from skincal.envs.trajectories import BOLT_HZ, ORIENTATIONS_DEG, sine
 from skincal.model.arrays import FloatArray
 from skincal.tasks import SPEEDS_RAD_PER_S, Task
@@ -20,8 +20,8 @@ class BoltRollEnv(RollEnv):
     """``skincal/BoltRoll-v0``: see :class:`RollEnv`.
 
     The bolt is put between the fingers at one of four angles from the finger's across direction, its head in front. The
-    policy is told how far it shall be along its normal, but not which way that is: the axis of the bolt, as it lies on
-    the sensor when the fingers have taken it, turned by 90° on.
+    policy observes the target distance along the bolt's normal, but not the normal: the axis of the bolt on the sensor
+    after the grasp, rotated by 90°.
     """
 
     object_name = "bolt"
@@ -29,35 +29,32 @@ class BoltRollEnv(RollEnv):
 
     @classmethod
     def default_options(cls) -> TaskOptions:
-        """The sine is up to four times as fast as the marble's ways; fewer iterations would drop it more often."""
+        """Return options for a sine up to four times as fast as the marble's targets, with more solver iterations."""
         return TaskOptions(speed_rad_per_s=SPEEDS_RAD_PER_S[Task.bolt], solver_iterations=30)
 
-    def _place(self, values: Values, asked: EpisodeOptions) -> FloatArray:
+    def _initial_rotation(self, values: Values) -> FloatArray:
         drawn = float(self.np_random.choice(ORIENTATIONS_DEG))
-        self._orientation_deg = drawn if asked.orientation_deg is None else asked.orientation_deg
+        given = self._episode.orientation_deg
+        self._orientation_deg = drawn if given is None else given
         return turn_of("bolt", values, self._orientation_deg)
 
-    def _plan(self, asked: EpisodeOptions, steps: int) -> FloatArray:
+    def _plan_targets(self, steps: int) -> FloatArray:
         drawn = float(self.np_random.uniform(*BOLT_HZ))
-        self._frequency_hz = drawn if asked.frequency_hz is None else asked.frequency_hz
+        given = self._episode.frequency_hz
+        self._frequency_hz = drawn if given is None else given
         return sine(steps, self._frequency_hz)
 
     def _look(self) -> None:
         super()._look()
-        axis = self._axis_rad()
+        view, axis = self._view, 0.0  # angle of the bolt's axis from +u towards +v [rad]
+        if view.sound:
+            u, v = self.world.sensor.direction(view.tip.turned(view.body.rotation[:, 0]))
+            axis = math.atan2(v, u)
         if self._step == 0:
             self._first_rad, self._start_m = axis, self._view.position_m
             # The direction (2,) in which it shall roll.
             self._normal = np.array([-math.sin(axis), math.cos(axis)])
         self._turned_rad = math.remainder(axis - self._first_rad, 2 * math.pi)
-
-    def _axis_rad(self) -> float:
-        """Return the angle of the bolt's axis on the sensor, from +u towards +v [rad]."""
-        seen = self._view
-        if not seen.sound:
-            return 0.0
-        u, v = self.world.sensor.direction(seen.tip.turned(seen.body.rotation[:, 0]))
-        return math.atan2(v, u)
 
     def _target_m(self) -> FloatArray:
         return self._targets[self._step, 0] * self._normal

@@ -1,4 +1,4 @@
-"""Two fingers and what they hold in a PyBullet client."""
+"""Two fingers and their objects in a PyBullet client."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class BulletScene(Scene):
         engine.reset_joints(self._fingers, grip.angles_rad.tolist())
         for link in range(-1, engine.getNumJoints(body)):
             if not engine.getCollisionShapeData(body, link):
-                # Nothing of it can touch: the engine need not look.
+                # It has no collision shape, so that the engine can skip it.
                 engine.setCollisionFilterGroupMask(body, link, 0, 0)
         for link in self._tip_links:
             self._soften(body, link, grip, grip.finger_friction)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -26,14 +25,16 @@ Values = dict[str, Value]
 RIG_EFFECTS: Final = tuple(name for name, effect in EFFECTS.items() if effect.of_rig)
 """Effects of the rig that measured, not of the skin: where the true contact is known they have no place."""
 
-NONE_GIVEN: Final[Mapping[str, ArrayLike]] = MappingProxyType({})
-
 
 class Drawer:
     """Draws the values of episodes and steps for one task.
 
     All parameters of the ranges are drawn in the same order whatever is made of them, so that one seed gives one marble
     for every policy.
+
+    Attributes:
+        nominal: values with nothing randomized: the middle of each range, no noise.
+        names: of all parameters of the task.
     """
 
     def __init__(self, ranges: Ranges, kind: ObjectName, pinch: Pinch, taxels: int) -> None:
@@ -46,8 +47,8 @@ class Drawer:
             self._draw(rng, "step", self._draw(rng, "episode"))
         except ValueError as error:
             raise input_error("ranges", "one number, or one for each", error) from error
-        self._nominal = self._defaults | self._middles()
-        self.names = tuple(self._nominal)
+        self.nominal = self._defaults | self._middles()
+        self.names = tuple(self.nominal)
 
     def _draw(self, rng: np.random.Generator, mode: Mode, episode: Draws | None = None) -> Draws:
         return self.ranges.draw(rng, mode, joints=self._joints, taxels=self._taxels, episode=episode)
@@ -59,32 +60,20 @@ class Drawer:
             path for path in self.ranges if path.startswith(EFFECTS_PREFIX) and not self._concerns(path)
         )
 
-    @property
-    def nominal(self) -> Values:
-        """Values with nothing randomized: the middle of each range, no noise."""
-        return dict(self._nominal)
-
     def episode(
         self,
         rng: np.random.Generator,
         randomize: Sequence[str] | None = None,
-        given: Mapping[str, ArrayLike] = NONE_GIVEN,
+        given: Mapping[str, ArrayLike] | None = None,
     ) -> tuple[Values, Draws]:
-        """Return values of an episode.
+        """Return all values of an episode, nominal ones for what is drawn per step, and the draws that steps need.
 
-        Args:
-            rng: advanced by the draws.
-            randomize: names, or tables, that are drawn, the rest being nominal; None: all.
-            given: values that take the place of draws.
-
-        Returns:
-            All values, those drawn per step being nominal ones; and the draws themselves, which the steps need.
+        Names or tables in ``randomize`` are drawn (None: all), the rest is nominal; ``given`` replaces draws.
         """
         sample = self._draw(rng, "episode")
-        drawn = {path: value for path, value in sample.items() if path in self._nominal}
-        values = self._nominal | {path: v for path, v in drawn.items() if is_chosen(path, randomize)}
-        for path, value in given.items():
-            values[path] = self._shaped(path, value)
+        drawn = {path: v for path, v in sample.items() if path in self.nominal and is_chosen(path, randomize)}
+        chosen = {path: self._shaped(path, value) for path, value in (given or {}).items()}
+        values = self.nominal | drawn | chosen
         return {path: _copy(value) for path, value in values.items()}, sample
 
     def step(
@@ -92,14 +81,14 @@ class Drawer:
         rng: np.random.Generator,
         episode: Draws,
         randomize: Sequence[str] | None = None,
-        given: Mapping[str, ArrayLike] = NONE_GIVEN,
+        given: Mapping[str, ArrayLike] | None = None,
     ) -> Values:
-        """Return what is drawn anew in a step: noise and forces; of what is not randomized, the nominal value."""
+        """Return the draws of a step, noise and forces; nominal values where nothing is randomized."""
         drawn = self._draw(rng, "step", episode)
         return {
-            path: value if is_chosen(path, randomize) and path not in given else _copy(self._nominal[path])
-            for path, value in drawn.items()
-            if path in self._nominal
+            path: v if is_chosen(path, randomize) and path not in (given or ()) else _copy(self.nominal[path])
+            for path, v in drawn.items()
+            if path in self.nominal
         }
 
     def check(self, randomize: Sequence[str], given: Mapping[str, ArrayLike]) -> None:
@@ -127,7 +116,7 @@ class Drawer:
                 raise input_error("options randomize", expected, repr(chosen))
 
     def _shaped(self, path: str, value: ArrayLike) -> Value:
-        nominal = self._nominal[path]
+        nominal = self.nominal[path]
         array = np.asarray(value, dtype=np.float64)
         try:
             return _like(nominal, array)
@@ -169,7 +158,7 @@ def effects_of(values: Values) -> dict[str, dict[str, Value]]:
 
 
 def _defaults(kind: ObjectName, pinch: Pinch, taxels: int) -> Values:
-    """Return defaults for what ranges leave out: the hand's own values, the middle of the paper's ranges, or 0."""
+    """Return defaults of parameters without ranges: the hand's own values, the middle of the paper's ranges, or 0."""
     description, mount = pinch.description, pinch.description.meta.mount
     n = pinch.joints
     give = description.compliance_rad_per_nm

@@ -47,21 +47,16 @@ _LOOK_STEPS = 4
 
 
 class Grasp:
-    """Lets a hand take an object."""
+    """Lets a hand take an object, through its postures."""
 
     def __init__(self, pinch: Pinch, nominal: Values, options: GraspOptions) -> None:
         self._pinch = pinch
-        self._postures = Postures.of(pinch)
+        self.postures = Postures.of(pinch)
         self._options = options
         self._first = pinch.joints_of(slice(0, 2))
         self._last = pinch.joints_of(slice(2, 3))
         usual = self._drives(nominal)
         self._stiffness, self._friction = usual.stiffness_nm_per_rad, usual.friction_nm
-
-    @property
-    def centre_m(self) -> FloatArray:
-        """(3,) the point midway between the tips, frame of the URDF's root [m]."""
-        return self._postures.middle_m
 
     def take(
         self, scene: Scene, values: Values, body: Body, rotation: FloatArray, *places_m: FloatArray
@@ -73,7 +68,7 @@ class Grasp:
             values: the episode's draws.
             body: the object.
             rotation: (3, 3) from its frame to the fingertip's.
-            places_m: (3,) what is added to its place, fingertip frame [m]; one for each of several objects alike.
+            places_m: (3,) offset from the middle, fingertip frame [m]; one for each of several objects alike.
 
         Returns:
             (n,) the command at which it is held, as the joint sensors measure it [rad].
@@ -90,18 +85,14 @@ class Grasp:
         """
         options, offset = self._options, array(values, "finger.joint_offset_rad")
         width = 2 * (body.radius_m + options.gap_m)
-        middle, tip = self._middle(self._postures.at(2 * body.radius_m) - offset)
+        middle, tip = self._middle(self.postures.at(2 * body.radius_m) - offset)
         while True:
-            command = self._postures.at(width)
+            command = self.postures.at(width)
             objects = tuple(Placed(body, middle + tip @ place, tip @ rotation) for place in places_m)
             scene.begin(self._grip(values, command - offset, objects))
-            if scene.gap_m() > 0 or width >= self._postures.widths_m[-1]:
+            if scene.gap_m() > 0 or width >= self.postures.widths_m[-1]:
                 return width
             width += options.wider_m
-
-    def posture(self, width_m: float) -> FloatArray:
-        """Return angles (n,) at a distance between the tips [rad]."""
-        return self._postures.at(width_m)
 
     def _middle(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the point midway between the two tips as they would hold the object, and the fingertip's rotation."""
@@ -117,10 +108,10 @@ class Grasp:
         Several objects are let go when they have been squeezed: the first that is touched would carry all alone.
         """
         options, offset = self._options, array(values, "finger.joint_offset_rad")
-        command, width = self._postures.at(width_m), width_m
-        while scene.held and width > self._postures.widths_m[0]:
+        command, width = self.postures.at(width_m), width_m
+        while scene.held and width > self.postures.widths_m[0]:
             width -= options.closing_m_per_s * _LOOK_STEPS / PHYSICS_HZ
-            command = self._postures.at(width)
+            command = self.postures.at(width)
             scene.drives.target_rad = command - offset
             scene.run(_LOOK_STEPS)
             if None not in scene.touches():
@@ -151,7 +142,10 @@ class Grasp:
     def _grip(self, values: Values, angles_rad: FloatArray, objects: tuple[Placed, ...]) -> Grip:
         body = objects[0].body
         options, table = self._options, f"object.{body.kind}"
-        elasticity = number(values, "skin.elasticity_pa_per_m")
+        elasticity, pinch = number(values, "skin.elasticity_pa_per_m"), self._pinch
+        stiffness = pinch.surface.ball_stiffness(
+            pinch.pose, body.radius_m, elasticity, options.stiffness_at_n
+        )
         return Grip(
             angles_rad=angles_rad,
             drives=self._drives(values),
@@ -160,9 +154,7 @@ class Grasp:
             lateral_friction=number(values, f"{table}.lateral_friction"),
             spinning_friction=number(values, f"{table}.spinning_friction"),
             rolling_friction=number(values, f"{table}.rolling_friction"),
-            stiffness_n_per_m=self._pinch.surface.ball_stiffness(
-                self._pinch.pose, body.radius_m, elasticity, options.stiffness_at_n
-            ),
+            stiffness_n_per_m=stiffness,
             damping_ns_per_m=options.damping_ns_per_m,
         )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from skincal.envs.roll import RollEnv
-from skincal.envs.task_options import EpisodeOptions
 from skincal.envs.trajectories import ROUND_S, TO_SIDE_S, planned, wander
 from skincal.model.arrays import FloatArray
 
@@ -14,13 +13,15 @@ class MarbleRollEnv(RollEnv):
     object_name = "marble"
     target_size = 2
 
-    def _duration_s(self, asked: EpisodeOptions) -> float:
-        if asked.duration_s is None and isinstance(asked.trajectory, str) and asked.trajectory == "circle":
-            return TO_SIDE_S + ROUND_S
-        return super()._duration_s(asked)
+    def _follows(self, name: str) -> bool:
+        trajectory = self._episode.trajectory
+        return isinstance(trajectory, str) and trajectory == name
 
-    def _plan(self, asked: EpisodeOptions, steps: int) -> FloatArray:
+    def _duration_s(self) -> float:
+        is_circle = self._episode.duration_s is None and self._follows("circle")
+        return TO_SIDE_S + ROUND_S if is_circle else super()._duration_s()
+
+    def _plan_targets(self, steps: int) -> FloatArray:
         # Drawn in any case, so that what is drawn later does not depend on the trajectory.
         drawn = wander(self.np_random, steps, self.options.box_half_m)
-        is_random = isinstance(asked.trajectory, str) and asked.trajectory == "random"
-        return drawn if is_random else planned(asked.trajectory, steps)
+        return drawn if self._follows("random") else planned(self._episode.trajectory, steps)

@@ -1,4 +1,4 @@
-"""Two fingers and what they hold in MuJoCo: the same bodies, drives and contacts as in PyBullet.
+"""Two fingers and their objects in MuJoCo: the same bodies, drives and contacts as in PyBullet.
 
 A contact is a spring and a damper that act on the next step's state, in both engines. MuJoCo's soft constraint is
 ``f = (-k r - b v - a) / R`` with a regularization R. With the step h, stiffness K and damping D of the grip,
@@ -77,7 +77,7 @@ class MujocoScene(Scene):
         option.timestep, option.gravity = _STEP_S, [0.0, 0.0, 0.0]
         option.cone, option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, _FRICTION_RATIO
         option.solver, option.iterations, option.tolerance = mj.mjtSolver.mjSOL_NEWTON, 50, 1e-10
-        # A world that has gone astray is seen as such, not begun anew.
+        # A simulation that diverges is detected by its state; MuJoCo must not reset it.
         option.disableflags |= int(mj.mjtDisableBit.mjDSBL_AUTORESET)
         tips = [self._tip_geom(spec, link) for link in self._tip_links]
         self._ball_names: list[str] = []
@@ -97,9 +97,8 @@ class MujocoScene(Scene):
     def _tip_geom(self, spec: Any, link: str) -> str:
         geoms = spec.body(link).geoms
         if len(geoms) != 1:
-            raise input_error(
-                f'URDF, link "{link}"', "one collision shape, for the engine mujoco", len(geoms)
-            )
+            expected = "one collision shape, for the engine mujoco"
+            raise input_error(f'URDF, link "{link}"', expected, len(geoms))
         geoms[0].name, geoms[0].contype, geoms[0].conaffinity = link, 0, 0
         return link
 
@@ -143,7 +142,7 @@ class MujocoScene(Scene):
                 model.pair_margin[pair] = 0.0 if abs(float(axis @ along)) > _ALONG else _NEVER_M
 
     def _names(self) -> None:
-        """Return where joints, bodies and geoms are in MuJoCo's arrays."""
+        """Look up the indices of joints, bodies and geoms in MuJoCo's arrays."""
         model = self._model
         joints = [model.joint(name) for name in self._pinch.description.joints]
         self._columns = np.array([int(joint.qposadr[0]) for joint in joints])
@@ -159,25 +158,21 @@ class MujocoScene(Scene):
     def _soften(self, grip: Grip) -> None:
         """Friction of a pair is the product of the two, as in PyBullet; contacts are springs with dampers."""
         model = self._model
-        heavy = grip.stiffness_n_per_m * _STEP_S**2 + grip.damping_ns_per_m * _STEP_S
+        stiffness, damping = grip.stiffness_n_per_m, grip.damping_ns_per_m
+        heavy = stiffness * _STEP_S**2 + damping * _STEP_S
         for pair in range(model.npair):
             geoms = [int(model.pair_geom1[pair]), int(model.pair_geom2[pair])]
             bodies = model.geom_bodyid[geoms]
             light = float(model.body_invweight0[bodies, 0].sum())
             impedance = heavy * light / (1.0 + heavy * light)
-            spring, damper = (
-                impedance * value / heavy
-                for value in (
-                    grip.stiffness_n_per_m,
-                    grip.stiffness_n_per_m * _STEP_S + grip.damping_ns_per_m,
-                )
-            )
+            spring = impedance * stiffness / heavy
+            damper = impedance * (stiffness * _STEP_S + damping) / heavy
             model.pair_solimp[pair] = [impedance, impedance, 1e-3, 0.5, 2.0]
             model.pair_solref[pair] = [-spring, -damper]
             model.pair_solreffriction[pair] = [-_SMALLEST, -impedance / _STEP_S]
             own = (grip.lateral_friction, grip.spinning_friction, grip.rolling_friction)
             # MuJoCo sorts its pairs.
-            tips = len(self._tip_geoms) - len(set(self._tip_geoms).difference(geoms))
+            tips = len(set(self._tip_geoms).intersection(geoms))
             if tips == 2:
                 own = (grip.finger_friction, 0.0, 0.0)
             elif tips == 0:

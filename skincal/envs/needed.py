@@ -11,9 +11,9 @@ from skincal.ranges import NAMES, PRESETS, Ranges, preset, read_ranges
 ObjectName = Literal["marble", "bolt"]
 
 _ALTERNATIVES: Final = {"skin.y_offset_m": ("skin.y_m",), "skin.x_offset_m": ("skin.beta_deg",)}
-"""What may stand in the place of a parameter of a preset: a calibrated centre for an offset from the nominal one."""
+"""Alternatives to a preset's parameter: a calibrated centre for an offset from the nominal one."""
 _EACH_STEP: Final = ("joint_noise_rad", "random_force_n", "taxel_noise_counts")
-"""What may be drawn in each step."""
+"""Parameters that may be drawn in each step."""
 
 
 def ranges_for(kind: ObjectName, ranges: Ranges | str | Path | None) -> Ranges:

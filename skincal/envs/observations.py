@@ -27,9 +27,9 @@ KINDS: Final[dict[PolicyKind, tuple[str, ...]]] = {
     PolicyKind.desired: ("desired",),
     PolicyKind.ideal: ("truth", "desired"),
 }
-"""What each policy sees five times, as published; ``ideal`` is what a perfect skin would tell."""
+"""Stacked parts of each policy's observation, as published; ``ideal`` is the output of a perfect skin."""
 TASK: Final = ("target", "movement")
-"""What every policy sees once: the target and its change."""
+"""Parts that every policy observes once: the target and its change."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Layout:
         self._slices = [(p.name, slice(end - p.size, end)) for p, end in zip(parts, ends, strict=True)]
 
     def fill(self, values: Mapping[str, Any]) -> FloatArray:
-        """Return the array (size,): what lies beyond its bounds is cut off, what is NaN is 0."""
+        """Return the array (size,): values are clipped to their bounds, and NaN becomes 0."""
         flat = np.empty(len(self.low))
         for name, where in self._slices:
             flat[where] = values[name]
@@ -65,7 +65,7 @@ class Layout:
 
 
 class ObservationStack:
-    """The observation spaces of a policy and its critic, and the stack of what was seen."""
+    """The observation spaces of a policy and its critic, and the stack of past observations."""
 
     def __init__(
         self,
@@ -103,7 +103,7 @@ class ObservationStack:
         return tuple({"name": part.name, "size": part.size, "steps_ago": ago} for part, ago in parts)
 
     def begin(self, constant: Mapping[str, Any]) -> None:
-        """Forget what was seen."""
+        """Forget the past observations."""
         self._stack.clear()
         self._constant_values = self._constant.fill(constant)
 
@@ -132,7 +132,7 @@ _LEFT_OUT: Final = (
 
 
 def constant_parts(nominal: Values) -> list[Part]:
-    """Return what an episode was drawn with, in the order of the names."""
+    """Return the parts for the draws of an episode, in the order of the names."""
     return [
         Part(path, int(np.size(value)), -1e12, 1e12)
         for path, value in nominal.items()
@@ -170,31 +170,31 @@ def state_parts(joints: int, target: int, ahead: int, limit: float, own: int) ->
     return [*parts, Part("own", own, -1e3, 1e3)] if own else parts
 
 
-def state_values(seen: View, own: Mapping[str, ArrayLike]) -> dict[str, Any]:
+def state_values(view: View, own: Mapping[str, ArrayLike]) -> dict[str, Any]:
     """Return the parts of the true state by their names."""
-    skin, thumb = seen.skin, seen.thumb
+    skin, thumb = view.skin, view.thumb
     vectors = np.zeros((6, 3))
-    vectors[0], vectors[1] = seen.body.rotation[:, 0], seen.velocity_m_per_s
-    vectors[2] = seen.spin_rad_per_s
+    vectors[0], vectors[1] = view.body.rotation[:, 0], view.velocity_m_per_s
+    vectors[2] = view.spin_rad_per_s
     if skin:
         vectors[3], vectors[4] = skin.normal, skin.friction_n
     if thumb:
         vectors[5] = thumb.normal
-    axis, velocity, spin, skin_normal, skin_friction, thumb_normal = seen.tip.turned(vectors)
+    axis, velocity, spin, skin_normal, skin_friction, thumb_normal = view.tip.turned(vectors)
     return {
         **own,
-        "angles": seen.q_rad,
-        "speeds": seen.dq_rad_per_s,
-        "body": seen.tip.inside(seen.body.origin_m),
+        "angles": view.q_rad,
+        "speeds": view.dq_rad_per_s,
+        "body": view.tip.inside(view.body.origin_m),
         "body_axis": axis,
         "velocity": velocity,
         "spin": spin,
-        "position": seen.position_m,
+        "position": view.position_m,
         "skin_force": skin.force_n if skin else 0.0,
         "skin_normal": skin_normal,
         "skin_friction": skin_friction,
         "thumb_force": thumb.force_n if thumb else 0.0,
-        "thumb_place": seen.thumb_tip.inside(np.array(thumb.point_m)) if thumb else np.zeros(3),
+        "thumb_place": view.thumb_tip.inside(np.array(thumb.point_m)) if thumb else np.zeros(3),
         "thumb_normal": thumb_normal,
-        "held": float(seen.held),
+        "held": float(view.held),
     }

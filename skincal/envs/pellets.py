@@ -1,7 +1,7 @@
 """Pellets that are held between two fingertips and let go one at a time.
 
 After the authors' later work (ICRA 2026): two or three pellets of 6 mm. Ranges and settings of the training are
-published; how many are asked for and when, what pays, and their mass are assumed here.
+published; the target numbers over time, the reward and the mass are assumed here.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from skincal.envs.drawing import EFFECTS_PREFIX, Values, array, number
 from skincal.envs.roll import RollEnv
 from skincal.envs.sensing import View
 from skincal.envs.tactile import SkinContact
-from skincal.envs.task_options import EpisodeOptions
 from skincal.errors import input_error
 from skincal.model import Contacts
 from skincal.model.arrays import FloatArray
@@ -29,14 +28,14 @@ GONE_M: Final = 0.02
 """A pellet so far from where it was taken is gone [m]."""
 LEAST: Final = 2
 TRIES: Final = 20
-"""The fingers close so often until they have got the least number."""
+"""Most attempts of the grasp to take the least number."""
 
 
 class PelletSeparateEnv(RollEnv):
     """``skincal/PelletSeparate-v0``: see :class:`RollEnv`.
 
-    The policy is told how many pellets it shall hold: at first all of them, then one less at even intervals, in the end
-    one. It is paid for each step in which it holds that many; when it holds fewer the episode ends.
+    The policy observes the target number of pellets: at first all of them, then one less at even intervals, in the end
+    one. Each step in which it holds that many is rewarded; when it holds fewer, the episode ends.
     """
 
     object_name = "marble"
@@ -52,34 +51,33 @@ class PelletSeparateEnv(RollEnv):
             fix = "Effects follow one contact; export ranges of a calibration without them."
             raise input_error("ranges", "no effects, for pellets", "skin.effects", fix)
 
-    def _begin(self, asked: EpisodeOptions) -> None:
-        """Take the pellets, anew where the fingers have not got two of them: the task is to let go of one."""
+    def _begin(self) -> None:
+        """Grasp the pellets; repeat the grasp until the fingers hold two of them, as the task is to release one."""
         for _ in range(TRIES):
-            super()._begin(asked)
+            super()._begin()
             self._look()
             if self._held >= LEAST:
                 break
-        self._aim(self._shares(self._held, len(self._targets)))
+        self._set_targets(self._target_counts(self._held, len(self._targets)))
 
     def _body(self, values: Values) -> Body:
         drawn = int(self.np_random.integers(2, self.objects + 1))
-        asked = self._asked.pellets
-        self._count = drawn if asked is None else round(asked)
+        given = self._episode.pellets
+        self._count = drawn if given is None else round(given)
         return replace(super()._body(values), mass_kg=MASS_KG)
 
-    def _places(self, values: Values) -> list[FloatArray]:
-        """Side by side along the finger, or in a triangle about the middle."""
+    def _initial_positions_m(self, values: Values) -> list[FloatArray]:
+        """Return positions side by side along the finger, or in a triangle about the middle."""
         width = APART * number(values, "object.marble.radius_m")
         middle = array(values, "object.marble.position_m")
         about = width if self._count == 2 else 2 * width / np.sqrt(3)
         angles = np.pi / 2 + 2 * np.pi * np.arange(self._count) / self._count
         return [middle / 4 + about * np.array([np.cos(a), np.sin(a), 0.0]) for a in angles]
 
-    def _plan(self, asked: EpisodeOptions, steps: int) -> FloatArray:
-        del asked
-        return self._shares(self._count, steps)
+    def _plan_targets(self, steps: int) -> FloatArray:
+        return self._target_counts(self._count, steps)
 
-    def _shares(self, count: int, steps: int) -> FloatArray:
+    def _target_counts(self, count: int, steps: int) -> FloatArray:
         """Return target numbers of pellets (steps, 1): all at first, one less after each equal part of the episode."""
         passed = np.arange(steps) * count // self._steps
         return np.maximum(count - passed, 1)[:, None].astype(np.float64)
@@ -87,18 +85,18 @@ class PelletSeparateEnv(RollEnv):
     def _look(self) -> None:
         self._views = [self.world.look(k) for k in range(self._count)]
         if self._step == 0:
-            self._begun_m = [seen.body.origin_m for seen in self._views]
-            self._there = [None not in (seen.skin, seen.thumb) for seen in self._views]
+            self._begun_m = [view.body.origin_m for view in self._views]
+            self._there = [None not in (view.skin, view.thumb) for view in self._views]
         self._there = [
-            there and bool(np.linalg.norm(seen.body.origin_m - begun) < GONE_M)
-            for there, seen, begun in zip(self._there, self._views, self._begun_m, strict=True)
+            there and bool(np.linalg.norm(view.body.origin_m - begun) < GONE_M)
+            for there, view, begun in zip(self._there, self._views, self._begun_m, strict=True)
         ]
-        first = next((seen for seen in self._touches()), self._views[0])
+        first = [*self._present_views(), self._views[0]][0]
         skin, thumb = self.world.running.touches()
         self._view = replace(first, skin=skin, thumb=thumb)
 
-    def _touches(self) -> list[View]:
-        return [seen for seen, there in zip(self._views, self._there, strict=True) if there]
+    def _present_views(self) -> list[View]:
+        return [view for view, there in zip(self._views, self._there, strict=True) if there]
 
     @property
     def _held(self) -> int:
@@ -116,7 +114,9 @@ class PelletSeparateEnv(RollEnv):
 
     def skin_contact(self) -> SkinContact | None:
         """See :meth:`RollEnv.skin_contact`: one contact for each pellet that touches the skin."""
-        found = [one for seen in self._touches() if (one := seen.skin_contact(self.world.body)) is not None]
+        found = [
+            one for view in self._present_views() if (one := view.skin_contact(self.world.body)) is not None
+        ]
         if not found:
             return None
         parts = [one.contacts for one in found]
@@ -130,8 +130,8 @@ class PelletSeparateEnv(RollEnv):
     def _own(self) -> FloatArray:
         """Return the number held; then for each pellet: held, position on the sensor [m], force on the skin [N]."""
         rows = np.zeros((self.objects, 4))
-        for row, seen, there in zip(rows, self._views, self._there, strict=False):
-            row[:] = there, *seen.position_m, seen.skin.force_n if seen.skin else 0.0
+        for row, view, there in zip(rows, self._views, self._there, strict=False):
+            row[:] = there, *view.position_m, view.skin.force_n if view.skin else 0.0
         return np.concatenate([[self._held], rows.ravel()])
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:

@@ -32,7 +32,7 @@ _TARGET, _PLACE = (90, 220, 120), (255, 255, 255)
 
 
 def display_there() -> bool:
-    """Return whether a window can be opened. If not, that is said once: PyBullet itself would end the process."""
+    """Return whether a window can be opened, and print if not: PyBullet itself would end the process."""
     there = sys.platform != "linux" or bool(os.environ.get("DISPLAY"))
     if not there:
         print("skincal: there is no display to open a window on (DISPLAY is not set)", file=sys.stderr)
@@ -65,20 +65,16 @@ class PictureState:
 
 
 def picture(scene: BulletScene, shown: PictureState) -> Picture:
-    """Return the hand and beside it the sensor (HEIGHT, WIDTH + HEIGHT, 3)."""
-    return np.concatenate([hand_picture(scene, shown.centre_m), panel(shown)], axis=1)
-
-
-def hand_picture(scene: BulletScene, centre_m: FloatArray) -> Picture:
-    """Return the hand from the side (HEIGHT, WIDTH, 3)."""
+    """Return the hand from the side and beside it the sensor (HEIGHT, WIDTH + HEIGHT, 3)."""
     engine: Any = scene.engine
-    eye = centre_m + np.array(_EYE_M)
-    looking = engine.computeViewMatrix(eye.tolist(), centre_m.tolist(), [0, 0, 1])
+    eye = shown.centre_m + np.array(_EYE_M)
+    looking = engine.computeViewMatrix(eye.tolist(), shown.centre_m.tolist(), [0, 0, 1])
     lens = engine.computeProjectionMatrixFOV(30, WIDTH / HEIGHT, 0.01, 1.0)
     _, _, pixels, _, _ = engine.getCameraImage(
         WIDTH, HEIGHT, looking, lens, lightDirection=[1, -0.5, 1], renderer=engine.ER_TINY_RENDERER
     )
-    return np.array(pixels, dtype=np.uint8).reshape(HEIGHT, WIDTH, -1)[..., :3]
+    hand = np.array(pixels, dtype=np.uint8).reshape(HEIGHT, WIDTH, -1)[..., :3]
+    return np.concatenate([hand, panel(shown)], axis=1)
 
 
 def panel(shown: PictureState) -> Picture:
@@ -117,7 +113,7 @@ class Board:
         self._next_s = time.monotonic()
 
     def show(self, shown: PictureState) -> None:
-        """Colour the tiles, and waits until life has come so far."""
+        """Colour the tiles, and wait to keep pace with real time."""
         image = shown.image
         share = np.zeros(len(self._tiles)) if image is None else image / FULL_COUNTS
         for tile, colour in zip(self._tiles, colours(share) / 255.0, strict=True):

@@ -174,11 +174,8 @@ def _violations(file: _File, description: HandDescription, urdf: Urdf) -> Iterat
     """Yield what does not fit the hand."""
     angles, limits, link = np.radians(file.pinch.angles_deg), description.limits, file.thumb.tip_link
     if len(angles) != len(limits.lower_rad):
-        yield (
-            ("pinch", "angles_deg"),
-            f"a list of {len(limits.lower_rad)} finite numbers",
-            file.pinch.angles_deg,
-        )
+        expected = f"a list of {len(limits.lower_rad)} finite numbers"
+        yield ("pinch", "angles_deg"), expected, file.pinch.angles_deg
     elif np.any((angles < limits.lower_rad) | (angles > limits.upper_rad)):
         yield ("pinch", "angles_deg"), "angles within the limits of hand.toml", file.pinch.angles_deg
     links = ", ".join(urdf.links)
@@ -196,11 +193,9 @@ def _check_hand(description: HandDescription, findings: Findings) -> None:
     """Objects roll round a finger of one radius, and the ranges speak of three joints a finger."""
     kind = description.meta.surface.kind
     if not SURFACES[kind].in_tasks:
-        findings.error(
-            "hand.toml, [surface] kind", f"{named(SURFACES, 'in_tasks')}, for the tasks", f'"{kind}"'
-        )
+        expected = f"{named(SURFACES, 'in_tasks')}, for the tasks"
+        findings.error("hand.toml, [surface] kind", expected, f'"{kind}"')
     for finger in (description.indenter_finger, description.skin_finger):
         if len(finger.joints) != 3:
-            findings.error(
-                f"hand.toml, [fingers.{finger.name}]", "three joints, for the tasks", str(len(finger.joints))
-            )
+            place, got = f"hand.toml, [fingers.{finger.name}]", str(len(finger.joints))
+            findings.error(place, "three joints, for the tasks", got)

@@ -90,9 +90,9 @@ class ReferenceHand(SimulatedDriver):
         self._truth, self._sample = self._world.drawer.episode(truth_rng)
         # Whoever puts an object between the fingers knows its size.
         radius = f"object.{task}.radius_m"
-        nominal = {radius: self._world.drawer.nominal[radius]}
-        self._truth |= nominal | self._hidden(effects or {}, effect_rng)
-        self._seen: View | None = None
+        self._truth[radius] = self._world.drawer.nominal[radius]
+        self._truth |= self._hidden(effects or {}, effect_rng)
+        self._view: View | None = None
 
     @property
     def description(self) -> HandDescription:
@@ -123,7 +123,7 @@ class ReferenceHand(SimulatedDriver):
         return found
 
     def connect(self) -> None:
-        """The fingers stand open about the object, which a person holds."""
+        """Begin with the fingers open about the object, which a person holds."""
         self._halted.clear()
         world, values = self._world, self._truth
         if world.scene is not None:
@@ -134,7 +134,7 @@ class ReferenceHand(SimulatedDriver):
         place = array(values, f"object.{world.kind}.position_m")
         turn = turn_of(world.kind, values, self._orientation_deg)
         width = world.grasp.open(world.scene, values, world.body, turn, place)
-        self._desired = world.grasp.posture(width)
+        self._desired = world.grasp.postures.at(width)
         world.begin_skin(drawn_age_s(self._rng))
         # A driver's guard gives observe() little time, and compiling takes seconds.
         world.skin.prepare()
@@ -151,14 +151,14 @@ class ReferenceHand(SimulatedDriver):
         return self._world.scene
 
     def observe(self) -> HandState:
-        """Move on by one period, or to the present of a clock that it keeps pace with; say what the sensors say."""
+        """Advance by one period, or to the present of its clock, and return the sensors' readings."""
         world, scene = self._world, self._connected
         self._move_on(scene, least=1)
         time_s = self._periods * self.period_s
         world.noise = world.drawer.step(self._rng, self._sample)
         world.push()
-        self._seen = world.look()
-        image = world.image(self._seen.skin_contact(world.body), time_s)
+        self._view = world.look()
+        image = world.image(self._view.skin_contact(world.body), time_s)
         drives = scene.drives
         return HandState(
             time_s=time_s,
@@ -196,17 +196,17 @@ class ReferenceHand(SimulatedDriver):
             scene.release()
 
     def act(self, command: HandCommand) -> None:
-        """Hold to other angles from now on; a hand that has been stopped stays so until it is connected again."""
+        """Command other joint angles; a stopped hand ignores them until it is connected again."""
         scene = self._connected
-        # What came before this command went by another.
+        # Time up to now passed under the previous command.
         self._move_on(scene, least=0)
         if not self._halted.is_set():
             self._desired = np.array(command.q_desired_rad, dtype=np.float64)
             self._world.command(self._desired)
 
     def object_position_m(self) -> FloatArray | None:
-        seen = self._seen
-        return None if seen is None or seen.dropped else seen.position_m.copy()
+        view = self._view
+        return None if view is None or view.dropped else view.position_m.copy()
 
     def _hold(self) -> None:
         scene = self._world.scene

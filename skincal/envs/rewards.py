@@ -9,18 +9,13 @@ from skincal.errors import check_options
 
 
 def falling(x: float, width: float) -> float:
-    """Return what a deviation is rewarded with: 1 at none, along a cosine to 0 at a width and beyond.
+    """Return the reward of a deviation: 1 at zero, falling along a cosine to 0 at a width and beyond.
 
-    The paper's figure rew(x; width) is printed with its outer cases exchanged: being far away would pay most.
+    The paper prints rew(x; width) with its outer cases exchanged, which would reward the largest deviation most.
     """
     if x <= 0:
         return 1.0
     return 0.0 if x >= width else 0.5 * (1 + math.cos(math.pi * x / width))
-
-
-def rising(x: float, width: float) -> float:
-    """The penalty pen(x; width) for being x beyond a soft margin: 0 before it, 1 a width behind it (the hard limit)."""
-    return 1.0 - falling(x, width)
 
 
 @dataclass(frozen=True)
@@ -35,10 +30,10 @@ class RewardScales:
         joint: weight of the penalty at joint limits.
         speed: weight of the penalty at limits of joint velocity.
         torque: weight of the penalty at limits of torque.
-        position_width_m: distance that pays nothing [m].
-        force_n: the force that pays most [N].
-        force_width_n: deviation that pays nothing [N].
-        angle_width_rad: angle that pays nothing [rad].
+        position_width_m: distance without reward [m].
+        force_n: force with the highest reward [N].
+        force_width_n: deviation without reward [N].
+        angle_width_rad: angle without reward [rad].
         joint_margin_rad: soft margin before the joint limits [rad]; assumed.
         speed_margin: soft margin, in parts of the largest velocity; assumed.
         torque_margin: soft margin, in parts of the largest torque; assumed.
@@ -93,12 +88,12 @@ def reward_terms(
     }
     if angle_rad is not None:
         terms["angle"] = scales.angle * falling(abs(angle_rad), scales.angle_width_rad)
-    terms["joint"] = -scales.joint * _past(past_joint_rad, scales.joint_margin_rad)
-    terms["speed"] = -scales.speed * _past(past_speed, scales.speed_margin)
-    terms["torque"] = -scales.torque * _past(past_torque, scales.torque_margin)
+    terms["joint"] = -scales.joint * penalty(past_joint_rad, scales.joint_margin_rad)
+    terms["speed"] = -scales.speed * penalty(past_speed, scales.speed_margin)
+    terms["torque"] = -scales.torque * penalty(past_torque, scales.torque_margin)
     return terms
 
 
-def _past(x: float, margin: float) -> float:
-    """Return the penalty; without a soft margin it begins at the hard limit."""
-    return rising(x, margin) if margin > 0 else float(x > 0)
+def penalty(x: float, margin: float) -> float:
+    """Return the paper's pen(x; margin) for being x beyond the start of a soft margin: 1 at its end, the hard limit."""
+    return 1.0 - falling(x, margin) if margin > 0 else float(x > 0)

@@ -1,4 +1,4 @@
-"""Objects between two fingertips: what all tasks share (Kasolowsky & Bäuml, IROS 2024, section IV)."""
+"""Base of all tasks with objects between two fingertips (Kasolowsky & Bäuml, IROS 2024, section IV)."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     normalized. See the page on environments for every number in them.
 
     Args:
-        policy: ``tactile``, ``joint-angles``, ``desired`` or ``ideal``: what is seen.
+        policy: ``tactile``, ``joint-angles``, ``desired`` or ``ideal``: kind of observation.
         ranges: what is randomized: ranges, a file of them, the name of a preset, or None: the task's preset.
         hand: folder with ``hand.toml`` and ``pinch.toml``; None: the bundled hand.
         render_mode: ``rgb_array``, ``human`` or None.
@@ -75,7 +75,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         engine: str = "pybullet",
         **single: Any,
     ) -> None:
-        # A pickle holds the arguments: the copy is as the environment was made, and is to be reset.
+        # A pickle holds the arguments only: the copy has to be reset.
         EzPickle.__init__(self, policy, ranges, hand, render_mode, options, engine, **single)
         if policy not in KINDS:
             raise input_error("policy", f"one of {', '.join(KINDS)}", repr(policy))
@@ -118,62 +118,64 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """Return the object of an episode."""
         return body_of(self.object_name, values)
 
-    def _places(self, values: Values) -> list[FloatArray]:
+    def _initial_positions_m(self, values: Values) -> list[FloatArray]:
         """Return the initial position of each object (3,), from the middle between the tips, fingertip frame [m]."""
         return [array(values, f"object.{self.object_name}.position_m")]
 
-    def _place(self, values: Values, asked: EpisodeOptions) -> FloatArray:
-        """Return how the object is turned at first (3, 3), in the fingertip's frame; a ball is not."""
-        del values, asked
+    def _initial_rotation(self, values: Values) -> FloatArray:
+        """Return the object's initial rotation (3, 3) in the fingertip's frame."""
         return np.eye(3)
 
     @abstractmethod
-    def _plan(self, asked: EpisodeOptions, steps: int) -> FloatArray:
+    def _plan_targets(self, steps: int) -> FloatArray:
         """Return targets (steps, target_size) as the policy sees them [m]."""
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; see :class:`skincal.envs.EpisodeOptions` for what may be asked of it.
+        """Begin an episode with options of :class:`skincal.envs.EpisodeOptions`.
 
         Raises:
             InputError: options that make no sense.
         """
         super().reset(seed=seed)
-        asked = read_options(EpisodeOptions, options or {}, "options")
-        self.world.drawer.check(asked.randomize or (), asked.values)
-        self._asked = asked
-        self._begin(asked)
+        episode = read_options(EpisodeOptions, options or {}, "options")
+        self.world.drawer.check(episode.randomize or (), episode.values)
+        self._episode = episode
+        self._begin()
         self._draw_noise()
         self._look()
         observation = self._observe()
         self._show()
         return observation, self._info({})
 
-    def _begin(self, asked: EpisodeOptions) -> None:
+    def _begin(self) -> None:
         """Draw an episode, and take the object."""
-        world = self.world
-        values, self._sample = world.drawer.episode(self.np_random, asked.randomize, asked.values)
+        world, episode = self.world, self._episode
+        values, self._sample = world.drawer.episode(self.np_random, episode.randomize, episode.values)
         age = drawn_age_s(self.np_random)
-        self._age_s = age if is_chosen("skin", asked.randomize) else 0.0
+        self._age_s = age if is_chosen("skin", episode.randomize) else 0.0
         if self.policy is not PolicyKind.tactile:
-            self._fix_sensor(values, asked)
+            # Policies without touch cannot know where the sensor is: it stays at the middle of its range.
+            for name in ("y_m", "beta_deg", "alpha_deg", "x_offset_m", "y_offset_m"):
+                if (path := f"skin.{name}") not in episode.values:
+                    values[path] = world.drawer.nominal[path]
         world.begin(values, self._body(values))
-        self._step, self._steps = 0, max(1, round(self._duration_s(asked) * POLICY_HZ))
-        rotation = self._place(values, asked)
-        self._aim(self._plan(asked, self._steps + 1 + max(AHEAD)))
+        self._step, self._steps = 0, max(1, round(self._duration_s() * POLICY_HZ))
+        rotation = self._initial_rotation(values)
+        self._set_targets(self._plan_targets(self._steps + 1 + max(AHEAD)))
         if world.scene is None:
             window = self.render_mode == "human" and display_there()
             visible, iterations = self.render_mode is not None, self.options.solver_iterations
             world.scene = make_scene(self.engine, self.pinch, iterations, window=window, visible=visible)
-        places = self._places(values)
+        places = self._initial_positions_m(values)
         command = world.grasp.take(world.scene, values, world.body, rotation, *places)
         self._desired = self._clipped(command)
         if self.policy is PolicyKind.tactile:
             world.begin_skin(self._age_s)
         self._observation.begin(values)
 
-    def _aim(self, targets_m: FloatArray) -> None:
+    def _set_targets(self, targets_m: FloatArray) -> None:
         """Set the targets (steps, target_size), their changes, and how those ahead differ from them."""
         k = np.arange(len(targets_m))
         self._targets = targets_m
@@ -181,16 +183,9 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         ahead = [targets_m[np.minimum(k + a, len(k) - 1)] - targets_m for a in AHEAD]
         self._ahead = np.concatenate(ahead, axis=1)
 
-    def _duration_s(self, asked: EpisodeOptions) -> float:
-        return self.options.duration_s if asked.duration_s is None else asked.duration_s
-
-    def _fix_sensor(self, values: Values, asked: EpisodeOptions) -> None:
-        """Policies without touch cannot know where the sensor is: for them it stays at the middle of its range."""
-        nominal = self.world.drawer.nominal
-        for name in ("y_m", "beta_deg", "alpha_deg", "x_offset_m", "y_offset_m"):
-            path = f"skin.{name}"
-            if path not in asked.values:
-                values[path] = nominal[path]
+    def _duration_s(self) -> float:
+        asked_s = self._episode.duration_s
+        return self.options.duration_s if asked_s is None else asked_s
 
     def _clipped(self, q_rad: FloatArray) -> FloatArray:
         limits = self.pinch.description.limits
@@ -200,7 +195,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """Move on by 0.1 s.
 
         Args:
-            action: (n,) in [-1, 1]; what lies beyond is cut off, what is NaN counts as 0.
+            action: (n,) in [-1, 1]; clipped; NaN counts as 0.
         """
         scene = self.world.scene
         if scene is None:
@@ -234,8 +229,10 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         scene.run(max(steps, 0))
 
     def _draw_noise(self) -> None:
-        asked = self._asked
-        self.world.noise = self.world.drawer.step(self.np_random, self._sample, asked.randomize, asked.values)
+        episode = self._episode
+        self.world.noise = self.world.drawer.step(
+            self.np_random, self._sample, episode.randomize, episode.values
+        )
 
     def _look(self) -> None:
         self._view: View = self.world.look()
@@ -244,16 +241,16 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         """Return whether the object is lost."""
         return self._view.dropped
 
-    def _touches(self) -> list[View]:
-        """Return a look at each object that is there."""
+    def _present_views(self) -> list[View]:
+        """Return the view of each object that is still there."""
         return [self._view]
 
     def _contact_truth(self) -> FloatArray:
         """Return position on the sensor [m] and force [N] of each object (3 M,), 0 where it does not touch."""
         found = np.zeros((self.objects, 3))
-        for row, seen in zip(found, self._touches(), strict=False):
-            if seen.skin is not None and seen.sound:
-                row[:] = *seen.position_m, seen.skin.force_n
+        for row, view in zip(found, self._present_views(), strict=False):
+            if view.skin is not None and view.sound:
+                row[:] = *view.position_m, view.skin.force_n
         return found.ravel()
 
     def _own(self) -> FloatArray:
@@ -269,16 +266,16 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return None
 
     def _reward_terms(self, before_rad: FloatArray) -> dict[str, float]:
-        seen, limits = self._view, self.pinch.description.limits
+        view, limits = self._view, self.pinch.description.limits
         margin = self.options.rewards
-        speed = np.abs(seen.q_rad - before_rad) * POLICY_HZ / self.options.speed_rad_per_s
+        speed = np.abs(view.q_rad - before_rad) * POLICY_HZ / self.options.speed_rad_per_s
         torque = np.abs(self.world.running.drives.torque_nm) / limits.torque_nm
-        past = np.maximum(seen.q_rad - limits.upper_rad, limits.lower_rad - seen.q_rad)
+        past = np.maximum(view.q_rad - limits.upper_rad, limits.lower_rad - view.q_rad)
         return reward_terms(
             margin,
-            distance_m=self._error_m() if seen.sound else np.inf,
-            force_n=seen.skin.force_n if seen.skin else 0.0,
-            right_contact=seen.right_contact(self.pinch),
+            distance_m=self._error_m() if view.sound else np.inf,
+            force_n=view.skin.force_n if view.skin else 0.0,
+            right_contact=view.right_contact(self.pinch),
             past_joint_rad=_worst(past) + margin.joint_margin_rad,
             past_speed=_worst(speed) - 1 + margin.speed_margin,
             past_torque=_worst(torque) - 1 + margin.torque_margin,
@@ -290,7 +287,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return math.sqrt(away @ away)
 
     def _observe(self) -> Observation:
-        seen, k = self._view, self._step
+        view, k = self._view, self._step
         motor, measured = self.world.running.drives.motor_rad.copy(), self.world.measured_rad()
         values: dict[str, Any] = {
             "desired": self._desired,
@@ -308,14 +305,14 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         own: dict[str, ArrayLike] = {
             **values,
             "motor": motor,
-            "true_error": self._desired - self.world.offset_rad - seen.q_rad,
-            "to_target": target - seen.position_m,
+            "true_error": self._desired - self.world.offset_rad - view.q_rad,
+            "to_target": target - view.position_m,
             "distance": self._error_m(),
             "ahead": self._ahead[k],
             "orientation": self._orientation(),
             "own": self._own(),
         }
-        return self._observation.observe(values, state_values(seen, own))
+        return self._observation.observe(values, state_values(view, own))
 
     def skin_contact(self) -> SkinContact | None:
         """Return the present contact as the skin takes it; None where nothing touches."""
@@ -328,23 +325,23 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     @property
     def truth(self) -> View:
-        """Return what is true at this moment."""
+        """Return the true state at this moment."""
         return self._view
 
     def _orientation(self) -> FloatArray:
-        """Return what the critic is told of how the object lies (4,); nothing of a marble."""
+        """Return the orientation that the critic observes (4,); zeros for a marble."""
         return np.zeros(4)
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
-        seen = self._view
+        view = self._view
         ended = self._step >= self._steps
         return {
             "time_s": self._step / POLICY_HZ,
             "error_m": self._error_m(),
-            "position_m": seen.position_m.copy(),
+            "position_m": view.position_m.copy(),
             "target_m": np.array(self._target_m()),
-            "force_n": seen.skin.force_n if seen.skin else 0.0,
-            "held": seen.held,
+            "force_n": view.skin.force_n if view.skin else 0.0,
+            "held": view.held,
             "drop": self._dropped(),
             "success": ended and not self._dropped(),
             "reward_terms": dict(terms),
@@ -373,7 +370,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def _shown(self) -> PictureState:
         return PictureState(
-            centre_m=self.world.grasp.centre_m,
+            centre_m=self.world.grasp.postures.middle_m,
             layout=self.skin.layout,
             image=self.image if self.policy is PolicyKind.tactile else None,
             target_m=self._target_m(),
@@ -386,7 +383,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
 
 def _worst(values: FloatArray) -> float:
-    """Return the largest; what is not finite counts as far beyond the limit."""
+    """Return the largest value; one that is not finite counts as far beyond the limit."""
     worst = float(values.max())
     return worst if math.isfinite(worst) else float(np.where(np.isfinite(values), values, 1e3).max())
 

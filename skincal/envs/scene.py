@@ -15,7 +15,7 @@ from skincal.tasks import Engine
 PHYSICS_HZ = 1000
 """Steps of physics and controller (the paper's) [Hz]."""
 LARGEST_FORCE_N = 200.0
-"""Contact forces beyond this are a solver's slip, and not believed [N]; the drives can exert some 20 N."""
+"""Contact forces beyond this are artefacts of the solver and are ignored [N]; the drives can exert some 20 N."""
 _LARGEST_ANGLE_RAD = 1e2
 """A norm of all joint angles beyond this is absurd [rad]."""
 _FAR_M = 10.0
@@ -23,7 +23,7 @@ _FAR_M = 10.0
 
 
 class Scene(ABC):
-    """Two fingers and what they hold in one engine; nothing here is shared between scenes or processes.
+    """Two fingers and the objects they hold in one engine; nothing is shared between scenes or processes.
 
     Attributes:
         drives: of the joints; their targets are set from outside.
@@ -49,7 +49,7 @@ class Scene(ABC):
 
     @abstractmethod
     def touches(self, which: int | None = None) -> tuple[Touching | None, Touching | None]:
-        """Return what the tip with the skin and the thumb feel of one object; None: of all of them together."""
+        """Return the contacts of the tip with the skin and of the thumb with one object; None: with all of them."""
 
     @abstractmethod
     def joints(self) -> tuple[FloatArray, FloatArray]:

@@ -108,25 +108,25 @@ class View:
         across = normal[2] * friction[0] - normal[0] * friction[2]
         return SkinContact(contacts, float(across), float(friction[1]))
 
-
-def view(scene: Scene, sensor: Sensor, which: int = 0) -> View:
-    """Look at a scene."""
-    q, dq = scene.joints()
-    skin, thumb = scene.touches(which)
-    (tip, thumb_tip), body = scene.tips(), scene.object_frame(which)
-    velocity, spin = scene.object_motion(which)
-    believed = sound(q, dq, body.origin_m)
-    return View(
-        q_rad=q,
-        dq_rad_per_s=dq,
-        skin=skin,
-        thumb=thumb,
-        tip=tip,
-        thumb_tip=thumb_tip,
-        body=body,
-        velocity_m_per_s=velocity,
-        spin_rad_per_s=spin,
-        position_m=sensor.patch_m(tip.inside(body.origin_m)) if believed else np.zeros(2),
-        held=scene.held,
-        sound=believed,
-    )
+    @classmethod
+    def of(cls, scene: Scene, sensor: Sensor, which: int = 0) -> View:
+        """Return the view of one object of a scene."""
+        q, dq = scene.joints()
+        skin, thumb = scene.touches(which)
+        (tip, thumb_tip), body = scene.tips(), scene.object_frame(which)
+        velocity, spin = scene.object_motion(which)
+        believed = sound(q, dq, body.origin_m)
+        return cls(
+            q_rad=q,
+            dq_rad_per_s=dq,
+            skin=skin,
+            thumb=thumb,
+            tip=tip,
+            thumb_tip=thumb_tip,
+            body=body,
+            velocity_m_per_s=velocity,
+            spin_rad_per_s=spin,
+            position_m=sensor.patch_m(tip.inside(body.origin_m)) if believed else np.zeros(2),
+            held=scene.held,
+            sound=believed,
+        )

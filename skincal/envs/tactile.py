@@ -61,7 +61,7 @@ class TactileSkin:
 
     @cached_property
     def _cells(self) -> Patch:
-        """Made when there is something to feel: policies without touch do without."""
+        """Cells of the patch, built at first use: policies without touch never need them."""
         # Always at the same pose: the order of sums must not depend on what was asked for before.
         return Patch.build(self._surface, self.layout, SensorPose(0.0, 0.0), self._resolution_m, MARGIN_M)
 
@@ -105,52 +105,52 @@ class TactileSkin:
         """Make the first touch as fast as all others; see :meth:`skincal.model.Skin.prepare`."""
         self._skin.prepare(self._body.indenter)
 
-    def image(self, felt: SkinContact | None, time_s: float, noise_counts: FloatArray) -> FloatArray:
+    def image(self, contact: SkinContact | None, time_s: float, noise_counts: FloatArray) -> FloatArray:
         """Return the next tactile image (J,) [counts]."""
-        counts = self._values(felt, time_s) + self._offset + noise_counts
+        counts = self._values(contact, time_s) + self._offset + noise_counts
         # Adding zero turns the converter's -0 into 0; observations make of NaN a 0.
         return self._converter.apply(counts) + 0.0
 
-    def _values(self, felt: SkinContact | None, time_s: float) -> FloatArray:
+    def _values(self, contact: SkinContact | None, time_s: float) -> FloatArray:
         if self._stream is not None:
-            return self._stream.step(self._samples(felt, time_s))[0]
-        if felt is None:
+            return self._stream.step(self._samples(contact, time_s))[0]
+        if contact is None:
             return np.zeros(self.taxels)
-        values = self._skin.values(self._body.indenter, felt.contacts)
+        values = self._skin.values(self._body.indenter, contact.contacts)
         # Contacts that lie apart press on tactile points of their own.
         return values[0] if len(values) == 1 else values.sum(axis=0)
 
-    def _samples(self, felt: SkinContact | None, time_s: float) -> Samples:
-        """Return the contact with what effects need to know besides.
+    def _samples(self, contact: SkinContact | None, time_s: float) -> Samples:
+        """Return the contact with the covariates that effects need.
 
         A skin in use has been touched everywhere before: the cycle is not known, and what fades with it has faded.
         """
-        touching = felt is not None
+        touching = contact is not None
         samples = Samples.of(
-            felt.contacts if touching else _NOTHING,
+            contact.contacts if touching else _NOTHING,
             self._body.indenter,
             touching=[touching],
             press=[0 if touching else -1],
             complete=True,
             time_s=[self._age_s + time_s],
-            phase=[self._phase(felt, time_s)],
+            phase=[self._phase(contact, time_s)],
             speed_m_per_s=[_LOADING_M_PER_S],
             cycle=[np.nan],
             met_n=[np.nan],
             pose=[-1],
             temperature_c=[np.nan],
-            shear_u_n=[felt.shear_u_n if touching else 0.0],
-            shear_v_n=[felt.shear_v_n if touching else 0.0],
+            shear_u_n=[contact.shear_u_n if touching else 0.0],
+            shear_v_n=[contact.shear_v_n if touching else 0.0],
         )
         return replace(samples, start_s=0.0)
 
-    def _phase(self, felt: SkinContact | None, time_s: float) -> int:
+    def _phase(self, contact: SkinContact | None, time_s: float) -> int:
         """Return whether the force rises, falls or stays."""
         before, self._before = (
             self._before,
-            (time_s, 0.0 if felt is None else float(felt.contacts.force_n[0])),
+            (time_s, 0.0 if contact is None else float(contact.contacts.force_n[0])),
         )
-        if felt is None:
+        if contact is None:
             return IDLE
         passed = self._before[0] - before[0]
         change = (self._before[1] - before[1]) / passed if passed > 0 else 0.0

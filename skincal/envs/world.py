@@ -1,4 +1,4 @@
-"""What tasks and the reference hand simulate alike: two fingers, the skin of one, and what lies between them."""
+"""World of a task and of the reference hand: two fingers, the skin of one, and an object between them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from skincal.envs.grasp import Grasp, GraspOptions
 from skincal.envs.needed import ObjectName
 from skincal.envs.pinch import Pinch
 from skincal.envs.scene import Scene
-from skincal.envs.sensing import Sensor, View, view
+from skincal.envs.sensing import Sensor, View
 from skincal.envs.tactile import RESOLUTION_M, SkinContact, TactileSkin
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
@@ -91,7 +91,7 @@ class World:
 
     def look(self, which: int = 0) -> View:
         """Return a look at one of the objects."""
-        return view(self.running, self.sensor, which)
+        return View.of(self.running, self.sensor, which)
 
     def image(self, contact: SkinContact | None, time_s: float) -> FloatArray:
         """Return the next tactile image (J,) [counts]."""

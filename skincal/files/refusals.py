@@ -28,13 +28,13 @@ _ENDS = 4096
 
 
 def refuse_existing(
-    path: Path, *inputs: Path, force: bool, marker: str | None = None, mark: str = ""
+    path: Path, *inputs: str | Path | None, force: bool, marker: str | None = None, mark: str = ""
 ) -> None:
     """Check, before any work, that an output may be written; remove leftovers of a killed run.
 
     Args:
         path: the output file or folder.
-        inputs: input files and folders, which the output must not replace.
+        inputs: input files and folders, which the output must not replace; None is skipped.
         force: whether an existing output may be replaced.
         marker: for a folder, the file that identifies an earlier output. ``force`` replaces only a folder that holds
             it (or is empty) and nothing that skincal did not write: a mistyped path deletes nobody's work.
@@ -53,7 +53,8 @@ def refuse_existing(
         raise input_error(str(path), "an output inside an existing folder", got, fix)
     _refuse_unwritable(path)
     for one in inputs:
-        _refuse_input(path, one)
+        if one is not None:
+            _refuse_input(path, Path(one))
     recover(path)
     if not os.path.lexists(path):
         return

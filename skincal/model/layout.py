@@ -20,8 +20,8 @@ class TaxelLayout:
     ``c`` grows with u and ``r`` with v. Use :meth:`grid` for a regular layout, the constructor for any other.
 
     Attributes:
-        rows: number of rows of the image.
-        cols: number of columns of the image.
+        rows: rows of the image.
+        cols: columns of the image.
         centres_m: (J, 2) centres (u, v) [m], J = rows * cols.
         sizes_m: (J, 2) edge lengths along u and v [m]; one pair (2,) stands for all.
     """
@@ -46,13 +46,7 @@ class TaxelLayout:
 
     @classmethod
     def grid(cls, rows: int, cols: int, *, taxel_size_m: Pair, pitch_m: Pair) -> TaxelLayout:
-        """Return a regular grid, centred on the patch.
-
-        Args:
-            rows: number of rows.
-            cols: number of columns.
-            taxel_size_m: edge lengths of a taxel [m].
-            pitch_m: distance of neighbouring centres [m].
+        """Return a regular grid, centred on the patch; the pitch is the distance of neighbouring centres.
 
         Raises:
             ValueError: no taxels, lengths that are not positive, or taxels that overlap.

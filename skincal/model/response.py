@@ -53,17 +53,7 @@ class SkinResponse:
 
 
 def refuse(indenter: Indenter, contacts: Contacts, info: FloatArray, *statuses: Status) -> None:
-    """Raise an error if a press has one of the given statuses.
-
-    Args:
-        indenter: the indenter.
-        contacts: K contacts.
-        info: (K, 7) from :func:`skincal.model.press.call.press`.
-        statuses: statuses to refuse.
-
-    Raises:
-        InvalidPressError: a press has such a status.
-    """
+    """Raise ``InvalidPressError`` if a press has a given status; ``info`` is that of ``skincal.model.press.call``."""
     status_of = info[:, 6]
     if not len(status_of) or status_of.max() < _FIRST_INVALID:
         return
@@ -98,11 +88,7 @@ class Pressures:
         return len(self.known)
 
     def loads(self, weights: FloatArray) -> FloatArray:
-        """Return loads on regions (K, J) [N]; NaN where a contact is not known.
-
-        Args:
-            weights: (N, J) fraction of each tactile point that belongs to each region; 0 or 1 for the taxels.
-        """
+        """Return loads (K, J) [N] on regions to which fractions (N, J) of the points belong; NaN if not known."""
         from scipy.sparse import csr_array  # takes a moment, and few need the loads of points
 
         check_shape("weights", weights, (self.patch_points, None))

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -78,13 +79,9 @@ def _load_yaml(text: str) -> object:
     return checked(parsed("YAML", lambda given: yaml.load(given, _YamlLoader), text))
 
 
-def _load_json(text: str) -> object:
-    return parse_json(text, object_pairs_hook=_json_table)
-
-
 _FORMATS: Final[dict[str, tuple[Callable[[str], object], Callable[[Plain], str]]]] = {
     ".toml": (parse_toml, _dump_toml),
-    ".json": (_load_json, _dump_json),
+    ".json": (partial(parse_json, object_pairs_hook=_json_table), _dump_json),
     ".yaml": (_load_yaml, _dump_yaml),
     ".yml": (_load_yaml, _dump_yaml),
 }
@@ -105,10 +102,7 @@ def file_format(path: str | Path) -> str:
 
 
 def read_ranges(path: str | Path) -> Ranges:
-    """Read ranges (contract ``skincal-ranges/1``).
-
-    Args:
-        path: a ``.toml``, ``.json``, ``.yaml`` or ``.yml`` file.
+    """Read ranges (contract ``skincal-ranges/1``) from a ``.toml``, ``.json``, ``.yaml`` or ``.yml`` file.
 
     Raises:
         InputError: the file cannot be read, or anything in it is wrong; every violation is listed.
@@ -129,12 +123,7 @@ def read_ranges(path: str | Path) -> Ranges:
 
 
 def write_ranges(ranges: Ranges, path: str | Path, *, force: bool = False) -> None:
-    """Write ranges; the file appears complete or not at all.
-
-    Args:
-        ranges: the ranges.
-        path: file to write; its suffix decides the format.
-        force: whether to replace an existing file.
+    """Write ranges in the format of the suffix; the file appears complete or not at all.
 
     Raises:
         InputError: unknown suffix, or the file exists and ``force`` is not given.

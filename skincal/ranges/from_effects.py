@@ -38,22 +38,16 @@ def _range(effect: Effect, parameter: EffectParameter, value: Numbers, warnings:
     low, high = (np.asarray(side, dtype=np.float64) for side in interval)
     nothing = np.isneginf(low) & np.isposinf(high)
     if nothing.any():
-        warnings.append(_open(effect, parameter, nothing))
+        which = "" if not nothing.ndim else f" of {int(nothing.sum())} of {nothing.size}"
+        fix = f"The data do not determine {parameter.name}{which}; the fitted value stays."
+        place = f"calibration.toml, [effects] {effect.name}, intervals.{parameter.name}"
+        warnings.append(Problem(place, "a bounded interval", "[-inf, inf]", fix))
     low = np.where(nothing, found, np.clip(low, parameter.low, parameter.high))
     high = np.where(nothing, found, np.clip(high, parameter.low, parameter.high))
     if (low == found).all() and (high == found).all():
         return Parameter.constant(value, source="calibrated")
     kind = Parameter.log_uniform if parameter.scale == "log" else Parameter.uniform
     return kind(_numbers(low), _numbers(high), source="calibrated")
-
-
-def _open(
-    effect: Effect, parameter: EffectParameter, nothing: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-) -> Problem:
-    which = "" if not nothing.ndim else f" of {int(nothing.sum())} of {nothing.size}"
-    fix = f"The data do not determine {parameter.name}{which}; the fitted value stays."
-    place = f"calibration.toml, [effects] {effect.name}, intervals.{parameter.name}"
-    return Problem(place, "a bounded interval", "[-inf, inf]", fix)
 
 
 def _numbers(array: FloatArray) -> Numbers:

@@ -20,7 +20,7 @@ Sample = dict[str, Any]
 
 
 def nested(values: Mapping[str, Any]) -> Sample:
-    """Return what is told by full names in nested dictionaries, by the tables of the file."""
+    """Return values by full name as nested dictionaries, by the tables of the file."""
     sample: Sample = {}
     for path, value in values.items():
         *tables, name = path.split(".")

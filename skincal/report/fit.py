@@ -33,11 +33,8 @@ def _figure(stem: str, result: FitResult, dataset: Dataset) -> Figure:
     from skincal.report.fit_valley import valley_figure
 
     of_result = {"valley": valley_figure, "draws": draws_figure, "scatter": scatter_figure}
-    if stem in of_result:
-        return of_result[stem](result)
-    return {"images": images_figure, "slack": slack_figure, "residuals": residuals_figure}[stem](
-        result, dataset
-    )
+    of_both = {"images": images_figure, "slack": slack_figure, "residuals": residuals_figure}
+    return of_result[stem](result) if stem in of_result else of_both[stem](result, dataset)
 
 
 FIGURES: Mapping[str, Callable[[FitResult, Dataset], Figure]] = {
@@ -94,10 +91,8 @@ def _scales(result: FitResult) -> dict[str, str] | None:
     scales = result.scale_per_taxel_per_n
     if scales is None:
         return None
-    cols = result.problem.rig.layout.cols
-    least, most = (
-        f"{scales[j]:.3g} of taxel ({j // cols}, {j % cols})" for j in (np.argmin(scales), np.argmax(scales))
-    )
+    ends, cols = (np.argmin(scales), np.argmax(scales)), result.problem.rig.layout.cols
+    least, most = (f"{scales[j]:.3g} of taxel ({j // cols}, {j % cols})" for j in ends)
     return {"least": least, "most": most, "percent": f"{100 * float(np.std(np.log(scales))):.2g}"}
 
 

@@ -19,6 +19,9 @@ from skincal.model.arrays import IntArray
 from skincal.prediction.holds import place_presses
 from skincal.prediction.touches import CalibratedSkin, Touches
 
+FEW = 30
+"""Presses that are shown of a larger number."""
+
 MOST = 8
 """Most presses that were left out to simulate; a larger number are not outliers."""
 
@@ -37,20 +40,17 @@ def why_unused(result: FitResult) -> list[tuple[str, int]]:
     return Counter(status for status in result.problem.status if status != USED).most_common()
 
 
-def chosen_presses(rmse_counts: Floats, most: int, few: int = 30) -> IntArray:
-    """Return indices of the presses to show, the worst first: all, or a selection with the worst and best.
+def chosen_presses(rmse_counts: Floats, most: int) -> IntArray:
+    """Return indices of the presses to show, the worst first: all up to ``most``, else :data:`FEW`.
 
-    Args:
-        rmse_counts: (K,) error of each press [counts].
-        most: largest number of which all are shown.
-        few: else the number shown: a third are the worst, a sixth the best, the rest evenly from between.
+    A third of the few are the worst, a sixth the best, the rest evenly from between. Errors are (K,) [counts].
     """
     order = np.argsort(-rmse_counts, kind="stable")
     count = len(order)
     if count <= most:
         return order
-    worst, best = few // 3, few // 6
-    between = np.linspace(worst, count - best - 1, few - worst - best).round().astype(np.int64)
+    worst, best = FEW // 3, FEW // 6
+    between = np.linspace(worst, count - best - 1, FEW - worst - best).round().astype(np.int64)
     return order[np.concatenate([np.arange(worst), between, np.arange(count - best, count)])]
 
 

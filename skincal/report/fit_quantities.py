@@ -86,15 +86,14 @@ def quantities(result: FitResult) -> tuple[Quantity, ...]:
         "elasticity_pa_per_m": ("E", "MPa/m", 1e-6),
         "scale_per_n": ("S", "1/N", 1.0),
     }
-    return tuple(_quantity(result, name, *words) for name, words in shown.items())
-
-
-def _quantity(result: FitResult, name: str, label: str, unit: str, factor: float) -> Quantity:
-    searched = getattr(result.box, name, None)
-    low, high = (factor * end for end in result.intervals[name])
-    box = None if searched is None else (searched[0] * factor, searched[1] * factor)
-    draws = result.draws[:, PARAMETERS.index(name)] * factor
-    return Quantity(name, label, unit, factor, result.best[name] * factor, low, high, box, draws)
+    found: list[Quantity] = []
+    for name, (label, unit, factor) in shown.items():
+        searched = getattr(result.box, name, None)
+        low, high = (factor * end for end in result.intervals[name])
+        box = None if searched is None else (searched[0] * factor, searched[1] * factor)
+        draws = result.draws[:, PARAMETERS.index(name)] * factor
+        found.append(Quantity(name, label, unit, factor, result.best[name] * factor, low, high, box, draws))
+    return tuple(found)
 
 
 def with_digits(value: float, width: float) -> str:

@@ -8,7 +8,6 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +46,7 @@ class Picture:
 
 @cache
 def _captions() -> dict[str, dict[str, str]]:
-    file = resources.files("skincal.report") / "templates" / "captions.toml"
+    file = Path(__file__).parent / "templates" / "captions.toml"
     return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
@@ -82,10 +81,7 @@ def write_page(
 def rendered(template: str, unit: str | None = None, **values: Any) -> str:
     """Return a text from a template of ``skincal/report/templates``; all its variables must be given.
 
-    Args:
-        template: name of the template.
-        unit: unit of the taxel values, which replaces counts in values that are texts; None: counts.
-        values: variables of the template.
+    ``unit`` is that of the taxel values, which replaces counts in values that are texts; None: counts.
     """
     return readable(_environment(unit).get_template(template).render(**values))
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,7 @@ COLUMNS = tuple(field.name for field in fields(Round))
 
 
 class RoundWatch(BaseCallback):
-    """Listens to a learner and sums up every round."""
+    """Callback of a learner that summarises every round."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -108,7 +109,7 @@ class RoundWatch(BaseCallback):
 
 
 def _figure(figures: dict[str, Any], *names: str) -> float:
-    """Return the first of some figures that there is: algorithms name them unlike."""
+    """Return the first figure that exists: algorithms use different names."""
     return next((float(figures[name]) for name in names if name in figures), float("nan"))
 
 
@@ -119,7 +120,7 @@ def _mean(values: list[Any]) -> float:
     return float(array.mean()) if array.size else float("nan")
 
 
-class Curve:
+class Curve(AbstractContextManager["Curve"]):
     """Appends rows to a CSV file; each is on disk as soon as it is known.
 
     Args:
@@ -131,10 +132,6 @@ class Curve:
         with whole_file(path, force=True) as temporary:
             temporary.write_text("".join(map(_line, [COLUMNS, *rows])), encoding="utf-8")
         self._file: IO[str] = path.open("a", encoding="utf-8", newline="")
-
-    def __enter__(self) -> Self:
-        """Ready to be written to."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """Close the file."""

@@ -1,4 +1,4 @@
-"""Train an estimator of the marble's place, and judge it on hands that it has not seen."""
+"""Train an estimator of the marble's position, and evaluate it on other hands."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def train_estimator(
     epochs: int = 40,
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Estimator:
-    """Draw hands, learns from most of them, and judges on the rest."""
+    """Draw hands, train on most of them, and evaluate on the rest."""
     draws, learning = np.random.default_rng(seed).spawn(2)
     touches = draw_touches(
         ranges, pinch, hands, IMAGES, draws, lambda n: progress("images of drawn hands", n, hands)

@@ -1,4 +1,4 @@
-"""Lets policies act in the published evaluations, and keeps what happened."""
+"""Run policies in the published evaluations and record their episodes."""
 
 from __future__ import annotations
 
@@ -55,10 +55,10 @@ class Trial:
             "values": dict(self.values),
         }
         if self.task is Task.marble:
-            return {**options, "trajectory": self.trajectory}
-        if self.task is Task.pellets:
-            return options
-        return {**options, "orientation_deg": ORIENTATIONS_DEG[episode % len(ORIENTATIONS_DEG)]}
+            options["trajectory"] = self.trajectory
+        if self.task is Task.bolt:
+            options["orientation_deg"] = ORIENTATIONS_DEG[episode % len(ORIENTATIONS_DEG)]
+        return options
 
     def episode_seed(self, episode: int) -> int:
         """Return the seed of an episode."""
@@ -67,7 +67,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step of an episode, as it is told while it happens."""
+    """One step of an episode."""
 
     observation: Mapping[str, NDArray[np.float32]]
     reward: float
@@ -94,9 +94,8 @@ def environment_for(
     Raises:
         InputError: the policy is of another task, or sees something else than the environment shows.
     """
-    import skincal.envs
+    import skincal.envs  # noqa: F401  # registers the tasks
 
-    assert skincal.envs  # registers the tasks
     check_task(policy, trial.task)
     kind = str(policy.description.policy)
     given = {**trial.environment, **arguments}

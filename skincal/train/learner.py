@@ -39,7 +39,7 @@ class Normalised(VecNormalize):
 
 
 class Learner(ABC):
-    """An actor and critics that learn on parallel environments, with all of their state in the open.
+    """An actor and critics that learn on parallel environments, with all of their state accessible.
 
     Args:
         environments: as vectorised; observations are dictionaries with the keys ``policy`` and ``critic``.
@@ -58,7 +58,7 @@ class Learner(ABC):
         self._watch = RoundWatch()
 
     def go_on_from(self, network: Network | None, steps: int) -> None:
-        """Let the actor begin as a policy; before it learns, the critics learn alone, as they know nothing.
+        """Initialise the actor from a policy; at first the critics alone learn, as they are untrained.
 
         Raises:
             InputError: the algorithm does not do that.
@@ -75,7 +75,7 @@ class Learner(ABC):
         return self.model.num_timesteps
 
     def learn(self, rounds: int, seed: int, progress: Callable[[Round], None]) -> None:
-        """Gather and learns for so many rounds, from fresh episodes on."""
+        """Gather and learn for so many rounds, beginning with new episodes."""
         self.normalised.seed(seed)
         # Without a last observation the learner resets its environments; the transition before was stored as one
         # that goes on, so nothing of the cut is seen in the buffer.
@@ -156,12 +156,12 @@ class Learner(ABC):
 
 
 class OffPolicyLearner(Learner):
-    """Soft actor-critic: what it gathers it remembers."""
+    """Soft actor-critic, with a replay buffer."""
 
     settings: Settings
 
     def go_on_from(self, network: Network | None, steps: int) -> None:
-        """Let the actor begin as a policy; before ``learning_starts`` the critics alone learn, as they know nothing."""
+        """Initialise the actor from a policy; before ``learning_starts`` the untrained critics learn alone."""
         model, most = self.model, self.settings.learning_starts
         model.learning_starts = 0
         learn = model.train

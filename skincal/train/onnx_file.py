@@ -65,22 +65,26 @@ def parse_policy(content: bytes) -> tuple[Network, Description]:
         properties = {item.key: item.value for item in model.metadata_props}
         numbers = {item.name: _array(item) for item in model.graph.initializer}
     except Exception as error:  # protobuf has several classes for what it raises
-        raise UnreadableError("a policy", f"no ONNX model of a policy ({text_of(error)})") from error
+        raise _unreadable(f"no ONNX model of a policy ({text_of(error)})") from error
     if not model.graph.node:
-        raise UnreadableError("a policy", "no ONNX model of a policy")
+        raise _unreadable("no ONNX model of a policy")
     layers = sum(node.op_type == "Gemm" for node in model.graph.node)
     if model.functions or model.graph.sparse_initializer or list(model.graph.node) != _nodes(layers):
-        raise UnreadableError("a policy", "an ONNX model with other operators than those of a policy")
+        raise _unreadable("an ONNX model with other operators than those of a policy")
     if DESCRIPTION_KEY not in properties:
-        raise UnreadableError("a policy", "an ONNX model without a description")
+        raise _unreadable("an ONNX model without a description")
     try:
         findings = Findings()
         table = cast("dict[str, Any]", dict(parse_json(properties[DESCRIPTION_KEY])))
         description = read_table(Description, table, findings, "its table", FORMAT)
         findings.raise_errors()
     except (InputError, TypeError, ValueError) as error:
-        raise UnreadableError("a policy", f"a description with a fault: {error}") from error
+        raise _unreadable(f"a description with a fault: {error}") from error
     return _network(numbers, layers), description
+
+
+def _unreadable(got: str) -> UnreadableError:
+    return UnreadableError("a policy", got)
 
 
 def _array(tensor: onnx.TensorProto) -> NDArray[np.float32]:
@@ -94,24 +98,19 @@ def _network(numbers: dict[str, NDArray[np.float32]], layers: int) -> Network:
     """Return a network of initializers, whose shapes fit and whose numbers are finite."""
     names = [f"{kind}_{i}" for i in range(layers) for kind in ("weight", "bias")]
     if set(numbers) != {"mean", "scale", "low", "high", *names} or not layers:
-        raise UnreadableError(
-            "a policy", f"an ONNX model with the numbers {', '.join(sorted(numbers))[:150]}"
-        )
+        raise _unreadable(f"an ONNX model with the numbers {', '.join(sorted(numbers))[:150]}")
     if bad := [name for name, values in numbers.items() if not np.isfinite(values).all()]:
-        raise UnreadableError("a policy", f"numbers that are not finite in {', '.join(bad)}")
+        raise _unreadable(f"numbers that are not finite in {', '.join(bad)}")
     weights, biases = (tuple(numbers[f"{kind}_{i}"] for i in range(layers)) for kind in ("weight", "bias"))
     sizes = [numbers["mean"].size, *(bias.size for bias in biases)]
-    shapes = {"mean": (sizes[0],), "scale": (sizes[0],)} | {
-        f"bias_{i}": (n,) for i, n in enumerate(sizes[1:])
-    }
-    shapes |= {f"weight_{i}": pair for i, pair in enumerate(pairwise(sizes))}
+    shapes: dict[str, tuple[int, ...]] = {"mean": (sizes[0],), "scale": (sizes[0],)}
+    for i, (inputs, outputs) in enumerate(pairwise(sizes)):
+        shapes |= {f"weight_{i}": (inputs, outputs), f"bias_{i}": (outputs,)}
     if bad := [name for name, shape in shapes.items() if numbers[name].shape != shape]:
-        raise UnreadableError(
-            "a policy", f"numbers of other shapes than those of a network in {', '.join(bad)}"
-        )
+        raise _unreadable(f"numbers of other shapes than those of a network in {', '.join(bad)}")
     clip = numbers["high"]
     if clip.size != 1 or not clip.item() > 0 or not np.array_equal(numbers["low"], -clip):
-        raise UnreadableError("a policy", "bounds of an observation that are not those of a policy")
+        raise _unreadable("bounds of an observation that are not those of a policy")
     return Network(numbers["mean"], numbers["scale"], clip.item(), weights, biases)
 
 
@@ -132,9 +131,7 @@ def _nodes(layers: int) -> list[onnx.NodeProto]:
         helper.make_node("Clip", ["scaled", "low", "high"], ["x_0"]),
     ]
     for i in range(layers):
-        last = i == layers - 1
-        nodes += [
-            helper.make_node("Gemm", [f"x_{i}", f"weight_{i}", f"bias_{i}"], [f"sum_{i}"]),
-            helper.make_node("Tanh" if last else "Relu", [f"sum_{i}"], [OUTPUT if last else f"x_{i + 1}"]),
-        ]
+        bend, out = ("Tanh", OUTPUT) if i == layers - 1 else ("Relu", f"x_{i + 1}")
+        nodes.append(helper.make_node("Gemm", [f"x_{i}", f"weight_{i}", f"bias_{i}"], [f"sum_{i}"]))
+        nodes.append(helper.make_node(bend, [f"sum_{i}"], [out]))
     return nodes

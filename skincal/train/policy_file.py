@@ -122,7 +122,7 @@ def read_policy(path: str | Path) -> Policy:
     """Read a policy file.
 
     Raises:
-        InputError: it cannot be read, is no policy of skincal's, or does not hang together.
+        InputError: it cannot be read, is no policy of skincal's, or is inconsistent.
     """
     from skincal.train.onnx_file import parse_policy
 

@@ -145,12 +145,7 @@ def score(runs: Runs, rng: np.random.Generator) -> Score:
 
 
 def mean_error_m(error_m: FloatArray, weights: NDArray[np.integer] | FloatArray) -> FloatArray:
-    """Return the mean (B, T) over the episodes still going; NaN where none goes on.
-
-    Args:
-        error_m: shape (N, T), NaN after an episode's end.
-        weights: how often each episode counts, shape (B, N).
-    """
+    """Return the mean (B, T) of errors (N, T) over the episodes still going, weighted by (B, N); NaN where none is."""
     going = np.isfinite(error_m)
     number = weights @ going.astype(np.float64)
     total = weights @ np.where(going, error_m, 0.0)
@@ -182,11 +177,8 @@ def direction_right(object_m: FloatArray, target_m: FloatArray) -> bool:
     """Return whether an object moves the way its target moves.
 
     The way is what the place of the object gains while the target goes ahead, by regression; it must point along the
-    target's line to within :data:`RIGHT_WITHIN_RAD` and be no less than :data:`RIGHT_SHARE` of it.
-
-    Args:
-        object_m: places of the object, shape (T, 2) [m]; NaN after the end.
-        target_m: places of the target, on a line, shape (T, 2) [m].
+    target's line to within :data:`RIGHT_WITHIN_RAD` and be no less than :data:`RIGHT_SHARE` of it. Positions have
+    the shape (T, 2); those of the object are NaN after the end.
     """
     going = np.isfinite(object_m).all(axis=1) & np.isfinite(target_m).all(axis=1)
     if going.sum() < 3:
@@ -239,11 +231,7 @@ class Fare:
 
 
 def fare(runs: Runs) -> Fare:
-    """Predict from runs, each on another hand.
-
-    Args:
-        runs: at least one of them held until 2 s or longer, or the error is NaN.
-    """
+    """Predict from runs, each on another hand; the error is NaN if none of them held until 2 s."""
     from scipy.stats import binomtest  # takes a moment, and few evaluations predict
 
     errors = np.sort(settled_m(runs))

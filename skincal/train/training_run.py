@@ -1,4 +1,4 @@
-"""A training run: a folder that holds what it is, how far it has come, and in the end a policy."""
+"""A training run: a folder with its options, progress, and in the end a policy."""
 
 from __future__ import annotations
 
@@ -78,18 +78,18 @@ def begin(
     work: Work,
     ranges: Ranges,
     out: Path,
-    *inputs: Path,
+    *inputs: str | Path | None,
     start: Policy | None = None,
     run: Path | None = None,
     force: bool = False,
 ) -> None:
-    """Make the folder of a run: what it is, the environment's numbers included, and the ranges it randomises over.
+    """Make the folder of a run: its options, including the environment's numbers, and the ranges it randomises over.
 
     Args:
-        work: what is learned, and how.
+        work: options of the run.
         ranges: what is randomised.
         out: the folder.
-        inputs: files that were read, and are not to be replaced.
+        inputs: files that were read, and are not to be replaced; None is skipped.
         start: the policy that the run goes on from; None: it begins with random networks.
         run: folder of the run that learned ``start``; its critics and its memory are taken over, too.
         force: whether an earlier run there is replaced.
@@ -189,7 +189,7 @@ def train(
 
 
 class _Course:
-    """The way of one run from checkpoint to checkpoint."""
+    """Progress of one run from checkpoint to checkpoint."""
 
     def __init__(
         self, folder: Path, work: Work, ranges: Ranges, learner: Learner, report: Callable[[Round], None]
@@ -206,28 +206,23 @@ class _Course:
     def go_on(self, rounds: int) -> None:
         """Work until so many rounds are done."""
         with Curve(self.folder / CURVE, self.progress.steps) as curve:
-            while self.progress.rounds < rounds:
-                self._segment(min(rounds, self._next_checkpoint()), curve)
+            every = self.work.rounds_per_checkpoint
+            while (done := self.progress.rounds) < rounds:
+                self._segment(min(rounds, (done // every + 1) * every), curve)
                 self.write_policy()
 
     def write_policy(self) -> Description:
         """Write the policy as it is now."""
         network = self.learner.network()
         if not all(np.isfinite(layer).all() for layer in (*network.weights, *network.biases)):
-            raise WorkError(
-                f"{self.folder}: the networks hold numbers that are not finite; nothing was written"
-            )
-        about = self._describe()
-        write_policy(network, about, self.folder / POLICY, force=True)
-        return about
-
-    def _describe(self) -> Description:
-        work, actions = self.work, self.learner.model.action_space
-        return Description(
+            fault = "the networks hold numbers that are not finite; nothing was written"
+            raise WorkError(f"{self.folder}: {fault}")
+        work = self.work
+        about = Description(
             task=work.task,
             policy=work.policy,
             observation=_layout(self.learner),
-            actions=spaces.flatdim(actions),
+            actions=network.actions,
             ranges_sha256=digest(self.ranges),
             seed=work.seed,
             steps=self.progress.steps,
@@ -238,10 +233,8 @@ class _Course:
             created=datetime.now(UTC).isoformat(timespec="seconds"),
             start=work.start,
         )
-
-    def _next_checkpoint(self) -> int:
-        every = self.work.rounds_per_checkpoint
-        return (self.progress.rounds // every + 1) * every
+        write_policy(network, about, self.folder / POLICY, force=True)
+        return about
 
     def _segment(self, until: int, curve: Curve) -> None:
         def listen(row: Round) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from functools import partial
 from pathlib import Path
 
 import commands
 import pytest
 from calibrations import on_a_plane
+from commands import RunJson
 from diagnosis.diagnose_data import still
 
 from skincal.calibration import write_calibration
@@ -38,23 +38,21 @@ def test_table_says_what_is_seen_and_why_not(static: Path, capsys: pytest.Captur
     assert "no frames: only the mean of each hold was recorded" in out
 
 
-def test_json_and_picture(static: Path, cal: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    asked = (static, "--calibration", cal, "--json", "--out", tmp_path / "out")
-    assert run(*asked) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_json_and_picture(static: Path, cal: Path, tmp_path: Path, run_json: RunJson):
+    arguments = (static, "--calibration", cal, "--out", tmp_path / "out")
+    found = run_json("audit", *arguments)
     assert found["calibrated"] and not found["planned"]
     assert {e["name"] for e in found["effects"]} == set(EFFECTS)
     creep = next(e for e in found["effects"] if e["name"] == "creep")
     assert creep["smallest_strength"] is None and creep["reason"] and not creep["visible"]
     assert sorted(found["visible"] + found["cannot_see"]) == sorted(EFFECTS)
     assert (tmp_path / "out" / "audit.png").stat().st_size > 10_000
-    assert run(*asked) == 2, "nothing is overwritten without --force"
+    assert run(*arguments, "--json") == 2, "nothing is overwritten without --force"
 
 
-def test_plan_without_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_plan_without_data(tmp_path: Path, run_json: RunJson):
     (tmp_path / "mine.csv").write_text(PLAN)
-    assert run(tmp_path / "mine.csv", "--json") == 0
-    found = json.loads(capsys.readouterr().out)
+    found = run_json("audit", tmp_path / "mine.csv")
     assert found["planned"] and found["presses"] == 20 and found["frames"]
     assert "hysteresis" in found["visible"] and "shear" in found["cannot_see"]
 

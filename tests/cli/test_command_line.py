@@ -17,7 +17,7 @@ from typing import Any, get_args, get_type_hints
 import numpy as np
 import pytest
 import typer
-from commands import captured
+from commands import Run
 
 from skincal.cli.main import app, main
 from skincal.cli.options import Pair
@@ -61,19 +61,15 @@ def test_help_imports_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize("path", [(), ("dataset",), ("import",), ("hand",)], ids=" ".join)
-def test_no_line_of_the_list_of_verbs_is_cut(
-    path: tuple[str, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
-    commands = captured(capsys, *path, "--help")[1].partition("Commands:")[2]
+def test_no_line_of_the_list_of_verbs_is_cut(path: tuple[str, ...], run: Run) -> None:
+    commands = run(*path, "--help")[1].partition("Commands:")[2]
     assert commands
     assert "..." not in commands
 
 
 @pytest.mark.parametrize("path", VERBS, ids=" ".join)
-def test_every_verb_has_an_example_and_help(
-    path: tuple[str, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
-    status, out, _ = captured(capsys, *path, "--help")
+def test_every_verb_has_an_example_and_help(path: tuple[str, ...], run: Run) -> None:
+    status, out, _ = run(*path, "--help")
     shown = " ".join(out.split())
     assert status == 0 and "Example" in shown
     assert f"skincal {' '.join(path)}" in shown.split("Example", 1)[1]
@@ -82,25 +78,25 @@ def test_every_verb_has_an_example_and_help(
             assert parameter.help, f"{' '.join(path)} {parameter.name} has no help"
 
 
-def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert captured(capsys, "--version") == (0, f"skincal {__version__}\n", "")
+def test_version(run: Run) -> None:
+    assert run("--version") == (0, f"skincal {__version__}\n", "")
 
 
-def test_a_shell_completes_verbs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_shell_completes_verbs(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in (
         ("_SKINCAL_COMPLETE", "complete_bash"),
         ("COMP_WORDS", "skincal di"),
         ("COMP_CWORD", "1"),
     ):
         monkeypatch.setenv(name, value)
-    assert captured(capsys)[1].split() == ["diagnose"]
+    assert run()[1].split() == ["diagnose"]
 
 
 @pytest.mark.parametrize(
     "arguments", [["nonsense"], ["dataset", "chek"], ["dataset", "check"], ["dataset", "check", "--no"]]
 )
-def test_a_wrong_command_line_is_status_two(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, err = captured(capsys, *arguments)
+def test_a_wrong_command_line_is_status_two(arguments: list[str], run: Run) -> None:
+    status, out, err = run(*arguments)
     assert (status, out) == (2, "") and "Traceback" not in err
 
 
@@ -130,8 +126,8 @@ def test_standard_output_is_json_whatever_a_driver_prints(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("words", ["fit d --out o --workers", "train marble --out o --seed"])
-def test_numbers_beyond_the_bounds_of_an_option(words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    status, _, err = captured(capsys, *words.split(), 1000000000000)
+def test_numbers_beyond_the_bounds_of_an_option(words: str, run: Run) -> None:
+    status, _, err = run(*words.split(), 1000000000000)
     assert status == 2 and "Invalid value" in err
 
 
@@ -150,11 +146,9 @@ def numeric_options() -> Iterator[Any]:
 
 
 @pytest.mark.parametrize(("words", "count"), [*numeric_options()])
-def test_every_numeric_option_is_bounded(
-    words: list[str], count: int, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_numeric_option_is_bounded(words: list[str], count: int, run: Run) -> None:
     for number in ("nan", "inf", "-inf", "1e308", "1e40", "9" * 30, "9" * 5000):
-        status, _, err = captured(capsys, *words, *[number] * count)
+        status, _, err = run(*words, *[number] * count)
         assert status == 2, number
         assert f"Invalid value for '{words[-1]}'" in err, number
 
@@ -177,13 +171,13 @@ def test_every_numeric_option_is_bounded(
     ids=lambda words: words[-1],
 )
 def test_numbers_within_texts_are_bounded(
-    words: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    words: list[str], run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     data = Path("data/paper-like").resolve()
     monkeypatch.chdir(tmp_path)
     for number in ("nan", "inf", "1e308", "9" * 400, "x"):
         given = (word.format(number).replace("DATA", str(data)) for word in words)
-        status, out, err = captured(capsys, *given)
+        status, out, err = run(*given)
         assert (status, out) == (2, ""), number
         assert "expected" in err
         assert not [*tmp_path.iterdir()]
@@ -238,10 +232,10 @@ def test_progress_leaves_standard_output_alone(capsys: pytest.CaptureFixture[str
     assert capsys.readouterr() == ("", "")
 
 
-def test_of_many_mistakes_some_are_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_of_many_mistakes_some_are_shown(tmp_path: Path, run: Run) -> None:
     plan = tmp_path / "plan.csv"
     plan.write_text("u_m,v_m,force_n\n" + "0,0,hard\n" * 40)
-    status, _, err = captured(capsys, "audit", plan)
+    status, _, err = run("audit", plan)
     lines = err.splitlines()
     assert status == 2
     assert len(lines) == 12 and "[line 2] force_n" in lines[0]
@@ -249,12 +243,12 @@ def test_of_many_mistakes_some_are_shown(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_settings_of_numba_in_the_working_folder_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Run
 ) -> None:
     """They say where compiled code is loaded from, and may come with a dataset."""
     (tmp_path / ".numba_config.yaml").write_text("cache_dir: ./code\n")
     monkeypatch.chdir(tmp_path)
-    status, _, err = captured(capsys, "hand", "list")
+    status, _, err = run("hand", "list")
     assert status == 2 and "numba" in err
 
 
@@ -272,13 +266,13 @@ def test_settings_of_numba_in_the_working_folder_are_refused(
     ids=repr,
 )
 def test_any_exception_ends_without_a_traceback(
-    raised: BaseException, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    raised: BaseException, said: str, monkeypatch: pytest.MonkeyPatch, run: Run
 ) -> None:
     def fail(**_: object) -> None:
         raise raised
 
     monkeypatch.setattr("skincal.cli.main.app", fail)
-    status, _, err = captured(capsys, "hand", "list")
+    status, _, err = run("hand", "list")
     assert status == 1 and said in err and "Traceback" not in err
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from commands import Run
+from commands import Run, RunJson
 
 from skincal.dataset import dataset_hash
 from skincal.report.style import new_figure, save
@@ -60,10 +60,8 @@ def test_check_names_everything_however_much(run: Run, folder: Path) -> None:
     assert sum("got 'much'" in line for line in err.splitlines()) == 16
 
 
-def test_check_as_json(run: Run, folder: Path) -> None:
-    status, out, _ = run("dataset", "check", folder, "--json")
-    assert status == 0
-    assert json.loads(out)["ok"] is True
+def test_check_as_json(run: Run, run_json: RunJson, folder: Path) -> None:
+    assert run_json("dataset", "check", folder)["ok"] is True
     break_force(folder)
     status, out, _ = run("dataset", "check", folder, "--json")
     assert status == 2
@@ -79,9 +77,8 @@ def test_check_as_json(run: Run, folder: Path) -> None:
     ]
 
 
-def test_plate_on_a_finger_is_no_uniform_pressure(run: Run, folder: Path) -> None:
-    status, out, _ = run("dataset", "check", folder, "--json")
-    assert json.loads(out)["notes"] == []
+def test_plate_on_a_finger_is_no_uniform_pressure(run: Run, run_json: RunJson, folder: Path) -> None:
+    assert run_json("dataset", "check", folder)["notes"] == []
     path = folder / "dataset.toml"
     sphere = 'kind = "sphere"\nradius_m = 0.006'
     assert sphere in path.read_text()
@@ -107,13 +104,11 @@ def test_show(run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.Monkey
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_show_as_json_replaces_its_picture(run: Run, folder: Path, tmp_path: Path) -> None:
+def test_show_as_json_replaces_its_picture(run_json: RunJson, folder: Path, tmp_path: Path) -> None:
     save(new_figure(2, 1), tmp_path / "p.svg")
     before = (tmp_path / "p.svg").read_bytes()
-    arguments = ("--out", tmp_path / "p.svg", "--json", "--threshold", 20, "--force")
-    status, out, _ = run("dataset", "show", folder, *arguments)
-    assert status == 0 and len((tmp_path / "p.svg").read_bytes()) > 2 * len(before)
-    shown = json.loads(out)
+    shown = run_json("dataset", "show", folder, "--out", tmp_path / "p.svg", "--threshold", 20, "--force")
+    assert len((tmp_path / "p.svg").read_bytes()) > 2 * len(before)
     assert shown["presses"] == 12
     assert shown["sha256"] == dataset_hash(folder)
     assert shown["active_taxels"]["threshold_counts"] == 20

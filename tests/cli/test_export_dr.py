@@ -49,10 +49,9 @@ def test_effects_are_ranges(tmp_path, capsys):
     assert "16 ranges" in capsys.readouterr()[0]
 
 
-def test_json(cal, tmp_path, capsys):
-    arguments = ("--json", "--preset", "icra26", "--joint", "--draws", 50)
-    assert run(cal, "--out", tmp_path / "r.yaml", *arguments) == 0
-    answer = json.loads(capsys.readouterr().out)
+def test_json(cal, tmp_path, run_json):
+    arguments = ("--preset", "icra26", "--joint", "--draws", 50)
+    answer = run_json("export-dr", cal, "--out", tmp_path / "r.yaml", *arguments)
     assert answer["preset"] == "icra26"
     assert answer["ranges"] == str(tmp_path / "r.yaml")
     assert answer["joint_draws"] == 50

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from calibrations import make_calibration
-from commands import Fork, captured
+from commands import Fork, Run
 
 from benchmarks.sessions import make_session
 from skincal.calibration import write_calibration
@@ -58,32 +58,32 @@ def _is_what_the_contract_says(out: Path, told: dict[str, Any]) -> None:
     ],
 )
 def test_a_wrong_option_is_status_2(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+    session: Path, tmp_path: Path, run: Run, arguments: list[str], message: str
 ) -> None:
-    status, _, err = captured(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *arguments)
+    status, _, err = run("fit", str(session), "--out", str(tmp_path / "cal"), *arguments)
     assert status == 2
     assert message in err
     assert not list(tmp_path.iterdir())
 
 
 def test_a_calibration_without_effects_is_refused_before_the_fit(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    session: Path, tmp_path: Path, run: Run
 ) -> None:
     write_calibration(make_calibration(), tmp_path / "plain")
-    status, _, err = captured(
-        capsys, "fit", str(session), "--out", str(tmp_path / "cal"), "--effects", str(tmp_path / "plain")
+    status, _, err = run(
+        "fit", str(session), "--out", str(tmp_path / "cal"), "--effects", str(tmp_path / "plain")
     )
     assert status == 2 and "expected a calibration with effects" in err
     assert [path.name for path in tmp_path.iterdir()] == ["plain"]
 
 
-def test_a_session_without_active_taxels_exits_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_session_without_active_taxels_exits_1(tmp_path: Path, run: Run) -> None:
     data, _ = make_session(np.random.default_rng(1), presses=10)
     presses = type(data.presses)(
         data.presses.press, data.presses.position_m, data.presses.force_n, np.zeros((10, 16))
     )
     write_dataset(type(data)(data.meta, presses), tmp_path / "dark")
-    status, _, err = captured(capsys, "fit", str(tmp_path / "dark"), "--out", str(tmp_path / "cal"))
+    status, _, err = run("fit", str(tmp_path / "dark"), "--out", str(tmp_path / "cal"))
     assert status == 1
     said = "no press can be used. Of 10 presses 10 were not used: 10 with 0 active taxels"
     assert (
@@ -92,12 +92,10 @@ def test_a_session_without_active_taxels_exits_1(tmp_path: Path, capsys: pytest.
     assert [path.name for path in tmp_path.iterdir()] == ["dark"]
 
 
-def test_a_fit_that_fails_after_its_grid_leaves_nothing(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_fit_that_fails_after_its_grid_leaves_nothing(session: Path, tmp_path: Path, run: Run) -> None:
     # A sensor far from every press: the grid is evaluated, and no combination of it gives an image.
     far = ["--y-range-mm", "120", "121", "--workers", "1"]
-    status, _, err = captured(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK, *far)
+    status, _, err = run("fit", str(session), "--out", str(tmp_path / "cal"), *QUICK, *far)
     assert status == 1
     assert "no combination of the grid gives an image" in err and "kept" not in err
     assert not list(tmp_path.iterdir())
@@ -114,7 +112,7 @@ def test_a_fit_that_fails_after_its_grid_leaves_nothing(
 def test_a_fit_that_ends_early_keeps_what_helps(
     session: Path,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    run: Run,
     monkeypatch: pytest.MonkeyPatch,
     error: Exception,
     turns: int,
@@ -129,16 +127,14 @@ def test_a_fit_that_ends_early_keeps_what_helps(
         raise error
 
     monkeypatch.setattr("skincal.calibrate.calibrate", fails)
-    status, _, err = captured(capsys, "fit", str(session), "--out", str(tmp_path / "cal"), *QUICK)
+    status, _, err = run("fit", str(session), "--out", str(tmp_path / "cal"), *QUICK)
     folder = tmp_path / ".cal.fit"
     assert status == 1 and said in err
     assert [*tmp_path.iterdir()] == [folder] * kept
     assert (f"The grid so far is saved in {folder}; give the same command again to continue" in err) == kept
 
 
-def test_an_interrupted_fit_goes_on_where_it_was(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interrupted_fit_goes_on_where_it_was(session: Path, tmp_path: Path, run: Run) -> None:
     command = ["fit", str(session), "--out", str(tmp_path / "cal"), *QUICK]
     command += ["--workers", "1", "--alpha-step-deg", "2.5", "--json"]
     kept = tmp_path / ".cal.fit"
@@ -152,7 +148,7 @@ def test_an_interrupted_fit_goes_on_where_it_was(
     assert "Traceback" not in err
     assert f"interrupted. The grid so far is saved in {kept}" in err
     assert kept.is_dir() and not (tmp_path / "cal").exists()
-    status, out, err = captured(capsys, *command)
+    status, out, err = run(*command)
     assert status == 0, err
     assert "of the grid taken from an interrupted run" in err
     assert not list(tmp_path.glob(".*"))

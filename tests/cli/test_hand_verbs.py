@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from commands import Run, served
+from commands import Run, RunJson, served
 
 import skincal.robot
 from skincal.hand import create_driver
@@ -32,10 +32,8 @@ class BadHand(HandDriver):
 """
 
 
-def test_list_names_the_shipped_drivers_and_their_options(run: Run) -> None:
-    status, out, _ = run("hand", "list", "--json")
-    assert status == 0
-    drivers = {d["name"]: d for d in json.loads(out)["drivers"]}
+def test_list_names_the_shipped_drivers_and_their_options(run: Run, run_json: RunJson) -> None:
+    drivers = {d["name"]: d for d in run_json("hand", "list")["drivers"]}
     assert {"sim", "replay", "remote"} <= set(drivers)
     assert drivers["sim"]["class"] == "skincal.hand.sim:SimDriver"
     options = {o["name"]: o for o in drivers["sim"]["options"]}
@@ -49,10 +47,8 @@ def test_list_names_the_shipped_drivers_and_their_options(run: Run) -> None:
     assert "  address       text (default tcp://127.0.0.1:5555): address of the server" in out
 
 
-def test_show_tells_joints_limits_and_sensor(run: Run) -> None:
-    status, out, _ = run("hand", "show", "--json")
-    shown = json.loads(out)
-    assert status == 0
+def test_show_tells_joints_limits_and_sensor(run: Run, run_json: RunJson) -> None:
+    shown = run_json("hand", "show")
     assert len(shown["joints"]) == len(shown["lower_rad"]) == len(shown["home_rad"]) == 6
     status, out, _ = run("hand", "show")
     assert status == 0
@@ -105,10 +101,9 @@ def test_a_wrong_command_line_is_status_two(run: Run, arguments: tuple[str, ...]
     assert text in " ".join(err.split())
 
 
-def test_keys_are_made_once(run: Run, tmp_path: Path) -> None:
-    status, out, _ = run("hand", "keys", "--out", tmp_path / "keys", "--json")
-    assert status == 0
-    assert json.loads(out) == {"hand": f"{tmp_path}/keys/hand", "client": f"{tmp_path}/keys/client"}
+def test_keys_are_made_once(run: Run, run_json: RunJson, tmp_path: Path) -> None:
+    made = {"hand": f"{tmp_path}/keys/hand", "client": f"{tmp_path}/keys/client"}
+    assert run_json("hand", "keys", "--out", tmp_path / "keys") == made
     assert run("hand", "keys", "--out", tmp_path / "keys")[0] == 2
     status, out, _ = run("hand", "keys", "--out", tmp_path / "keys", "--force")
     assert status == 0
@@ -143,7 +138,9 @@ def test_serve_hand_with_keys(run: Run, tmp_path: Path) -> None:
     ],
     ids=lambda command: " ".join(command[:2]),
 )
-def test_limits_that_no_finger_has_need_a_flag(run: Run, tmp_path: Path, command: tuple[str, ...]) -> None:
+def test_limits_that_no_finger_has_need_a_flag(
+    run: Run, run_json: RunJson, tmp_path: Path, command: tuple[str, ...]
+) -> None:
     folder = tmp_path / "hand"
     shutil.copytree(Path(skincal.robot.__file__).parent / "hands" / "dlr_hand_2", folder)
     path = folder / "hand.toml"
@@ -153,6 +150,4 @@ def test_limits_that_no_finger_has_need_a_flag(run: Run, tmp_path: Path, command
     assert "max_force_n: expected at most 50 N; got 1000 N" in err
     assert "--beyond-limits" in err
     if command[1] == "show":
-        status, out, _ = run(*command[:2], folder, "--beyond-limits", "--json")
-        assert status == 0
-        assert json.loads(out)["max_force_n"] == 1000.0
+        assert run_json(*command[:2], folder, "--beyond-limits")["max_force_n"] == 1000.0

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
-from commands import Run
+from commands import Run, RunJson
 
 from skincal.dataset import read_dataset
 from tests.imports.foreign import PRESS_ROWS, mapping, press_table, write_mapping, write_press_table
@@ -31,10 +30,8 @@ def test_csv_says_what_was_read_and_left_out(run: Run, source: tuple[Path, Path]
     assert run("dataset", "check", tmp_path / "d")[0] == 0
 
 
-def test_csv_as_json(run: Run, source: tuple[Path, Path], tmp_path: Path):
-    status, out, _ = run("import", "csv", *source, "--out", tmp_path / "d", "--json")
-    assert status == 0
-    assert json.loads(out) == {
+def test_csv_as_json(run_json: RunJson, source: tuple[Path, Path], tmp_path: Path):
+    assert run_json("import", "csv", *source, "--out", tmp_path / "d") == {
         "dataset": str(tmp_path / "d"),
         "presses": 59,
         "frames": 0,

@@ -11,6 +11,7 @@ import commands
 import numpy as np
 import pytest
 from calibrations import make_calibration
+from commands import RunJson
 
 from skincal.calibration import Effect, write_calibration
 from skincal.dataset import read_dataset, write_dataset
@@ -35,9 +36,8 @@ def test_presses_and_frames(
     assert (tmp_path / "out" / "frames.csv").is_file(), "tables keep their format"
 
 
-def test_json(cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(cal, folder, "--out", tmp_path / "out", "--slack", "--json") == 0
-    answer = json.loads(capsys.readouterr().out)
+def test_json(cal: Path, folder: Path, tmp_path: Path, run_json: RunJson) -> None:
+    answer = run_json("predict", cal, folder, "--out", tmp_path / "out", "--slack")
     assert answer["dataset"] == str(tmp_path / "out")
     assert (answer["presses"], answer["frames"]) == (12, 96)
     measured, predicted = read_dataset(folder), read_dataset(tmp_path / "out")
@@ -51,10 +51,9 @@ def test_json(cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFix
     }  # fmt: skip
 
 
-def test_without_frames(cal: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_frames(cal: Path, folder: Path, tmp_path: Path, run_json: RunJson) -> None:
     write_dataset(replace(read_dataset(folder), frames=None), tmp_path / "static", presses_as="parquet")
-    assert run(cal, tmp_path / "static", "--out", tmp_path / "out", "--json") == 0
-    answer = json.loads(capsys.readouterr().out)
+    answer = run_json("predict", cal, tmp_path / "static", "--out", tmp_path / "out")
     assert (answer["frames"], answer["frames_rmse_counts"], answer["slack_rms_m"]) == (0, None, None)
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
         ".skincal.json",

@@ -60,10 +60,8 @@ def test_a_run_stays_what_it_is_when_defaults_change(trained, tmp_path, monkeypa
     environment.close()
 
 
-def test_json_and_going_on(copied, capsys):
-    assert run("train", "marble", "--out", copied, "--resume", "--steps", 2 * ROUND, "--json") == 0
-    shown, _ = capsys.readouterr()
-    answer = json.loads(shown)
+def test_json_and_going_on(copied, run_json):
+    answer = run_json("train", "marble", "--out", copied, "--resume", "--steps", 2 * ROUND)
     assert answer["steps"] == 2 * ROUND
     assert answer["policy"] == str(copied / "policy.onnx")
     assert answer["kind"] == "tactile"
@@ -119,13 +117,11 @@ def test_ranges_of_ones_own_are_kept_with_the_run(tmp_path):
     assert about.ranges_sha256 == digest(ranges) != digest(preset("iros24"))
 
 
-def test_evaluation_as_json(trained, tmp_path, capsys):
+def test_evaluation_as_json(trained, tmp_path, run_json):
     """The contract's keys and shapes (section 6)."""
     policy = trained / "policy.onnx"
     out = tmp_path / "evaluation"
-    assert run("eval", "marble", policy, policy, "--episodes", 2, "--seed", 1, "--json", "--out", out) == 0
-    shown, _ = capsys.readouterr()
-    answer = json.loads(shown)
+    answer = run_json("eval", "marble", policy, policy, "--episodes", 2, "--seed", 1, "--out", out)
     assert answer["task"] == "marble"
     first, second = answer["policies"]
     assert first == second
@@ -159,26 +155,26 @@ def test_a_film_of_a_run(trained, tmp_path):
         assert not np.array_equal(first, np.asarray(film.convert("RGB")))
 
 
-def test_evaluation_with_values_of_ones_own(trained, tmp_path, capsys):
+def test_evaluation_with_values_of_ones_own(trained, tmp_path, run_json):
     policy = trained / "policy.onnx"
     (tmp_path / "still.csv").write_text("u_m,v_m\n0.001,0.0\n")
     answers = []
     for radius in (0.005, 0.007, 0.007):
         options = ["--set", f"object.marble.radius_m={radius}", "--trajectory", tmp_path / "still.csv"]
-        assert run("eval", "marble", policy, "--episodes", 1, "--duration-s", 0.5, "--json", *options) == 0
-        answers.append(json.loads(capsys.readouterr().out)["policies"][0]["error_m"])
+        answer = run_json("eval", "marble", policy, "--episodes", 1, "--duration-s", 0.5, *options)
+        answers.append(answer["policies"][0]["error_m"])
     assert len(answers[0]) == 5
     assert answers[0] != answers[1] == answers[2]
 
 
-def test_evaluation_of_a_bolt(tmp_path, capsys):
+def test_evaluation_of_a_bolt(tmp_path, run_json):
     """A policy that does nothing holds the bolt and rolls it nowhere."""
     part = {"name": "policy", "size": 112}
     about = Description(Task.bolt, PolicyKind.tactile, (part,), 6, "", 0, 0, 0.0, "sb3")
     still = Network.build(np.zeros(112), np.ones(112), 10.0, [(np.zeros((112, 6)), np.zeros(6))])
     write_policy(still, about, tmp_path / "still.onnx")
-    assert run("eval", "bolt", tmp_path / "still.onnx", "--episodes", 4, "--duration-s", 0.3, "--json") == 0
-    (entry,) = json.loads(capsys.readouterr().out)["policies"]
+    answer = run_json("eval", "bolt", tmp_path / "still.onnx", "--episodes", 4, "--duration-s", 0.3)
+    (entry,) = answer["policies"]
     assert (entry["direction_right"], entry["held_to_end"], entry["drops"]) == (0.0, 1.0, 0)
     assert entry["held_s"] == pytest.approx(0.3)
     assert entry["angle_error_rad"] < 0.2

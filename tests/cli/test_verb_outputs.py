@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from calibrations import make_calibration
-from commands import captured
+from commands import Run
 
 from skincal.calibration import write_calibration
 from skincal.dataset import write_dataset
@@ -56,7 +56,7 @@ def content(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("force", ["", " --force"])
 @pytest.mark.parametrize("verb", VERBS)
-def test_others_work_stays(here: Path, verb: str, force: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_others_work_stays(here: Path, verb: str, force: str, run: Run) -> None:
     if verb == "train":
         pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
     out = here / VERBS[verb].split("--out ")[1]
@@ -67,7 +67,7 @@ def test_others_work_stays(here: Path, verb: str, force: str, capsys: pytest.Cap
         mine.mkdir()
         (mine / "thesis.tex").write_text("mine")
     before = content(here)
-    status, shown, err = captured(capsys, *f"{VERBS[verb]}{force}".split())
+    status, shown, err = run(*f"{VERBS[verb]}{force}".split())
     assert (status, shown) == (2, "") and mine.name in err and "Traceback" not in err
     assert force or "--force" in err
     assert content(here) == before
@@ -79,21 +79,21 @@ FOLDERS = [verb for verb, line in VERBS.items() if line.endswith(" out") and "--
 @pytest.mark.parametrize(
     ("verb", "one"), [(verb, one) for verb in FOLDERS for one in INPUTS if one in VERBS[verb].split()]
 )
-def test_inputs_are_not_replaced(here: Path, verb: str, one: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_inputs_are_not_replaced(here: Path, verb: str, one: str, run: Run) -> None:
     before = content(here)
     for same in (one, f"session/../{one}"):
         line = f"{VERBS[verb].removesuffix(' out')} {same} --force"
-        status, shown, err = captured(capsys, *line.split())
+        status, shown, err = run(*line.split())
         assert (status, shown) == (2, "") and "an output that is not an input" in err
         assert content(here) == before
 
 
 @pytest.mark.parametrize("verb", [verb for verb, line in VERBS.items() if {*INPUTS} & {*line.split()}])
-def test_missing_input_leaves_nothing(here: Path, verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_input_leaves_nothing(here: Path, verb: str, run: Run) -> None:
     line = VERBS[verb]
     for one in INPUTS:
         line = line.replace(f" {one} ", " nowhere ")
     before = content(here)
-    status, shown, err = captured(capsys, *line.split())
+    status, shown, err = run(*line.split())
     assert (status, shown) == (2, "") and "nowhere" in err and "Traceback" not in err
     assert content(here) == before

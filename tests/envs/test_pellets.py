@@ -35,7 +35,7 @@ def test_one_less_is_asked_for_after_each_part_until_one_is_left() -> None:
 def test_letting_go_of_all_ends_the_episode() -> None:
     env = make(PELLETS, policy="desired")
     env.reset(seed=1, options={"pellets": 2, "randomize": "none"})
-    open_hand = env.world.grasp.posture(0.03) - env._desired
+    open_hand = env.world.grasp.postures.at(0.03) - env._desired
     ended, steps = False, 0
     while not ended:
         *_, ended, late, info = env.step(np.clip(open_hand / 0.03, -1, 1))

@@ -62,7 +62,7 @@ def test_the_board_has_the_colours_of_the_image() -> None:
     env: Any = make(render_mode="rgb_array")
     env.reset(seed=0)
     image = np.linspace(0.0, 100.0, 16)
-    shown = PictureState(env.world.grasp.centre_m, LAYOUT, image, np.zeros(2), np.zeros(2))
+    shown = PictureState(env.world.grasp.postures.middle_m, LAYOUT, image, np.zeros(2), np.zeros(2))
     before, board = env.render(), Board(env.world.scene, shown)
     board.show(shown)
     seen = [env.world.scene.engine.getVisualShapeData(tile)[0][7] for tile in board._tiles]

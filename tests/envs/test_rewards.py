@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skincal.envs.rewards import RewardScales, falling, reward_terms, rising
+from skincal.envs.rewards import RewardScales, falling, penalty, reward_terms
 from skincal.errors import InputError
 
 GOOD: dict[str, Any] = {
@@ -27,7 +27,7 @@ def test_shape_of_a_reward_term() -> None:
 def test_more_deviation_never_pays(a: float, b: float) -> None:
     low, high = sorted((a, b))
     assert 0.0 <= falling(high, 2.0) <= falling(low, 2.0) <= 1.0
-    assert rising(low, 2.0) == pytest.approx(1 - falling(low, 2.0))
+    assert penalty(low, 2.0) == pytest.approx(1 - falling(low, 2.0))
 
 
 def test_best_step_pays_the_sum_of_the_published_weights() -> None:

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import ClassVar
 
-from skincal.model.arrays import positive
 from skincal.model.indenters.indenter import MISSED, ClosedForm
 
 
-@dataclass(frozen=True)
 class FlatPunch(ClosedForm):
     """A rigid disc in the plane z = 0 of its frame, facing -z. A disc larger than the patch acts as a pressure chamber.
 
     Attributes:
         radius_m: radius of the disc [m].
         kind: see :class:`ClosedForm`.
+        name: see :class:`ClosedForm`.
     """
 
-    radius_m: float
     kind: ClassVar[int] = 1
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "radius_m", positive("flat punch radius_m", self.radius_m))
+    name: ClassVar[str] = "flat punch"
 
     @property
     def depth_m(self) -> float:

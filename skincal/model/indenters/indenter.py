@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.model.arrays import FloatArray, as_floats
+from skincal.model.arrays import FloatArray, as_floats, positive
 
 MISSED = math.inf
 """Distance along a ray that misses the indenter [m]."""
@@ -54,16 +54,22 @@ class Indenter(ABC):
         """The largest valid penetration [m]; beyond it the indenter has sunk in."""
 
 
+@dataclass(frozen=True)
 class ClosedForm(Indenter):
     """An indenter with a closed form in the compiled routine, described by one length.
 
     Attributes:
         radius_m: the length [m].
         kind: number of the closed form (``skincal.model.press.meet``).
+        name: name of the shape, for errors.
     """
 
     radius_m: float
     kind: ClassVar[int]
+    name: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius_m", positive(f"{self.name} radius_m", self.radius_m))
 
     def cast(self, origins_m: ArrayLike, direction: ArrayLike) -> RayHits:
         from skincal.model.press.call import routine

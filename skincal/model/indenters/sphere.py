@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import ClassVar
 
-from skincal.model.arrays import positive
 from skincal.model.indenters.indenter import MISSED, ClosedForm
 
 
-@dataclass(frozen=True)
 class Sphere(ClosedForm):
     """A ball with its centre at (0, 0, radius): it touches the origin of its frame from above.
 
     Attributes:
         radius_m: radius [m].
         kind: see :class:`ClosedForm`.
+        name: see :class:`ClosedForm`.
     """
 
-    radius_m: float
     kind: ClassVar[int] = 0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "radius_m", positive("sphere radius_m", self.radius_m))
+    name: ClassVar[str] = "sphere"
 
     @property
     def depth_m(self) -> float:
