@@ -70,10 +70,9 @@ class Key:
 
     def _fault(self, value: Any) -> tuple[str, str] | None:
         """Return the expected value and the advice for an invalid value of the right type; None if it is valid."""
-        inside = (
-            self.low <= one <= self.high and (self.inf or math.isfinite(one)) for one in _numbers(value)
-        )
-        return None if all(inside) else (self.expected, self.fix)
+        numbers = [*_numbers(value)]
+        inside = all(self.low <= one <= self.high and (self.inf or math.isfinite(one)) for one in numbers)
+        return None if inside else (self.expected, self.fix)
 
 
 @dataclass(frozen=True)
@@ -91,16 +90,13 @@ class Length(Key):
             if math.isnan(one) or not (self.signed or one >= 0) or (one == 0 < self.low):
                 return self.expected, self.fix
             if size > self.high and not math.isinf(one):
-                return f"{self.expected}, at most {self.high:g} m", self._fix_if_valid(
-                    size / 1000, MILLIMETRES
-                )
-            if size < self.low:
-                return f"{self.expected}, at least {self.low:g} m", self._fix_if_valid(size * 1000, TWICE)
+                bound, meant_m, fix = f"at most {self.high:g} m", size / 1000, MILLIMETRES
+            elif size < self.low:
+                bound, meant_m, fix = f"at least {self.low:g} m", size * 1000, TWICE
+            else:
+                continue
+            return f"{self.expected}, {bound}", fix if self.low <= meant_m <= self.high else self.fix
         return None
-
-    def _fix_if_valid(self, size: float, fix: str) -> str:
-        """Return ``fix`` if the converted size would be valid, else the constraint's own advice."""
-        return fix if self.low <= size <= self.high else self.fix
 
 
 @dataclass(frozen=True)

@@ -251,12 +251,12 @@ def _check_dropouts(dataset: Dataset, frames: Frames, force: FloatArray, sheet: 
     own = force[row[held]]
     lost = held[frames.force_n[held] < own * DROPPED]
     if len(lost) > MOST_DROPPED * max(len(held), 1):
-        got = (
-            f"less than a third of it in {len(lost)} of {len(held)} (rows {listed(lost[:3] + 1, len(lost))})"
-        )
-        fix = "Did the force sensor drop out? Leave these rows out."
-        expected = "about the force of the press in frames of its hold"
-        sheet.findings.warn(sheet.column("force_n"), expected, got, fix)
+        rows = listed(lost[:3] + 1, len(lost))
+        sheet.findings.warn(
+            sheet.column("force_n"), "about the force of the press in frames of its hold",
+            f"less than a third of it in {len(lost)} of {len(held)} (rows {rows})",
+            "Did the force sensor drop out? Leave these rows out.",
+        )  # fmt: skip
 
 
 def _check_same_presses(dataset: Dataset, frames: Frames, force: FloatArray, sheet: Sheet) -> None:

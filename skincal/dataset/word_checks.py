@@ -176,11 +176,8 @@ def find_below_zero(
 
     # Rounding scatters readings too, and takes below zero what is below minus one half.
     noise = np.sqrt(np.maximum(rest.scatter**2 - 1 / 12, 0.01))
-    few, many = (
-        float((dark * ndtr((-0.5 - rest.level) / (noise * error))).sum())
-        for error in (1 - NOISE_ERROR, 1 + NOISE_ERROR)
-    )
-    few, many = min(few, many), max(few, many)
+    errors = (1 - NOISE_ERROR, 1 + NOISE_ERROR)
+    few, many = sorted(float((dark * ndtr((-0.5 - rest.level) / (noise * error))).sum()) for error in errors)
     if pdtrc(top.sum() - 1, many) < CHANCE or pdtr(top.sum(), few) < CHANCE:
         return None
     # Log odds of wrapped noise at rest against drop-outs, which have any load and any rate.
