@@ -199,12 +199,12 @@ class ColumnReader:
             return np.full(self.rows, np.nan), text
         if column.dtype != object and column.dtype != np.bool_:
             return column.astype(np.float64, copy=False), text
-        values = _converted(column, _number).astype(np.float64)
-        self._reported[name] = text = _converted(column, lambda cell: _number(cell) is None).astype(bool)
+        numbers = _converted(column, _number)
+        self._reported[name] = text = np.array([number is None for number in numbers], dtype=bool)
         decimal_comma = text.any() and "," in str(column[np.flatnonzero(text)[0]])
         fix = "Write a decimal point." if decimal_comma else "Write the number alone, in the column's unit."
         self.sheet.bad_rows(name, text, column, "a number", fix)
-        return values, text
+        return numbers.astype(np.float64), text
 
 
 def _converted(column: NDArray[Any], convert: Callable[[Any], Any]) -> NDArray[Any]:

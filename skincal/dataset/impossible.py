@@ -119,13 +119,8 @@ def drop_impossible(dataset: Dataset, sheet: Sheet) -> Dataset:
 def _limit(change: FloatArray, force_n: FloatArray, impossible: BoolArray, frames_n: FloatArray) -> float:
     """Return the change from rest above which a reading of a frame is impossible [counts].
 
-    Infinite if the largest force of the frames could explain the smallest impossible reading.
-
-    Args:
-        change: (K, J) counts of the presses above rest.
-        force_n: (K,) forces of the presses [N].
-        impossible: (K, J) impossible readings.
-        frames_n: (M,) forces of the frames [N].
+    Infinite if the largest force of the frames (M,) could explain the smallest impossible reading of the presses, whose
+    ``change`` (K, J) is their counts above rest.
     """
     pressed = force_n > 0
     per_newton = np.where(impossible, np.nan, change)[pressed] / force_n[pressed, None]

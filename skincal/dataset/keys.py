@@ -30,14 +30,12 @@ class Key:
         low: lower bound of each number.
         high: upper bound of each number.
         inf: True if numbers may be infinite.
-        fix: advice, for errors.
     """
 
     expected: str
     low: float = -math.inf
     high: float = math.inf
     inf: bool = False
-    fix: str = ""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
         from pydantic_core import core_schema
@@ -66,13 +64,16 @@ class Key:
 
     def _refused(self, value: Any) -> tuple[str, str]:
         """Return the expected value and the advice for a value of another type."""
-        return self.expected, self.fix
+        return self.expected, ""
 
     def _fault(self, value: Any) -> tuple[str, str] | None:
         """Return the expected value and the advice for an invalid value of the right type; None if it is valid."""
+        return None if self._is_valid(value) else self._refused(value)
+
+    def _is_valid(self, value: Any) -> bool:
+        """Return whether a value of the right type is valid."""
         numbers = [*_numbers(value)]
-        inside = all(self.low <= one <= self.high and (self.inf or math.isfinite(one)) for one in numbers)
-        return None if inside else (self.expected, self.fix)
+        return all(self.low <= one <= self.high and (self.inf or math.isfinite(one)) for one in numbers)
 
 
 @dataclass(frozen=True)
@@ -88,14 +89,14 @@ class Length(Key):
         for one in _numbers(value):
             size = abs(one)
             if math.isnan(one) or not (self.signed or one >= 0) or (one == 0 < self.low):
-                return self.expected, self.fix
+                return self.expected, ""
             if size > self.high and not math.isinf(one):
                 bound, meant_m, fix = f"at most {self.high:g} m", size / 1000, MILLIMETRES
             elif size < self.low:
                 bound, meant_m, fix = f"at least {self.low:g} m", size * 1000, TWICE
             else:
                 continue
-            return f"{self.expected}, {bound}", fix if self.low <= meant_m <= self.high else self.fix
+            return f"{self.expected}, {bound}", fix if self.low <= meant_m <= self.high else ""
         return None
 
 
@@ -139,17 +140,16 @@ class Word(Key):
     def _refused(self, value: Any) -> tuple[str, str]:
         return choice(value, self.options)
 
-    def _fault(self, value: Any) -> tuple[str, str] | None:
-        return None if value in self.options else self._refused(value)
+    def _is_valid(self, value: Any) -> bool:
+        return value in self.options
 
 
 @dataclass(frozen=True)
 class Names(Key):
     """A list of unique names."""
 
-    def _fault(self, value: Any) -> tuple[str, str] | None:
-        good = value and all(value) and len({*value}) == len(value)
-        return None if good else (self.expected, self.fix)
+    def _is_valid(self, value: Any) -> bool:
+        return bool(value) and all(value) and len({*value}) == len(value)
 
 
 @dataclass(frozen=True)
@@ -159,8 +159,8 @@ class Texts(Key):
     def _prepared(self, value: Any) -> Any:
         return [value] if isinstance(value, str) else value
 
-    def _fault(self, value: Any) -> tuple[str, str] | None:
-        return None if value is None or all(value) else (self.expected, self.fix)
+    def _is_valid(self, value: Any) -> bool:
+        return value is None or all(value)
 
 
 @dataclass(frozen=True)

@@ -54,10 +54,7 @@ def presses_from(table: RawTable, meta: DatasetMeta) -> Presses:
 def frames_from(table: RawTable, meta: DatasetMeta, presses: Presses | None) -> Frames:
     """Return the frames of a table; add problems to the table's findings.
 
-    Args:
-        table: the table.
-        meta: content of ``dataset.toml``.
-        presses: presses of the dataset; None if they could not be read.
+    ``presses`` are those of the dataset, None if they could not be read.
     """
     reader, taxels = ColumnReader(table), meta.sensor.taxel_columns()
     _require(reader, OF_FRAMES, taxels, "frame", "Leave the file out.")

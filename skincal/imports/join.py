@@ -78,20 +78,20 @@ def join_file(
         findings.error(f"{entry.place} file", expected, len(paths))
     findings.raise_errors()
     clock = read_clock(tables, entry.time, entry.form, findings, own_clocks=own, slow=True)
+    files = [
+        {q.target: q.column(table.rows, table.text, table.numbers)[rows] for q in quantities}
+        for table, rows in zip(tables, clock.rows, strict=True)
+    ]
     findings.raise_errors()
-    values = [[q.column(table.rows, table.text, table.numbers) for q in quantities] for table in tables]
-    groups = [[i] for i in range(len(tables))] if own else [[*range(len(tables))]]
+    groups = [[i] for i in range(len(files))] if own else [[*range(len(files))]]
     columns: dict[str, list[Column]] = {q.target: [] for q in quantities}
     clocks: list[JoinedClock] = []
     shared = [clock for clock in recording.clocks if clock.name == entry.form.clock]
     for number, group in enumerate(groups):
-        rows = recording.part == group[0] if own else np.ones(len(recording), dtype=bool)
+        rows = recording.part == number if own else np.ones(len(recording), dtype=bool)
         times = np.concatenate([clock.times_s[i] for i in group])
         order = np.argsort(times, kind="stable")
-        held = [
-            np.concatenate([values[i][k][clock.rows[i]] for i in group])[order]
-            for k in range(len(quantities))
-        ]
+        held = {name: np.concatenate([files[i][name] for i in group])[order] for name in columns}
         ours, times, note = recording.columns["time_s"][rows], times[order], ""
         if "day" in (kind, clock.kind):  # one of the two has no date, and they start at most half a day apart
             times, note = times + DAY_S * np.rint((ours[0] - times[0]) / DAY_S), " (of the same day)"
@@ -101,8 +101,8 @@ def join_file(
             aligned = _aligned(entry, mapping, ours, recording.counts[rows], times, held, note, findings)
         onto = aligned.onto(times)
         clocks.append(aligned)
-        for quantity, column in zip(quantities, held, strict=True):
-            columns[quantity.target].append(_onto(quantity, entry, onto, column, ours))
+        for q in quantities:
+            columns[q.target].append(_onto(q, entry, onto, held[q.target], ours))
     return replace(
         recording,
         columns={**recording.columns, **{name: np.concatenate(parts) for name, parts in columns.items()}},
@@ -113,15 +113,15 @@ def join_file(
 
 def _aligned(
     entry: JoinedFile, mapping: Mapping, ours: FloatArray, images: FloatArray, times: FloatArray,
-    held: Sequence[Column], note: str, findings: Findings,
+    held: Map[str, Column], note: str, findings: Findings,
 ) -> JoinedClock:  # fmt: skip
     """Return the alignment of a file's clock with that of the taxels.
 
     Raises:
         InputError: it is unknown.
     """
-    own = zip((q for q in mapping.quantities if q.topic == entry.name), held, strict=True)
-    numbers = {q.target: one for q, one in own if not q.is_text and not targets.is_whole(q.target)}
+    own = [q for q in mapping.quantities if q.topic == entry.name and not q.is_text]
+    numbers = {q.target: held[q.target] for q in own if not targets.is_whole(q.target)}
     if "force_n" in numbers:
         numbers = {"force_n": numbers["force_n"]}
     if isinstance(entry.form.offset_s, str):

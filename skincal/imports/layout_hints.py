@@ -161,10 +161,9 @@ def _unnamed(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:
 
 def _blocks(lines: list[tuple[int, str]], form: CsvFormat) -> str:
     blocks = blocks_of(lines, form)
-    sizes = Counter((len(block.rows), len(block.rows[0])) for block in blocks)
-    if not sizes:
+    if not blocks:
         return ""
-    (rows, cells), count = sizes.most_common(1)[0]
+    (rows, cells), count = Counter(block.shape for block in blocks).most_common(1)[0]
     if count < 3 or rows < 2 or count <= 0.8 * len(blocks):
         return ""
     head = " ".join(line[:LONGEST_LINE] for number, line in lines if number < blocks[0].line)

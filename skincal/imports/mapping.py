@@ -74,7 +74,7 @@ class Quantity:
 
     @property
     def is_text(self) -> bool:
-        """Whether the source holds words or dates."""
+        """True if the source holds words or dates."""
         return targets.is_text(self.target) or self.unit.name == units.DATETIME
 
     def resampling(self, usual: Resampling) -> Resampling:

@@ -56,7 +56,6 @@ def presses_and_frames(
             _check_released(series, rules, file, findings)
     findings.raise_errors()
     found = rested(found, series, recording, mapping, file, findings)
-    findings.raise_errors()
     if not found.spans:
         raise _no_press(series, found, rules, file)
     dropped = [*recording.dropped]
