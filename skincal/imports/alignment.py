@@ -182,8 +182,7 @@ def _estimated(
     if peak < LEAST_CORRELATION:
         reached = f"a correlation of {peak:.2f} at most" if every else "nothing in it changes"
         raise _UnlikeError(f"no lag at which {', '.join(columns)} correlates with the taxels ({reached})")
-    at = int(np.nanargmax(np.abs(found)))
-    check_unique(lags + apart, np.abs(found), at)
+    at = best_lag(lags + apart, np.abs(found))
     if within_s - abs(lags[at] + apart) < step:
         raise NoOffsetError(f"the correlation is largest at the bound of {within_s:g} s (within_s)")
     given = np.isfinite(columns[column])
@@ -243,9 +242,13 @@ def _correlations(
     return lags, found
 
 
-def check_unique(lags: FloatArray, found: FloatArray, at: int) -> None:
-    """Raise if a lag outside the peak is nearly as good."""
-    filled = np.nan_to_num(found)
+def best_lag(lags: FloatArray, found: FloatArray) -> int:
+    """Return the index of the largest correlation.
+
+    Raises:
+        NoOffsetError: a lag outside its peak is nearly as good.
+    """
+    at, filled = int(np.nanargmax(found)), np.nan_to_num(found)
     first, last = stretch_about(filled > filled[at] / 2, at)
     others = filled.copy()
     others[max(first - 1, 0) : last + 2] = 0.0
@@ -255,6 +258,7 @@ def check_unique(lags: FloatArray, found: FloatArray, at: int) -> None:
             f"offsets of {lags[at]:.4g} s and {lags[second]:.4g} s are equally good (correlations {filled[at]:.3f} and "
             f"{others[second]:.3f}): the presses are too similar; within_s narrows the search"
         )
+    return at
 
 
 def stretch_about(mask: BoolArray, at: int) -> tuple[int, int]:

@@ -109,14 +109,17 @@ def _needed(mapping: Mapping, quantity: Quantity) -> bool:
 def explain_missing(paths: Sequence[Path], form: CsvFormat, mapping: Mapping, findings: Findings) -> None:
     """Replace the errors of missing columns by one error if another file holds them."""
     held = {path: column_names(path, form) for path in paths}
-    taxels = next((path for path in paths if set(mapping.taxels.names) <= set(held[path])), None)
+
+    def holder(names: Sequence[str]) -> Path | None:
+        return next((path for path in paths if {*names} <= {*held[path]}), None)
+
+    taxels = holder(mapping.taxels.names)
     if taxels is None:
         return
     elsewhere: dict[Path, list[str]] = {}
     for quantity in mapping.quantities:
-        if quantity.sources and not set(quantity.sources) <= set(held[taxels]):
-            other = next((path for path in paths if set(quantity.sources) <= set(held[path])), None)
-            if other is None:
+        if not {*quantity.sources} <= {*held[taxels]}:
+            if (other := holder(quantity.sources)) is None:
                 return
             elsewhere.setdefault(other, []).append(quantity.target)
     if not elsewhere:

@@ -137,13 +137,9 @@ def _assemble(
     surface = surface_of(mapping.meta.surface, mapping.meshes) if mapping.file.frame.project else None
     placed = _placed(recording, mapping.file.frame, surface)
     presses, frames, dropped = presses_and_frames(placed, mapping, findings)
-    files = ", ".join(file.file for file in recording.files)
-    meta = replace(
-        mapping.meta,
-        source=mapping.meta.source or f"imported from {files}",
-        assumed=_assumed(mapping),
-        clock=_clock(recording, mapping),
-    )
+    source = mapping.meta.source or f"imported from {', '.join(file.file for file in recording.files)}"
+    clock = _clock(recording, mapping)
+    meta = replace(mapping.meta, source=source, assumed=_assumed(mapping), clock=clock)
     dataset = Dataset(meta, presses, frames, mapping.positions, mapping.meshes)
     with whole_folder(out, force=force, marker=FILE) as folder:
         write_dataset_files(dataset, folder)
@@ -163,8 +159,8 @@ def _clock(recording: Recording, mapping: Mapping) -> ClockSpec | None:
     found = [one.sigma_s for one in recording.clocks if one.estimated and force and one.name == force.topic]
     if not found:
         return given
-    said = given or ClockSpec()
-    return replace(said, sigma_s=float(np.hypot(said.sigma_s, max(found))))
+    given = given or ClockSpec()
+    return replace(given, sigma_s=float(np.hypot(given.sigma_s, max(found))))
 
 
 def _assumed(mapping: Mapping) -> tuple[str, ...]:

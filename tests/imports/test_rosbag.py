@@ -113,20 +113,29 @@ def test_topics_are_listed(tmp_path: Path, recording: Recorded, written: WriteBa
         bag_topics(tmp_path / "no.bag")
 
 
+OWN: dict[str, Any] = {
+    "topics": None,
+    "joints": None,
+    "taxels": {"field": "rows[0].values"},
+    "sensor": {"rows": 1},
+    "columns": {
+        "position": {"topic": "/tf", "field": "transforms[child_frame_id=tip].transform.translation"}
+    },
+}
+"""Changes of the mapping for bags with types of their own."""
+
+
 @pytest.mark.parametrize("name", ["s.bag", "s"])
 def test_types_of_ones_own_poses_and_transforms(
     tmp_path: Path, recording: Recorded, written: WriteBag, name: str
 ):
     """The skin is an array of rows in a message of its own, the tip one of several transforms."""
-    rows = "rows[0].values"
     changes: dict[str, Any] = {
-        "topics": None,
-        "joints": None,
-        "taxels": {"field": rows, "elements": [3, 2, 1, 0]},
-        "sensor": {"rows": 1},
+        **OWN,
+        "taxels": {"field": "rows[0].values", "elements": [3, 2, 1, 0]},
         "bag": {"resample": "previous"},
-        "columns": {
-            "position": {"topic": "/tf", "field": "transforms[child_frame_id=tip].transform.translation"},
+        "columns": OWN["columns"]
+        | {
             "temperature_c": {"topic": "/force", "field": "wrench.torque.x", "unit": "K"},
             "pose": {"topic": "/tf", "field": "transforms[child_frame_id=tip].header.frame_id"},
         },
@@ -171,15 +180,7 @@ def test_definition_that_the_bag_lacks(tmp_path: Path, recording: Recorded, writ
     """Old ROS 2 recorders wrote no definitions: then a file has to say what a message is."""
     shutil.copytree(written("s", own=True), tmp_path / "s")
     _forget_definitions(tmp_path / "s")
-    changes: dict[str, Any] = {
-        "topics": None,
-        "joints": None,
-        "taxels": {"field": "rows[0].values"},
-        "sensor": {"rows": 1},
-        "columns": {
-            "position": {"topic": "/tf", "field": "transforms[child_frame_id=tip].transform.translation"}
-        },
-    }
+    changes: dict[str, Any] = {**OWN}
     assert "Name its file in definitions of [bag]" in refused(tmp_path, [tmp_path / "s"], **changes)
     (tmp_path / "Skin.msg").write_text(SKIN_MSG.split("=")[0])
     (tmp_path / "TaxelRow.msg").write_text("uint16[4] values\n")
