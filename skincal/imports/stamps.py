@@ -116,8 +116,10 @@ def read_clock(
     for table, time_s in zip(tables, times, strict=True):
         _check_order(table, time_s, time, findings)
     if equal := sum(int((np.diff(part) == 0).sum()) for part in times):
-        said = f"{equal} rows have the stamp of the previous row; they were spread evenly up to the next"
-        notes.append(f"{time.place}: {said} stamp")
+        said = (
+            f"{equal} rows have the stamp of the previous row; they were spread evenly up to the next stamp"
+        )
+        notes.append(f"{time.place}: {said}")
     times_s = tuple(spread_equal(part) if len(part) else part for part in times)
     return Clock(times_s, tuple(rows), kind, tuple(dict.fromkeys(notes)))
 
@@ -148,11 +150,10 @@ def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
     wrong = given & dates.isna().to_numpy()
     expected, fix = f'a date and time like "{time.format}" (format)', ""
     if not time.format:
-        expected = "a date and time like 2026-11-20 12:00:00.250, or in all rows a time of day like"
-        expected, fix = (
-            f"{expected} 12:00:00.250",
-            _format_hint(next((str(cell) for cell in cells.to_numpy()[wrong]), "")),
+        expected = (
+            "a date and time like 2026-11-20 12:00:00.250, or in all rows a time of day like 12:00:00.250"
         )
+        fix = _format_hint(next((str(cell) for cell in cells.to_numpy()[wrong]), ""))
     table.sheet.bad_rows(name, wrong, cells.to_numpy(), expected, fix)
     if time.format and not any(mark in time.format for mark in DATE_MARKS):
         within = dates - dates.dt.normalize()
