@@ -92,11 +92,6 @@ class ColumnReader:
         expected, got = f"the {what} {_first(missing)}", f"the columns {_first(names, 12)}"
         self.sheet.findings.error(self.sheet.file, expected, got, fix)
 
-    def require_rows(self, expected: str, fix: str) -> None:
-        """Add an error if the table has no rows."""
-        if not self.rows:
-            self.sheet.findings.error(self.sheet.file, expected, "no rows", fix)
-
     def numbers(self, name: str) -> FloatArray:
         """Return a column as numbers, shape (rows,), with NaN for empty cells; report cells that are not numbers."""
         return self._numbers(name)[0]
@@ -151,9 +146,9 @@ class ColumnReader:
         """Return which cells of a column were already reported as not numeric, shape (rows,)."""
         return self._reported.get(name, np.zeros(self.rows, dtype=bool))
 
-    def taxel_columns(self) -> list[str]:
-        """Return the columns with names of taxels, for a description without valid numbers of rows and columns."""
-        return [name for name in self._table.columns if TAXEL.fullmatch(name)]
+    def taxel_columns(self, expected: Sequence[str]) -> Sequence[str]:
+        """Return the ``expected`` taxel columns; if the sensor's size is unknown, those that the table has."""
+        return expected or [name for name in self._table.columns if TAXEL.fullmatch(name)]
 
     def optional(
         self, known: Mapping[str, str], taken: Collection[str]
@@ -204,12 +199,12 @@ class ColumnReader:
             return np.full(self.rows, np.nan), text
         if column.dtype != object and column.dtype != np.bool_:
             return column.astype(np.float64, copy=False), text
-        values = _converted(column, _number).astype(np.float64)
-        self._reported[name] = text = _converted(column, lambda cell: _number(cell) is None).astype(bool)
+        numbers = _converted(column, _number)
+        self._reported[name] = text = np.array([number is None for number in numbers], dtype=bool)
         decimal_comma = text.any() and "," in str(column[np.flatnonzero(text)[0]])
         fix = "Write a decimal point." if decimal_comma else "Write the number alone, in the column's unit."
         self.sheet.bad_rows(name, text, column, "a number", fix)
-        return values, text
+        return numbers.astype(np.float64), text
 
 
 def _converted(column: NDArray[Any], convert: Callable[[Any], Any]) -> NDArray[Any]:

@@ -47,14 +47,12 @@ def read_meshes(
     folder: Path, file: str, surface: SurfaceSpec, indenter: IndenterSpec, findings: Findings
 ) -> dict[str, bytes]:
     """Return the content of the mesh files that ``[surface]`` and ``[indenter]`` of ``file`` name, by name."""
-    found: dict[str, bytes] = {}
-    for table, spec in (("surface", surface), ("indenter", indenter)):
-        if (
-            spec.file
-            and (content := _mesh(folder, f"{file}, [{table}] file", spec.file, findings)) is not None
-        ):
-            found[spec.file] = content
-    return found
+    found = {
+        name: _mesh(folder, f"{file}, [{table}] file", name, findings)
+        for table, name in (("surface", surface.file), ("indenter", indenter.file))
+        if name
+    }
+    return {name: content for name, content in found.items() if content is not None}
 
 
 def _path_in_folder(folder: Path, name: str, place: str, findings: Findings) -> Path | None:

@@ -20,7 +20,6 @@ from skincal.model.arrays import BoolArray
 SHOWN = 3
 """Number of rows of one kind that a message names; further rows are counted."""
 
-
 MOST_PROBLEMS = 1000
 """Largest number of problems of one kind that are stored: a file may have a mistake in every line."""
 

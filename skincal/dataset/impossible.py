@@ -98,19 +98,12 @@ def drop_impossible(dataset: Dataset, sheet: Sheet) -> Dataset:
     if not impossible.any():
         return dataset
     level = levels_from_presses(np.where(impossible, np.nan, presses.counts)).level
-    cause, fix = (
-        ("their words overflowed", "They are left out.")
-        if overflowed
-        else (
-            "a taxel dropped out to full scale there",
-            "They are left out. Check the connection of the sensor; leave such words empty where they are read.",
-        )
-    )
-    where = (
-        "at the largest value, wherever it is pressed"
-        if dropped.any()
-        else "far above all others, with a gap between"
-    )
+    cause, fix = "their words overflowed", "They are left out."
+    if not overflowed:
+        cause = "a taxel dropped out to full scale there"
+        fix += " Check the connection of the sensor; leave such words empty where they are read."
+    at_top, far = "at the largest value, wherever it is pressed", "far above all others, with a gap between"
+    where = at_top if dropped.any() else far
     sheet.findings.note(
         sheet.file, "readings that a load can explain",
         f"{impossible.sum()} readings of {impossible.any(axis=1).sum()} presses {where}: {cause}", fix, code=IMPOSSIBLE,
@@ -126,13 +119,8 @@ def drop_impossible(dataset: Dataset, sheet: Sheet) -> Dataset:
 def _limit(change: FloatArray, force_n: FloatArray, impossible: BoolArray, frames_n: FloatArray) -> float:
     """Return the change from rest above which a reading of a frame is impossible [counts].
 
-    Infinite if the largest force of the frames could explain the smallest impossible reading.
-
-    Args:
-        change: (K, J) counts of the presses above rest.
-        force_n: (K,) forces of the presses [N].
-        impossible: (K, J) impossible readings.
-        frames_n: (M,) forces of the frames [N].
+    Infinite if the largest force of the frames (M,) could explain the smallest impossible reading of the presses, whose
+    ``change`` (K, J) is their counts above rest.
     """
     pressed = force_n > 0
     per_newton = np.where(impossible, np.nan, change)[pressed] / force_n[pressed, None]

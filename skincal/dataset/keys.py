@@ -30,14 +30,12 @@ class Key:
         low: lower bound of each number.
         high: upper bound of each number.
         inf: True if numbers may be infinite.
-        fix: advice, for errors.
     """
 
     expected: str
     low: float = -math.inf
     high: float = math.inf
     inf: bool = False
-    fix: str = ""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
         from pydantic_core import core_schema
@@ -66,14 +64,16 @@ class Key:
 
     def _refused(self, value: Any) -> tuple[str, str]:
         """Return the expected value and the advice for a value of another type."""
-        return self.expected, self.fix
+        return self.expected, ""
 
     def _fault(self, value: Any) -> tuple[str, str] | None:
         """Return the expected value and the advice for an invalid value of the right type; None if it is valid."""
-        inside = (
-            self.low <= one <= self.high and (self.inf or math.isfinite(one)) for one in _numbers(value)
-        )
-        return None if all(inside) else (self.expected, self.fix)
+        return None if self._is_valid(value) else self._refused(value)
+
+    def _is_valid(self, value: Any) -> bool:
+        """Return whether a value of the right type is valid."""
+        numbers = [*_numbers(value)]
+        return all(self.low <= one <= self.high and (self.inf or math.isfinite(one)) for one in numbers)
 
 
 @dataclass(frozen=True)
@@ -89,18 +89,15 @@ class Length(Key):
         for one in _numbers(value):
             size = abs(one)
             if math.isnan(one) or not (self.signed or one >= 0) or (one == 0 < self.low):
-                return self.expected, self.fix
+                return self.expected, ""
             if size > self.high and not math.isinf(one):
-                return f"{self.expected}, at most {self.high:g} m", self._fix_if_valid(
-                    size / 1000, MILLIMETRES
-                )
-            if size < self.low:
-                return f"{self.expected}, at least {self.low:g} m", self._fix_if_valid(size * 1000, TWICE)
+                bound, meant_m, fix = f"at most {self.high:g} m", size / 1000, MILLIMETRES
+            elif size < self.low:
+                bound, meant_m, fix = f"at least {self.low:g} m", size * 1000, TWICE
+            else:
+                continue
+            return f"{self.expected}, {bound}", fix if self.low <= meant_m <= self.high else ""
         return None
-
-    def _fix_if_valid(self, size: float, fix: str) -> str:
-        """Return ``fix`` if the converted size would be valid, else the constraint's own advice."""
-        return fix if self.low <= size <= self.high else self.fix
 
 
 @dataclass(frozen=True)
@@ -143,17 +140,16 @@ class Word(Key):
     def _refused(self, value: Any) -> tuple[str, str]:
         return choice(value, self.options)
 
-    def _fault(self, value: Any) -> tuple[str, str] | None:
-        return None if value in self.options else self._refused(value)
+    def _is_valid(self, value: Any) -> bool:
+        return value in self.options
 
 
 @dataclass(frozen=True)
 class Names(Key):
     """A list of unique names."""
 
-    def _fault(self, value: Any) -> tuple[str, str] | None:
-        good = value and all(value) and len({*value}) == len(value)
-        return None if good else (self.expected, self.fix)
+    def _is_valid(self, value: Any) -> bool:
+        return bool(value) and all(value) and len({*value}) == len(value)
 
 
 @dataclass(frozen=True)
@@ -163,8 +159,8 @@ class Texts(Key):
     def _prepared(self, value: Any) -> Any:
         return [value] if isinstance(value, str) else value
 
-    def _fault(self, value: Any) -> tuple[str, str] | None:
-        return None if value is None or all(value) else (self.expected, self.fix)
+    def _is_valid(self, value: Any) -> bool:
+        return value is None or all(value)
 
 
 @dataclass(frozen=True)

@@ -251,12 +251,12 @@ def _check_dropouts(dataset: Dataset, frames: Frames, force: FloatArray, sheet: 
     own = force[row[held]]
     lost = held[frames.force_n[held] < own * DROPPED]
     if len(lost) > MOST_DROPPED * max(len(held), 1):
-        got = (
-            f"less than a third of it in {len(lost)} of {len(held)} (rows {listed(lost[:3] + 1, len(lost))})"
-        )
-        fix = "Did the force sensor drop out? Leave these rows out."
-        expected = "about the force of the press in frames of its hold"
-        sheet.findings.warn(sheet.column("force_n"), expected, got, fix)
+        rows = listed(lost[:3] + 1, len(lost))
+        sheet.findings.warn(
+            sheet.column("force_n"), "about the force of the press in frames of its hold",
+            f"less than a third of it in {len(lost)} of {len(held)} (rows {rows})",
+            "Did the force sensor drop out? Leave these rows out.",
+        )  # fmt: skip
 
 
 def _check_same_presses(dataset: Dataset, frames: Frames, force: FloatArray, sheet: Sheet) -> None:
@@ -323,9 +323,7 @@ def _check_session_clock(dataset: Dataset, middle: FloatArray, held: BoolArray, 
 def hold_means(dataset: Dataset, values: FloatArray | Iterable[FloatArray]) -> FloatArray:
     """Return the means of columns of the frames over the hold of each press, (K,) or (K, m); NaN without a hold.
 
-    Args:
-        dataset: a dataset with frames.
-        values: (n,) or (n, m), frame by frame, or an iterable of m columns (n,).
+    ``values`` are (n,) or (n, m), frame by frame, or an iterable of m columns (n,).
     """
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None

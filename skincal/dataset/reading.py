@@ -13,12 +13,11 @@ from skincal.dataset.companions import read_meshes, read_positions
 from skincal.dataset.converter_range import with_converter_range
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings
-from skincal.dataset.frame_table import frames_from
 from skincal.dataset.impossible import drop_impossible
 from skincal.dataset.meta_file import FILE, file_states, hash_of, read_meta
 from skincal.dataset.plausibility import check_plausible, check_scale
-from skincal.dataset.press_table import presses_from
 from skincal.dataset.remarks import add_remarks
+from skincal.dataset.table_conversion import frames_from, presses_from
 from skincal.dataset.table_file import MOST_ROWS_HELD, RawTable, find_table, read_table
 from skincal.errors import InputError, Problem
 

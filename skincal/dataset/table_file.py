@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -294,16 +293,13 @@ def report_ragged(
 
 def _other_bytes(path: Path) -> str:
     """Return the line of the first bytes that are not UTF-8, or ''; the CSV reader would print a traceback."""
-    decoder, line = codecs.getincrementaldecoder("utf-8")(), 1
     with open_input(path) as file:
-        while True:
-            block = file.read(1 << 20)
+        for number, line in enumerate(file, start=1):
             try:
-                line += decoder.decode(block, final=not block).count("\n")
-            except UnicodeDecodeError as error:
-                return f"line {line + error.object[: error.start].count(10)}"
-            if not block:
-                return ""
+                line.decode()
+            except UnicodeDecodeError:
+                return f"line {number}"
+    return ""
 
 
 def _to_numpy(column: pa.ChunkedArray, sheet: Sheet, name: str) -> Column:

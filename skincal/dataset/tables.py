@@ -65,11 +65,9 @@ class _Table:
                 array = np.asarray(value, dtype=self.types.get(name, np.float64))
                 object.__setattr__(self, name, _read_only(_shaped(name, array, (rows, len(own)))))
         if not isinstance(self.columns, LazyColumns):
-            given = {
-                name: _shaped(name, np.asarray(column), (rows, 1)) for name, column in self.columns.items()
-            }
-            columns = {name: _read_only(column) for name, column in given.items()}
-            object.__setattr__(self, "columns", MappingProxyType(columns))
+            given = {name: np.asarray(column) for name, column in self.columns.items()}
+            own = {name: _read_only(_shaped(name, column, (rows, 1))) for name, column in given.items()}
+            object.__setattr__(self, "columns", MappingProxyType(own))
 
     def __len__(self) -> int:
         return len(self.press)

@@ -8,6 +8,7 @@ import numpy as np
 
 from skincal.dataset.dataset import Dataset
 from skincal.model import FlatPunch
+from skincal.model.arrays import FloatArray
 
 FLAT_M = 20e-6
 """Largest deviation of a flat patch from its tangent plane [m]: far less than the depth of a press."""
@@ -43,7 +44,7 @@ def uniform_pressure(dataset: Dataset) -> bool:
     return bool((np.nan_to_num(apart) + half <= radius).all())
 
 
-def _flat_patch(dataset: Dataset) -> tuple[bool, np.ndarray | None]:
+def _flat_patch(dataset: Dataset) -> tuple[bool, FloatArray | None]:
     """Return whether the taxels lie in a plane, and their nominal centre if positions are known."""
     surface, bounds = dataset.surface(), dataset.layout().bounds_m
     known = bool(np.isfinite(dataset.meta.position.sigma_m))
@@ -63,7 +64,7 @@ def notes_on(dataset: Dataset) -> tuple[str, ...]:
     return (f"{UNIFORM}.",) if uniform_pressure(dataset) else ()
 
 
-def zero_load_levels(dataset: Dataset) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def zero_load_levels(dataset: Dataset) -> FloatArray:
     """Return the rest level of each taxel (J,) [counts]: a line fitted to counts over force, extrapolated to no force.
 
     NaN for a taxel with fewer than three readings within the converter's range.
@@ -87,19 +88,15 @@ RADIUS = "indenter_radius_m"
 def centre_contacts(dataset: Dataset, margin_m: float) -> Dataset:
     """Adapt the contacts of a pressure chamber to the modelled skin; return any other dataset unchanged.
 
-    ``force_n`` of a chamber is the pressure times the area of its punch, but the modelled skin ends a margin beyond its
-    taxels. Contacts of unknown position move to the sensor's nominal centre, the punch is enlarged to cover the whole
-    modelled skin, and forces become the pressure times the area of that skin.
-
-    Args:
-        dataset: the dataset.
-        margin_m: width of the modelled skin around the taxels [m].
+    ``force_n`` of a chamber is the pressure times the area of its punch, but the modelled skin ends ``margin_m`` [m]
+    beyond its taxels. Contacts of unknown position move to the sensor's nominal centre, the punch is enlarged to cover
+    the whole modelled skin, and forces become the pressure times the area of that skin.
     """
     if not uniform_pressure(dataset):
         return dataset
     centre = dataset.surface().wrap(dataset.nominal_pose(), np.zeros((1, 2)))[0][0]
 
-    def placed(points: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> np.ndarray:
+    def placed(points: FloatArray) -> FloatArray:
         return np.where(np.isfinite(points), points, centre)
 
     presses, indenter = dataset.presses, dataset.meta.indenter

@@ -269,12 +269,10 @@ def _check_direction(dataset: Dataset, sheet: Sheet) -> None:
     if not (falls or (against and (not at_rest or below > above))):
         return
     mapping = f"[taxels] falling_from = {0 if subtracted else float(np.nanmax(counts)):.6g}"
-    got, fix = (
-        f"values that fall by up to {float(-np.nanmin(apart)):.3g} below rest",
-        f"import with {mapping}",
-    )
+    got = f"values that fall by up to {float(-np.nanmin(apart)):.3g} below rest"
     sheet.findings.warn(
-        sheet.file, "values that grow with load", got, f"Convert them: {fix}.", CODE, factor=-1.0, mapping=mapping
+        sheet.file, "values that grow with load", got, f"Convert them: import with {mapping}.", CODE,
+        factor=-1.0, mapping=mapping,
     )  # fmt: skip
 
 

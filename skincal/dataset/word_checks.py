@@ -176,11 +176,8 @@ def find_below_zero(
 
     # Rounding scatters readings too, and takes below zero what is below minus one half.
     noise = np.sqrt(np.maximum(rest.scatter**2 - 1 / 12, 0.01))
-    few, many = (
-        float((dark * ndtr((-0.5 - rest.level) / (noise * error))).sum())
-        for error in (1 - NOISE_ERROR, 1 + NOISE_ERROR)
-    )
-    few, many = min(few, many), max(few, many)
+    errors = (1 - NOISE_ERROR, 1 + NOISE_ERROR)
+    few, many = sorted(float((dark * ndtr((-0.5 - rest.level) / (noise * error))).sum()) for error in errors)
     if pdtrc(top.sum() - 1, many) < CHANCE or pdtr(top.sum(), few) < CHANCE:
         return None
     # Log odds of wrapped noise at rest against drop-outs, which have any load and any rate.
@@ -220,11 +217,10 @@ def find_falls(counts: FloatArray, press: IntArray, force_n: FloatArray) -> Wrap
         return None
     size = 2.0**bits
     at_rest = counts[press < 0] if (press < 0).any() else counts
-    rest = np.nanmedian(at_rest, axis=0)
-    noise = TO_SIGMA * np.nanmedian(np.abs(at_rest - rest), axis=0)
+    rest, noise = _rest(at_rest)
     held = (press[1:] == press[:-1]) & (press[1:] >= 0) & (force_n[1:] > KEPT * force_n[:-1])
     falls = held[:, None] & (counts[:-1] - counts[1:] > size / 2)
-    falls &= np.abs(counts[1:] - rest) > SINKS * np.maximum(noise, 1.0)
+    falls &= np.abs(counts[1:] - rest) > SINKS * noise
     some = np.flatnonzero(falls.any(axis=0))
     steps, row = np.diff(counts[:, some], axis=0), np.arange(len(counts) - 1)[:, None]
     # A fall after a rise as large is the return of a drop-out: find the last change before each reading.
@@ -245,13 +241,18 @@ def _below_rest(counts: FloatArray, load: FloatArray, filled: float) -> BoolArra
     none = np.zeros(counts.shape, dtype=np.bool_)
     if filled < 1 - 4 * NEAR_END:
         return none
-    rest = np.nanmedian(counts, axis=0)
-    noise = TO_SIGMA * np.nanmedian(np.abs(counts - rest), axis=0)
+    rest, noise = _rest(counts)
     both = np.isfinite(counts) & np.isfinite(load)
-    sunk = both & (counts < rest - SINKS * np.maximum(noise, 1.0))
+    sunk = both & (counts < rest - SINKS * noise)
     if sunk.sum() < FEWEST_CELLS:
         return none
     return sunk if _less(load[both & ~sunk], load[sunk]) else none
+
+
+def _rest(counts: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the level at rest of each taxel (J,), and its noise, at least one count."""
+    rest = np.nanmedian(counts, axis=0)
+    return rest, np.maximum(TO_SIGMA * np.nanmedian(np.abs(counts - rest), axis=0), 1.0)
 
 
 def _less(load: FloatArray, others: FloatArray) -> bool:

@@ -88,12 +88,12 @@ class JoinedClock:
 def activities(images: FloatArray) -> list[FloatArray]:
     """Return signals that follow the force, each (M,): the sum of the taxels, and their distance from rest.
 
-    The second serves sensors with channels of different signs.
+    The second serves sensors with channels of different signs. A signal that never changes is left out.
     """
     images = images[:, np.isfinite(images).any(axis=0)]  # without taxels that were never read
     rest = np.nanmedian(images, axis=0)
     apart = np.nan_to_num(images - rest)
-    return [apart.sum(axis=1), np.abs(apart).sum(axis=1)]
+    return [one for one in (apart.sum(axis=1), np.abs(apart).sum(axis=1)) if np.ptp(one) > 0]
 
 
 def estimate_offset(
@@ -131,12 +131,12 @@ def estimate_offset(
 def _likely_rate(
     taxels_s: FloatArray, images: FloatArray, file_s: FloatArray, columns: Mapping[str, FloatArray]
 ) -> float:
-    """Return the relative difference of rates at which a column correlates best with the taxels at any lag.
+    """Return the relative difference of rates at which a column correlates best with the taxels.
 
     Rates differ by as much from each other as moves the ends of the recording by the length of a contact.
     """
     best, taxels_s, file_s = (0.0, 0.0), taxels_s - taxels_s[0], file_s - file_s[0]
-    for activity in (one for one in activities(images) if np.ptp(one) > 0):
+    for activity in activities(images):
         length = _length(taxels_s, activity)
         step = max(common_step(taxels_s, file_s), length / 8)
         many = int(np.ceil(MOST_RATE * float(file_s[-1]) / length))
@@ -173,7 +173,7 @@ def _estimated(
     taxels_s, file_s = taxels_s - zeros[0], file_s - zeros[1]
     step = common_step(taxels_s, file_s)
     every: list[tuple[float, FloatArray, FloatArray, FloatArray, str]] = []
-    for activity in (one for one in activities(images) if np.ptp(one) > 0):
+    for activity in activities(images):
         for column, (given, values) in varying(columns).items():
             lags, found = _correlations(taxels_s, activity, file_s[given], values, step)
             found[np.abs(lags + apart) > within_s] = np.nan
@@ -182,8 +182,7 @@ def _estimated(
     if peak < LEAST_CORRELATION:
         reached = f"a correlation of {peak:.2f} at most" if every else "nothing in it changes"
         raise _UnlikeError(f"no lag at which {', '.join(columns)} correlates with the taxels ({reached})")
-    at = int(np.nanargmax(np.abs(found)))
-    check_unique(lags + apart, np.abs(found), at)
+    at = best_lag(lags + apart, np.abs(found))
     if within_s - abs(lags[at] + apart) < step:
         raise NoOffsetError(f"the correlation is largest at the bound of {within_s:g} s (within_s)")
     given = np.isfinite(columns[column])
@@ -243,9 +242,13 @@ def _correlations(
     return lags, found
 
 
-def check_unique(lags: FloatArray, found: FloatArray, at: int) -> None:
-    """Raise if a lag outside the peak is nearly as good."""
-    filled = np.nan_to_num(found)
+def best_lag(lags: FloatArray, found: FloatArray) -> int:
+    """Return the index of the largest correlation.
+
+    Raises:
+        NoOffsetError: a lag outside its peak is nearly as good.
+    """
+    at, filled = int(np.nanargmax(found)), np.nan_to_num(found)
     first, last = stretch_about(filled > filled[at] / 2, at)
     others = filled.copy()
     others[max(first - 1, 0) : last + 2] = 0.0
@@ -255,6 +258,7 @@ def check_unique(lags: FloatArray, found: FloatArray, at: int) -> None:
             f"offsets of {lags[at]:.4g} s and {lags[second]:.4g} s are equally good (correlations {filled[at]:.3f} and "
             f"{others[second]:.3f}): the presses are too similar; within_s narrows the search"
         )
+    return at
 
 
 def stretch_about(mask: BoolArray, at: int) -> tuple[int, int]:

@@ -39,10 +39,8 @@ class Bag:
             for connection, stamp_ns, raw in self.reader.messages(connections=chosen):
                 yield connection.topic, stamp_ns, self.reader.deserialize(raw, connection.msgtype)
         except KeyError as error:
-            fix, expected = (
-                "Name its file in definitions of [bag].",
-                "types that the bag or the mapping defines",
-            )
+            expected = "types that the bag or the mapping defines"
+            fix = "Name its file in definitions of [bag]."
             raise input_error(str(self.path), expected, f"no type {error}", fix) from error
         except MemoryError:
             raise
@@ -116,7 +114,8 @@ def _types(name: str, file: Path) -> Any:
 
 
 def _damaged(path: Path, error: Exception) -> InputError:
-    if encodings := _other_encodings(path):
+    """Return the error of a bag that cannot be read; an MCAP file may hold messages of another encoding than ROS."""
+    if path.suffix == ".mcap" and path.is_file() and (encodings := _other_encodings(path)):
         got = f"an MCAP file of {' and '.join(encodings)} messages"
         fix = "Write its channels as .csv or .npz, and use `skincal import csv`."
         return input_error(str(path), "messages of ROS 2 (cdr)", got, fix)
@@ -127,8 +126,6 @@ def _damaged(path: Path, error: Exception) -> InputError:
 
 def _other_encodings(path: Path) -> list[str]:
     """Return the message encodings of an MCAP file other than ROS; the index at its end names them uncompressed."""
-    if path.suffix != ".mcap" or not path.is_file():
-        return []
     with open_input(path) as file:
         file.seek(max(path.stat().st_size - INDEX_BYTES, 0))
         tail = file.read()

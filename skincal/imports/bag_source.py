@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from skincal.bounded import UnreadableError
 from skincal.dataset.findings import Findings
 from skincal.errors import InputError, Problem, input_error
-from skincal.imports import targets
 from skincal.imports.apart import apart
 from skincal.imports.bag_file import check_topics, opened
-from skincal.imports.clock import resampled, resampled_words
+from skincal.imports.clock import resampled
 from skincal.imports.mapping import Mapping, Quantity
 from skincal.imports.mapping_file import BagMapping
-from skincal.imports.recording import Column, FloatArray, ReadFile, Recording, joined
-from skincal.imports.streams import Collector, Stream
+from skincal.imports.recording import Column, ReadFile, Recording, joined
+from skincal.imports.streams import Collector
 
 
-def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Recording | None:
-    """Return bags, in the order of the session, with one row per message of the taxels' topic; None, with errors.
+def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Recording:
+    """Return bags, in the order of the session, with one row per message of the taxels' topic.
 
     Raises:
-        InputError: a bag cannot be opened.
+        InputError: a bag cannot be opened, or does not hold what the mapping needs.
         WorkError: the library rosbags is not installed.
     """
     collected: list[Collector] = []
@@ -36,8 +37,7 @@ def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Rec
             raise input_error(str(path), error.expected, error.got, "Was it cut short?") from None
         collected.append(collector)
         findings.errors.extend(errors)
-    if findings.errors:
-        return None
+    findings.raise_errors()
     assert isinstance(mapping.file, BagMapping)
     topic = mapping.file.taxels.topic
     stamps = [collector.streams[topic].stamps_ns for collector in collected]
@@ -46,8 +46,7 @@ def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Rec
             findings.error(f"{path}, {topic}", "at least one message", "none that can be used")
     if len({collector.joints for collector in collected}) > 1:
         findings.error("[joints]", "the same joints in every bag", "others", "Name them in [joints].")
-    if findings.errors:
-        return None
+    findings.raise_errors()
     zero = min(min(found) for found in stamps)
     parts = [
         _recording(mapping, mapping.file, i, path.name, collector, zero)
@@ -57,7 +56,8 @@ def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Rec
         got = f"none: {'; '.join(map(str, recording.dropped))}"
         fix = "Do the streams overlap in time, and are their clocks the same? See clock, lag_s and max_age_s."
         findings.error(recording.files[0].file, "frames with taxels, force and position", got, fix)
-    return None if findings.errors else joined(parts)
+    findings.raise_errors()
+    return joined(parts)
 
 
 def collect(path: Path, mapping: Mapping) -> tuple[Collector, list[Problem]]:
@@ -82,20 +82,24 @@ def _recording(
     mapping: Mapping, file: BagMapping, part: int, name: str, collector: Collector, zero_ns: int
 ) -> Recording:
     """Return one bag, without samples of the taxels that have no force or position at their time."""
-    taxels = collector.streams[file.taxels.topic]
-    time = taxels.times_s(zero_ns)
-    order = np.argsort(time, kind="stable")
-    time = time[order]
-    images = np.array(taxels.samples[file.taxels.field], dtype=np.float64)[order]
+    time, images = collector.streams[file.taxels.topic].ordered(file.taxels.field, zero_ns)
     columns: dict[str, Column] = {"time_s": time}
+
+    def take(quantity: Quantity, path: str, dtype: DTypeLike) -> Column:
+        stream = collector.streams[quantity.topic]
+        method, age_s = quantity.resampling(stream.rules.resample), stream.rules.max_age_s
+        return resampled(*stream.ordered(path, zero_ns, dtype), time, method, age_s)
+
     for quantity in mapping.quantities:
-        columns[quantity.target] = _values(quantity, collector, zero_ns, time)
+        words, numbers = (partial(take, quantity, dtype=dtype) for dtype in (object, np.float64))
+        columns[quantity.target] = quantity.column(len(time), words, numbers)
     if file.joints is not None:
         stream = collector.streams[file.joints.topic]
         joints = [one for one in stream.samples if one[0] in "qt"]
         for one in sorted(joints, key=lambda one: (one[0] != "q", int(one.split("_")[1]))):
-            if np.isfinite(np.array(stream.samples[one], dtype=np.float64)).any():
-                columns[one] = _resampled(stream, one, zero_ns, time)
+            times, values = stream.ordered(one, zero_ns)
+            if np.isfinite(values).any():
+                columns[one] = resampled(times, values, time, stream.rules.resample, stream.rules.max_age_s)
     recording = Recording(
         columns, mapping.taxels.counts(images), np.full(len(time), part), (ReadFile(name, len(time)),)
     )
@@ -103,25 +107,3 @@ def _recording(
     ages = {q.topic: f"{q.topic} within {file.rules(q.topic).max_age_s:g} s (max_age_s)" for q in needed}
     missing = {f"no {q.target} from {ages[q.topic]}": np.isnan(columns[q.target]) for q in needed}
     return recording.without("frame", missing)
-
-
-def _values(quantity: Quantity, collector: Collector, zero_ns: int, onto_s: FloatArray) -> Column:
-
-    def words(path: str) -> Column:
-        stream = collector.streams[quantity.topic]
-        time, order = stream.ordered(zero_ns)
-        found = np.array(stream.samples.get(path, []), dtype=object)[order]
-        return resampled_words(time, found, onto_s, stream.rules.max_age_s)
-
-    def numbers(path: str) -> FloatArray:
-        return _resampled(collector.streams[quantity.topic], path, zero_ns, onto_s, quantity.target)
-
-    return quantity.column(len(onto_s), words, numbers)
-
-
-def _resampled(stream: Stream, path: str, zero_ns: int, onto_s: FloatArray, target: str = "") -> FloatArray:
-    time, order = stream.ordered(zero_ns)
-    values, rules = np.array(stream.samples.get(path, []), dtype=np.float64)[order], stream.rules
-    # A value between press 3 and press 4 belongs to neither.
-    method = "previous" if targets.is_whole(target) else rules.resample
-    return resampled(time, values, onto_s, method, rules.max_age_s)

@@ -168,36 +168,30 @@ def _periods(unit_s: float) -> list[tuple[str, float, bool]]:
 
 
 def resampled(
-    time_s: FloatArray, values: FloatArray, onto_s: FloatArray, resample: Resampling, max_age_s: float
-) -> FloatArray:
-    """Return a stream resampled at other times (M,); NaN where the stream has no valid sample.
+    time_s: FloatArray, values: Column, onto_s: FloatArray, resample: Resampling, max_age_s: float
+) -> Column:
+    """Return a stream resampled at other times (M,); NaN, or '' for words, where the stream has no valid sample.
 
-    ``previous`` takes the last sample that is not later; ``linear`` interpolates between the last and the next sample,
-    and needs both.
+    ``previous`` takes the last sample that is not later, as for all words; ``linear`` interpolates between the last and
+    the next sample, and needs both.
 
     Args:
         time_s: the stream's times, ascending [s], shape (n,).
-        values: its values, shape (n,).
+        values: its numbers, or words as objects, shape (n,).
         onto_s: times to resample at [s], shape (M,).
         resample: method.
         max_age_s: an older sample, or two that are farther apart, give NaN [s].
     """
+    missing = "" if values.dtype == object else np.nan
     if not len(time_s):
-        return np.full(len(onto_s), np.nan)
+        return np.full(len(onto_s), missing, dtype=values.dtype)
     before = np.searchsorted(time_s, onto_s, side="right") - 1
     first = np.maximum(before, 0)
-    if resample == "previous":
-        return np.where((before >= 0) & (onto_s - time_s[first] <= max_age_s), values[first], np.nan)
+    if resample == "previous" or values.dtype == object:
+        return np.where((before >= 0) & (onto_s - time_s[first] <= max_age_s), values[first], missing)
     exact = (before >= 0) & (time_s[first] == onto_s)
     after = np.minimum(np.where(exact, first, before + 1), len(time_s) - 1)
     span = time_s[after] - time_s[first]
     good = (before >= 0) & (exact | ((before + 1 < len(time_s)) & (span <= max_age_s)))
     share = np.divide(onto_s - time_s[first], span, out=np.zeros(len(onto_s)), where=span > 0)
     return np.where(good, values[first] + share * (values[after] - values[first]), np.nan)
-
-
-def resampled_words(time_s: FloatArray, words: Column, onto_s: FloatArray, max_age_s: float) -> Column:
-    """Return the last word at other times, '' where it is too old; arguments as :func:`resampled`."""
-    known, codes = np.unique(words.astype(str), return_inverse=True)
-    found = resampled(time_s, codes.astype(np.float64), onto_s, "previous", max_age_s)
-    return np.array([*known, ""], dtype=object)[np.where(np.isnan(found), -1, found).astype(np.intp)]

@@ -14,52 +14,50 @@ from skincal.imports.join import assigned, join_file
 from skincal.imports.mapping import Mapping, Quantity, source_columns
 from skincal.imports.mapping_file import CsvFormat, CsvSource
 from skincal.imports.recording import ReadFile, Recording, joined
-from skincal.imports.source_table import read_source_table
+from skincal.imports.source_table import read_source_tables
 from skincal.imports.stamps import read_clock
 from skincal.imports.text_table import TextTable, column_names
 
 
-def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) -> Recording | None:
-    """Return files with one row per row of those with the taxels; None if a file cannot be read at all.
+def read_csv_files(mapping: Mapping, files: Sequence[Path], findings: Findings) -> Recording:
+    """Return files with one row per row of those with the taxels.
 
     Raises:
-        InputError: a file of ``[files]`` is missing.
+        InputError: a file is missing or cannot be read, or its cells or its clock have errors.
     """
-    form = _source(mapping)
+    form = mapping.source
+    assert isinstance(form, CsvSource)
     paths, others = assigned(mapping.joined, files, mapping.path.parent)
     own = [q for q in mapping.quantities if not q.topic]
     numbers, texts = source_columns(own)
     numbers += dict.fromkeys(mapping.taxels.names)
-    tables = [read_source_table(path, form, numbers, texts, findings) for path in paths]
-    if len(paths) > 1 and any(table is None for table in tables):
+    tables = read_source_tables(paths, form, numbers, texts, findings)
+    if len(tables) < len(paths):
         explain_missing(paths, form, mapping, findings)
-    read = [table for table in tables if table is not None]
-    if len(read) < len(paths) or not read:
-        return None
-    parts = [_recording(mapping, own, i, table) for i, table in enumerate(read)]
+        findings.raise_errors()
+    parts = [_recording(mapping, form, own, i, table) for i, table in enumerate(tables)]
     if mapping.rows == targets.PRESSES:
-        return _complete(joined(parts), mapping)
+        findings.raise_errors()
+        return _complete(joined(parts), mapping, form)
     time = mapping.quantity("time_s")
-    clock = read_clock(read, time, form, findings, own_clocks=mapping.cut.own_clocks)
-    parts = [part.select(rows) for part, rows in zip(parts, clock.rows, strict=True)]
-    parts = [
-        replace(part, columns={"time_s": times, **part.columns})
-        for part, times in zip(parts, clock.times_s, strict=True)
-    ]
+    clock = read_clock(tables, time, form, findings, own_clocks=mapping.cut.own_clocks)
+    findings.raise_errors()
+    for i, (times, rows) in enumerate(zip(clock.times_s, clock.rows, strict=True)):
+        part = parts[i].select(rows)
+        parts[i] = replace(part, columns={"time_s": times, **part.columns})
     recording = replace(joined(parts), notes=clock.notes)
     for entry in mapping.joined:
-        if not findings.errors:
-            recording = join_file(recording, clock.kind, entry, others[entry.name], mapping, findings)
-    return recording if findings.errors else _complete(recording, mapping)
+        recording = join_file(recording, clock.kind, entry, others[entry.name], mapping, findings)
+    return _complete(recording, mapping, form)
 
 
-def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: TextTable) -> Recording:
+def _recording(
+    mapping: Mapping, form: CsvSource, own: Sequence[Quantity], part: int, table: TextTable
+) -> Recording:
     """Return one file; the clock of a time series is read separately, from all files together."""
-    series = mapping.rows == targets.SERIES
+    timed = {"time_s"} if mapping.rows == targets.SERIES else set[str]()
     columns = {
-        q.target: q.column(table.rows, table.text, table.numbers)
-        for q in own
-        if not (series and q.target == "time_s")
+        q.target: q.column(table.rows, table.text, table.numbers) for q in own if q.target not in timed
     }
     raw = {name: table.numbers(name) for name in dict.fromkeys(mapping.taxels.names)}
     images = np.column_stack([raw[name] for name in mapping.taxels.names])
@@ -69,7 +67,7 @@ def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: Text
         np.full(table.rows, part, dtype=np.int64),
         (ReadFile(table.sheet.file, table.rows),),
     )
-    if _source(mapping).drop_incomplete:
+    if form.drop_incomplete:
         return recording
     for quantity in own:
         if quantity.target in columns and _needed(mapping, quantity):
@@ -84,24 +82,19 @@ def _recording(mapping: Mapping, own: Sequence[Quantity], part: int, table: Text
     return recording
 
 
-def _complete(recording: Recording, mapping: Mapping) -> Recording:
+def _complete(recording: Recording, mapping: Mapping, form: CsvSource) -> Recording:
     """Return the recording without incomplete rows, of a joined file or where ``drop_incomplete`` is set."""
     needed = [q for q in mapping.quantities if q.topic and q.target in mapping.required]
     why = "no {0} from {1} at their time (max_age_s in [files.{1}])".format
     missing = {why(q.target, q.topic): np.isnan(recording.columns[q.target]) for q in needed}
     recording = recording.without("frame", missing)
-    if not _source(mapping).drop_incomplete:
+    if not form.drop_incomplete:
         return recording
     own = [q.target for q in mapping.quantities if not q.topic and _needed(mapping, q)]
     gaps = {name: np.isnan(recording.columns[name]) for name in own}
     lost = np.logical_or.reduce([np.zeros(len(recording), dtype=bool), *gaps.values()])
     why = f"no value in a required column ({', '.join(name for name in gaps if gaps[name].any())})"
     return recording.without("row", {why: lost})
-
-
-def _source(mapping: Mapping) -> CsvSource:
-    assert isinstance(mapping.source, CsvSource)
-    return mapping.source
 
 
 def _needed(mapping: Mapping, quantity: Quantity) -> bool:
@@ -116,14 +109,17 @@ def _needed(mapping: Mapping, quantity: Quantity) -> bool:
 def explain_missing(paths: Sequence[Path], form: CsvFormat, mapping: Mapping, findings: Findings) -> None:
     """Replace the errors of missing columns by one error if another file holds them."""
     held = {path: column_names(path, form) for path in paths}
-    taxels = next((path for path in paths if set(mapping.taxels.names) <= set(held[path])), None)
+
+    def holder(names: Sequence[str]) -> Path | None:
+        return next((path for path in paths if {*names} <= {*held[path]}), None)
+
+    taxels = holder(mapping.taxels.names)
     if taxels is None:
         return
     elsewhere: dict[Path, list[str]] = {}
     for quantity in mapping.quantities:
-        if quantity.sources and not set(quantity.sources) <= set(held[taxels]):
-            other = next((path for path in paths if set(quantity.sources) <= set(held[path])), None)
-            if other is None:
+        if not {*quantity.sources} <= {*held[taxels]}:
+            if (other := holder(quantity.sources)) is None:
                 return
             elsewhere.setdefault(other, []).append(quantity.target)
     if not elsewhere:

@@ -11,6 +11,7 @@ part after it unloading.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
 from typing import Final
@@ -38,10 +39,15 @@ def cut(series: Series, rules: CutRules) -> Cut:
     found = contacts(series, rules)
     if rules.by == "plateaus":
         return cut_plateaus(series, rules, found)
-    every = [_press(series, rules, 0, start, stop) for start, stop in found]
-    spans = [item for item in every if isinstance(item, Span)]
-    numbered = [replace(span, number=number) for number, span in enumerate(spans)]
-    return Cut(tuple(numbered), tuple(item for item in every if isinstance(item, Rejected)))
+    every = _sorted(_press(series, rules, 0, start, stop) for start, stop in found)
+    return replace(every, spans=tuple(replace(span, number=i) for i, span in enumerate(every.spans)))
+
+
+def _sorted(found: Iterable[Span | Rejected]) -> Cut:
+    """Return presses and rejected spans, each in their order."""
+    every = list(found)
+    spans = tuple(one for one in every if isinstance(one, Span))
+    return Cut(spans, tuple(one for one in every if isinstance(one, Rejected)))
 
 
 def _press(series: Series, rules: CutRules, number: int, start: int, stop: int) -> Span | Rejected:
@@ -189,9 +195,7 @@ def cut_numbered(series: Series, rules: CutRules, file: str, findings: Findings)
     if again := sorted(number for number, count in Counter(numbers).items() if count > 1):
         fix, got = "Renumber them, or remove [columns.press] and cut by force.", listed(again[:6], len(again))
         findings.error(f"{file}, press", "each press in one stretch of rows", f"{got} again later", fix)
-    found = [_span(series, rules, n, *stretch) for n, stretch in zip(numbers, stretches, strict=True)]
-    spans = tuple(item for item in found if isinstance(item, Span))
-    return Cut(spans, tuple(item for item in found if isinstance(item, Rejected)))
+    return _sorted(_span(series, rules, n, *ends) for n, ends in zip(numbers, stretches, strict=True))
 
 
 def _span(series: Series, rules: CutRules, number: int, start: int, stop: int) -> Span | Rejected:

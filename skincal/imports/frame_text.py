@@ -48,6 +48,11 @@ class Block:
     rows: list[list[float]]
     names: list[str]
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of rows, and of cells in a row."""
+        return len(self.rows), len(self.rows[0])
+
 
 def read_blocks(
     path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
@@ -60,13 +65,12 @@ def read_blocks(
     if not blocks:
         findings.error(path.name, "blocks of rows of numbers", "none", "Is delimiter in [csv] the right one?")
         return None
-    shapes = Counter((len(block.rows), len(block.rows[0])) for block in blocks)
-    shape = shapes.most_common(1)[0][0]
-    if odd := [block for block in blocks if (len(block.rows), len(block.rows[0])) != shape]:
+    shape = Counter(block.shape for block in blocks).most_common(1)[0][0]
+    if odd := [block for block in blocks if block.shape != shape]:
         findings.error(
             f"{path.name}, line {', '.join(str(block.line) for block in odd[:SHOWN])}",
             f"a block of {shape[0]} rows of {shape[1]} cells as most",
-            ", ".join(f"{len(block.rows)} of {len(block.rows[0])}" for block in odd[:SHOWN]),
+            ", ".join("{} of {}".format(*block.shape) for block in odd[:SHOWN]),
             "Was the file cut short, or are there lines to skip (skip_rows, comment)? Blocks without a line between "
             "them need block_rows, and words for cells without a value (Tekscan's B) need missing.",
         )  # fmt: skip
@@ -136,7 +140,7 @@ def blocks_of(lines: list[tuple[int, str]], form: CsvFormat) -> list[Block]:
 
 def _labelled_by_number(blocks: list[Block]) -> list[Block]:
     """Return the blocks, with every other one of a single number as the label of the next."""
-    single = [len(block.rows) == 1 and len(block.rows[0]) == 1 for block in blocks]
+    single = [block.shape == (1, 1) for block in blocks]
     pairs = len(blocks) // 2
     if not pairs or len(blocks) % 2 or not all(single[::2]) or any(single[1::2]):
         return blocks

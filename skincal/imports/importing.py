@@ -110,7 +110,7 @@ def bag_topics(bag: str | Path) -> dict[str, tuple[str, int]]:
 
 def _imported(
     mapping: str | Path, kind: str, out: str | Path, given: Sequence[str | Path],
-    read: Callable[[Mapping, Sequence[Path], Findings], Recording | None], *, force: bool,
+    read: Callable[[Mapping, Sequence[Path], Findings], Recording], *, force: bool,
 ) -> Imported:  # fmt: skip
     """Read a recording, of the command line or else of its mapping, and write its dataset."""
     found, findings = read_mapping(Path(mapping), kind), Findings()
@@ -122,10 +122,7 @@ def _imported(
     if missing := [Problem(str(path), what, "no such file") for path in paths if not path.exists()]:
         raise InputError(missing)
     refuse_existing(Path(out), found.path, *paths, force=force, marker=FILE)
-    recording = read(found, paths, findings)
-    findings.raise_errors()
-    assert recording is not None
-    return _assemble(recording, found, Path(out), findings, force=force)
+    return _assemble(read(found, paths, findings), found, Path(out), findings, force=force)
 
 
 def _assemble(
@@ -138,17 +135,11 @@ def _assemble(
         OSError: the disk is full, or not writable.
     """
     surface = surface_of(mapping.meta.surface, mapping.meshes) if mapping.file.frame.project else None
-    found = presses_and_frames(_placed(recording, mapping.file.frame, surface), mapping, findings)
-    findings.raise_errors()
-    assert found is not None
-    presses, frames, dropped = found
-    files = ", ".join(file.file for file in recording.files)
-    meta = replace(
-        mapping.meta,
-        source=mapping.meta.source or f"imported from {files}",
-        assumed=_assumed(mapping),
-        clock=_clock(recording, mapping),
-    )
+    placed = _placed(recording, mapping.file.frame, surface)
+    presses, frames, dropped = presses_and_frames(placed, mapping, findings)
+    source = mapping.meta.source or f"imported from {', '.join(file.file for file in recording.files)}"
+    clock = _clock(recording, mapping)
+    meta = replace(mapping.meta, source=source, assumed=_assumed(mapping), clock=clock)
     dataset = Dataset(meta, presses, frames, mapping.positions, mapping.meshes)
     with whole_folder(out, force=force, marker=FILE) as folder:
         write_dataset_files(dataset, folder)
@@ -168,8 +159,8 @@ def _clock(recording: Recording, mapping: Mapping) -> ClockSpec | None:
     found = [one.sigma_s for one in recording.clocks if one.estimated and force and one.name == force.topic]
     if not found:
         return given
-    said = given or ClockSpec()
-    return replace(said, sigma_s=float(np.hypot(said.sigma_s, max(found))))
+    given = given or ClockSpec()
+    return replace(given, sigma_s=float(np.hypot(given.sigma_s, max(found))))
 
 
 def _assumed(mapping: Mapping) -> tuple[str, ...]:

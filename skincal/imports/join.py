@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping as Map
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
@@ -15,11 +16,11 @@ from skincal.dataset.findings import Findings
 from skincal.errors import input_error
 from skincal.imports import targets
 from skincal.imports.alignment import JoinedClock, NoOffsetError, estimate_offset
-from skincal.imports.clock import DAY_S, resampled, resampled_words, usual_step
+from skincal.imports.clock import DAY_S, resampled, usual_step
 from skincal.imports.mapping import JoinedFile, Mapping, Quantity, source_columns
 from skincal.imports.place_alignment import estimate_offset_by_place
 from skincal.imports.recording import Column, FloatArray, Recording
-from skincal.imports.source_table import read_source_table
+from skincal.imports.source_table import read_source_tables
 from skincal.imports.stamps import Kind, read_clock
 
 STEPS_OLD = 3.0
@@ -63,34 +64,34 @@ def join_file(
     mapping: Mapping,
     findings: Findings,
 ) -> Recording:
-    """Return the recording with the columns of one joined file at the times of the taxels."""
+    """Return the recording with the columns of one joined file at the times of the taxels.
+
+    Raises:
+        InputError: the file cannot be read, or the offset of its clock is unknown.
+    """
     quantities = [q for q in mapping.quantities if q.topic == entry.name]
     numbers, texts = source_columns(quantities if entry.time is None else (*quantities, entry.time))
-    tables = [read_source_table(path, entry.form, numbers, texts, findings) for path in paths]
-    if not all(tables):
-        return recording
-    read = [table for table in tables if table is not None]
+    tables = read_source_tables(paths, entry.form, numbers, texts, findings)
     own = mapping.cut.own_clocks and len(paths) > 1
     if own and len(paths) != len(recording.files):
         expected = f"as many files as of the taxels ({len(recording.files)})"
         findings.error(f"{entry.place} file", expected, len(paths))
-        return recording
-    clock = read_clock(read, entry.time, entry.form, findings, own_clocks=own, slow=True)
-    if findings.errors:
-        return recording
-    values = [[q.column(table.rows, table.text, table.numbers) for q in quantities] for table in read]
-    groups = [[i] for i in range(len(read))] if own else [[*range(len(read))]]
+    findings.raise_errors()
+    clock = read_clock(tables, entry.time, entry.form, findings, own_clocks=own, slow=True)
+    files = [
+        {q.target: q.column(table.rows, table.text, table.numbers)[rows] for q in quantities}
+        for table, rows in zip(tables, clock.rows, strict=True)
+    ]
+    findings.raise_errors()
+    groups = [[i] for i in range(len(files))] if own else [[*range(len(files))]]
     columns: dict[str, list[Column]] = {q.target: [] for q in quantities}
     clocks: list[JoinedClock] = []
     shared = [clock for clock in recording.clocks if clock.name == entry.form.clock]
     for number, group in enumerate(groups):
-        rows = recording.part == group[0] if own else np.ones(len(recording), dtype=bool)
+        rows = recording.part == number if own else np.ones(len(recording), dtype=bool)
         times = np.concatenate([clock.times_s[i] for i in group])
         order = np.argsort(times, kind="stable")
-        held = [
-            np.concatenate([values[i][k][clock.rows[i]] for i in group])[order]
-            for k in range(len(quantities))
-        ]
+        held = {name: np.concatenate([files[i][name] for i in group])[order] for name in columns}
         ours, times, note = recording.columns["time_s"][rows], times[order], ""
         if "day" in (kind, clock.kind):  # one of the two has no date, and they start at most half a day apart
             times, note = times + DAY_S * np.rint((ours[0] - times[0]) / DAY_S), " (of the same day)"
@@ -98,12 +99,10 @@ def join_file(
             aligned = replace(shared[number], name=entry.name)
         else:
             aligned = _aligned(entry, mapping, ours, recording.counts[rows], times, held, note, findings)
-        if aligned is None:
-            return recording
         onto = aligned.onto(times)
         clocks.append(aligned)
-        for quantity, column in zip(quantities, held, strict=True):
-            columns[quantity.target].append(_onto(quantity, entry, onto, column, ours))
+        for q in quantities:
+            columns[q.target].append(_onto(q, entry, onto, held[q.target], ours))
     return replace(
         recording,
         columns={**recording.columns, **{name: np.concatenate(parts) for name, parts in columns.items()}},
@@ -114,11 +113,15 @@ def join_file(
 
 def _aligned(
     entry: JoinedFile, mapping: Mapping, ours: FloatArray, images: FloatArray, times: FloatArray,
-    held: Sequence[Column], note: str, findings: Findings,
-) -> JoinedClock | None:  # fmt: skip
-    """Return the alignment of a file's clock with that of the taxels; None, with an error, if it is unknown."""
-    own = zip((q for q in mapping.quantities if q.topic == entry.name), held, strict=True)
-    numbers = {q.target: one for q, one in own if not q.is_text and not targets.is_whole(q.target)}
+    held: Map[str, Column], note: str, findings: Findings,
+) -> JoinedClock:  # fmt: skip
+    """Return the alignment of a file's clock with that of the taxels.
+
+    Raises:
+        InputError: it is unknown.
+    """
+    own = [q for q in mapping.quantities if q.topic == entry.name and not q.is_text]
+    numbers = {q.target: held[q.target] for q in own if not targets.is_whole(q.target)}
     if "force_n" in numbers:
         numbers = {"force_n": numbers["force_n"]}
     if isinstance(entry.form.offset_s, str):
@@ -128,31 +131,26 @@ def _aligned(
             others = [other.name for other in mapping.joined if other.name != entry.name]
             shares = f', or, if it is that of {others[0]}, set clock = "{others[0]}"' if others else ""
             expected, fix = "an offset that the recordings determine", f"Give it in seconds{shares}."
-            findings.error(f"{entry.place} offset_s", expected, error, fix)
-            return None
+            raise input_error(f"{entry.place} offset_s", expected, error, fix) from error
     onto = times + entry.form.offset_s
     if onto[-1] < ours[0] or onto[0] > ours[-1]:
         zone = ZONE_S * float(np.rint((ours[0] - onto[0]) / ZONE_S))
         meets = onto[-1] + zone > ours[0] and onto[0] + zone < ours[-1] and abs(zone) <= DAY_S / 2
         close = f" (for a time zone, {entry.form.offset_s + zone:g})" if zone and meets else ""
-        findings.error(
-            f"{entry.place}", f"times within those of the taxels, {ours[0]:.12g} s to {ours[-1]:.12g} s",
+        raise input_error(
+            entry.place, f"times within those of the taxels, {ours[0]:.12g} s to {ours[-1]:.12g} s",
             f"{onto[0]:.12g} s to {onto[-1]:.12g} s{note}",
             f"Their clocks differ: give offset_s, the time to add to its stamps{close}, or set "
             'offset_s = "estimate".',
         )  # fmt: skip
-        return None
-    given = JoinedClock(entry.name, entry.form.offset_s)
     found = None
     for within_s in (np.inf, LOOKED_S):
         inside = (ours >= onto[0] - within_s) & (ours <= onto[-1] + within_s)
-        try:
+        with suppress(ValueError):  # also NoOffsetError
             found = _estimated(entry.name, mapping, ours[inside], images[inside], onto, numbers, within_s)
             break
-        except (NoOffsetError, ValueError):
-            continue
     if found is None:
-        return given
+        return JoinedClock(entry.name, entry.form.offset_s)
     ends = onto[[0, -1]]
     first, last = (found.onto(ends) - ends).tolist()
     allowed = max(APART_SIGMAS * found.sigma_s, APART_STEPS * (usual_step(ours) + usual_step(times)))
@@ -174,10 +172,10 @@ def _estimated(
     numbers: Map[str, FloatArray], within_s: float,
 ) -> JoinedClock:  # fmt: skip
     """Return the offset by the correlation with the taxels; where nothing follows them, by where the images lie."""
+    places = {target: column for target, column in numbers.items() if target in POSITION}
     try:
         return estimate_offset(name, ours, images, times, numbers, within_s)
     except NoOffsetError:
-        places = {target: column for target, column in numbers.items() if target in POSITION}
         if not places:
             raise
     return estimate_offset_by_place(name, ours, images, mapping.centres_m, times, places, within_s)
@@ -188,10 +186,8 @@ def _onto(
 ) -> Column:
     """Return a column of a file at the times of the taxels."""
     age = STEPS_OLD * usual_step(times) if entry.form.max_age_s is None else entry.form.max_age_s
-    if column.dtype == object:
-        return resampled_words(times, column, ours, age)
-    # A value between press 3 and press 4 belongs to neither.
-    method = "previous" if targets.is_whole(quantity.target) else entry.form.resample
-    # Where the file has no value in a row, the row before is valid for as long as it may.
-    given = np.isfinite(column)
-    return resampled(times[given], column[given], ours, method, age)
+    if column.dtype != object:
+        # Where the file has no value in a row, the row before is valid for as long as it may.
+        given = np.isfinite(column)
+        times, column = times[given], column[given]
+    return resampled(times, column, ours, quantity.resampling(entry.form.resample), age)

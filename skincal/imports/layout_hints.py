@@ -81,12 +81,14 @@ def units_row(table: TextTable, numbers: Sequence[str]) -> str:
     return f"The line below the header holds words ({shown}): set skip_after_header = 1 in [csv]."
 
 
-def _settings(form: CsvFormat, mark: str, *, header: bool = True, skip_rows: int | None = None) -> str:
-    """Return the lines of ``[csv]`` that give a file this layout, as far as they are not there; '' if all are."""
+def _advice(
+    seen: str, form: CsvFormat, mark: str, *, header: bool = True, skip_rows: int | None = None, end: str = "."
+) -> str:  # fmt: skip
+    """Return what was seen, and the lines of ``[csv]`` that read it; '' if all of them are there."""
     found = [] if skip_rows in (None, form.skip_rows) else [f"skip_rows = {skip_rows}"]
     found += ["header = false"] if form.header and not header else []
     found += [f"delimiter = {DELIMITERS[mark]}"] if mark != form.delimiter else []
-    return f"set {' and '.join(found)} in [csv]" if found else ""
+    return f"{seen}: set {' and '.join(found)} in [csv]{end}" if found else ""
 
 
 def _number(cell: str) -> bool:
@@ -124,8 +126,8 @@ def _other_header(filled: Sequence[tuple[int, str]], form: CsvFormat, wanted: Se
     for number, line in filled[:MOST_BEFORE]:
         for mark in DELIMITERS:
             if set(wanted) <= set(_cells(line, mark)):
-                change = _settings(form, mark, skip_rows=number - 1)
-                return f"Its columns are named in line {number}: {change}." if change else ""
+                seen = f"Its columns are named in line {number}"
+                return _advice(seen, form, mark, skip_rows=number - 1)
     return ""
 
 
@@ -135,8 +137,8 @@ def _headerless(filled: Sequence[tuple[int, str]], form: CsvFormat, wanted: Sequ
     number, line = filled[min(form.skip_rows, len(filled) - 1)]
     mark = next((m for m in (form.delimiter, *DELIMITERS) if len(_cells(line, m)) >= most), None)
     if mark is not None and all(_number(cell) for cell in _cells(line, mark)):
-        change = _settings(form, mark, header=False)
-        return f"Line {number} holds {len(_cells(line, mark))} numbers: {change}." if change else ""
+        seen = f"Line {number} holds {len(_cells(line, mark))} numbers"
+        return _advice(seen, form, mark, header=False)
     width = next((len(_cells(line, m)) for m in DELIMITERS if len(_cells(line, m)) > 1), 1)
     if 1 < width < most and most % width == 0:
         return (
@@ -153,17 +155,15 @@ def _unnamed(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:
     cells = _cells(line, mark)
     if not form.header or len(cells) < 2 or not all(cell and _number(cell) for cell in cells):
         return ""
-    change = _settings(form, mark, header=False)
-    names = f'"1" to "{len(cells)}"'
-    return f"Line {number} holds {len(cells)} numbers and no names: {change}; its columns are then {names}."
+    seen, end = f"Line {number} holds {len(cells)} numbers and no names", f'"1" to "{len(cells)}"'
+    return _advice(seen, form, mark, header=False, end=f"; its columns are then {end}.")
 
 
 def _blocks(lines: list[tuple[int, str]], form: CsvFormat) -> str:
     blocks = blocks_of(lines, form)
-    sizes = Counter((len(block.rows), len(block.rows[0])) for block in blocks)
-    if not sizes:
+    if not blocks:
         return ""
-    (rows, cells), count = sizes.most_common(1)[0]
+    (rows, cells), count = Counter(block.shape for block in blocks).most_common(1)[0]
     if count < 3 or rows < 2 or count <= 0.8 * len(blocks):
         return ""
     head = " ".join(line[:LONGEST_LINE] for number, line in lines if number < blocks[0].line)

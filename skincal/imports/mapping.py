@@ -23,6 +23,7 @@ from skincal.imports.mapping_file import (
     CsvTaxels,
     CutRules,
     JoinedFormat,
+    Resampling,
     Rows,
 )
 from skincal.imports.recording import Column, FloatArray
@@ -73,8 +74,12 @@ class Quantity:
 
     @property
     def is_text(self) -> bool:
-        """Whether the source holds words or dates."""
+        """True if the source holds words or dates."""
         return targets.is_text(self.target) or self.unit.name == units.DATETIME
+
+    def resampling(self, usual: Resampling) -> Resampling:
+        """Return the method of resampling: a value between press 3 and press 4 belongs to neither."""
+        return "previous" if targets.is_whole(self.target) else usual
 
     def column(
         self, rows: int, words: Callable[[str], Column], numbers: Callable[[str], FloatArray]

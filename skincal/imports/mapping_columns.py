@@ -57,7 +57,7 @@ def read_quantities(
     """Return the quantities of one entry at a place of the mapping: one, or the three of a vector."""
     parts = targets.VECTORS.get(target, (target,))
     found = _units(entry, parts[0], place, report)
-    constants = _constants(entry, target, parts, found[0], place, report)
+    constants = _constants(entry, parts, found[0], place, report)
     names = [()] * len(parts) if constants is not None else _sources(entry, parts, place, report)
     if abs(entry.sign) not in (1.0, 0.0) or entry.sign == 0:
         report.violation((*place, "sign"), "1 or -1", entry.sign)
@@ -123,7 +123,7 @@ def _parts(
 
 
 def _constants(
-    entry: AnyEntry, target: str, parts: Sequence[str], unit: Unit, place: Place, report: Translator
+    entry: AnyEntry, parts: Sequence[str], unit: Unit, place: Place, report: Translator
 ) -> list[float | str] | None:
     """Return the constant values in SI; None if the column is measured."""
     value = entry.value

@@ -20,7 +20,7 @@ from skincal.imports.alignment import (
     LEAST_OVERLAP,
     JoinedClock,
     NoOffsetError,
-    check_unique,
+    best_lag,
     common_step,
     convolved,
     relative,
@@ -69,8 +69,7 @@ def estimate_offset_by_place(
     if (peak := np.nanmax(found, initial=0.0)) < LEAST_CORRELATION:
         reached = f"a correlation of {peak:.2f} at most"
         raise NoOffsetError(f"no lag at which {', '.join(moving)} go with where the images lie ({reached})")
-    at = int(np.nanargmax(found))
-    check_unique(lags + apart, found, at)
+    at = best_lag(lags + apart, found)
     # Lags that are as good as the best.
     first, last = stretch_about(1.0 - np.nan_to_num(explained) <= ALIKE * (1.0 - explained[at]) + 1e-12, at)
     offset = float(lags[first] + lags[last]) / 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,7 @@ from skincal.dataset import Frames, Presses
 from skincal.dataset.columns import repeated
 from skincal.dataset.findings import Findings, listed
 from skincal.dataset.impossible import IMPOSSIBLE
-from skincal.errors import first_of
+from skincal.errors import InputError, first_of, input_error
 from skincal.imports import targets
 from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_numbered, in_contact
 from skincal.imports.dataset_tables import presses_of_rows, tables_of_series
@@ -27,25 +26,27 @@ SPIKES = 0.001
 
 def presses_and_frames(
     recording: Recording, mapping: Mapping, findings: Findings
-) -> tuple[Presses, Frames | None, tuple[Dropped, ...]] | None:
+) -> tuple[Presses, Frames | None, tuple[Dropped, ...]]:
     """Return the presses of a recording in the fingertip frame, its frames, and what was left out.
 
-    None, with errors, if it cannot be cut. There are no frames if each row of the source is a press.
+    There are no frames if each row of the source is a press.
+
+    Raises:
+        InputError: the recording cannot be cut into presses.
     """
     _check_numbers(recording, mapping, findings)
-    if findings.errors:
-        return None
+    findings.raise_errors()
     if mapping.rows == targets.PRESSES:
         presses = presses_of_rows(recording)
         if (twice := repeated(presses.press)).any():
             got = f"{listed(presses.press[twice][:3].tolist(), int(twice.sum()))} again"
             fix = "The same press twice? Without [columns.press] presses are counted."
             findings.error(f"{_where(recording, twice)}, press", "each number once", got, fix)
+        findings.raise_errors()
         return presses, None, recording.dropped
     file, rules = first_of(file.file for file in recording.files), mapping.cut
     series = _series(recording, rules, file, findings)
-    if findings.errors:
-        return None
+    findings.raise_errors()
     if rules.by == "taxels":
         found = cut_by_taxels(series, recording.counts, rules)
         series = replace(series, force_n=in_contact(series.force_n, found, mapping))
@@ -53,15 +54,16 @@ def presses_and_frames(
         found = cut(series, rules) if series.press is None else cut_numbered(series, rules, file, findings)
         if rules.by == "force" and series.press is None:
             _check_released(series, rules, file, findings)
-    if not findings.errors:
-        found = rested(found, series, recording, mapping, file, findings)
-    if not found.spans and not findings.errors:
-        _report_none(series, found, rules, file, findings)
-    if findings.errors:
-        return None
-    dropped = summed((*recording.dropped, *_rejections(found)))
+    findings.raise_errors()
+    found = rested(found, series, recording, mapping, file, findings)
+    if not found.spans:
+        raise _no_press(series, found, rules, file)
+    dropped = [*recording.dropped]
+    for rejected in found.rejected:
+        frames = Dropped(rejected.stop - rejected.start, "frame", "of such a contact")
+        dropped += [Dropped(1, "contact", rejected.why), frames]
     recording = _without_spikes(recording, found, file, findings)
-    return *tables_of_series(recording, series, found), dropped
+    return *tables_of_series(recording, series, found), summed(dropped)
 
 
 def _without_spikes(recording: Recording, found: Cut, file: str, findings: Findings) -> Recording:
@@ -139,17 +141,11 @@ def _where(recording: Recording, bad: BoolArray) -> str:
     return f"{recording.files[part].file}, {'row' if len(rows) == 1 else 'rows'} {named}"
 
 
-def _rejections(found: Cut) -> Iterator[Dropped]:
-    for rejected in found.rejected:
-        yield Dropped(1, "contact", rejected.why)
-        yield Dropped(rejected.stop - rejected.start, "frame", "of such a contact")
-
-
-def _report_none(series: Series, found: Cut, rules: CutRules, file: str, findings: Findings) -> None:
-    """Add the error of a series without a press, with the reasons of its contacts and its range of forces."""
+def _no_press(series: Series, found: Cut, rules: CutRules, file: str) -> InputError:
+    """Return the error of a series without a press, with the reasons of its contacts and its range of forces."""
     reasons, force = sorted({rejected.why for rejected in found.rejected}), series.force_n
     top = f"forces from {force.min():.3g} N to {force.max():.3g} N" if len(series) else "no rows"
     got = f"none: {len(found.rejected)} contacts with {'; '.join(reasons)}" if reasons else "none"
     thresholds = f"on_n = {rules.on_n:g}, off_n = {rules.off_n:g}"
     fix = f"Look at the thresholds in [series] ({thresholds}), sign and unit of force_n."
-    findings.error(file, "at least one press", f"{got} ({top})", "" if rules.by == "taxels" else fix)
+    return input_error(file, "at least one press", f"{got} ({top})", "" if rules.by == "taxels" else fix)

@@ -53,14 +53,14 @@ def _mapping(path: Path, values: Map[str, Any], source: str, findings: Findings)
         cut = _cut(file, values.get("series"), quantities, rows, report)
         _check_required(file, quantities, joined, rows, report)
     # One error for the missing table is enough: its keys are not reported as missing.
-    heard = report if "taxels" in values else Translator(Findings(), name)
+    of_taxels = report if "taxels" in values else Translator(Findings(), name)
     timed = isinstance(file, CsvMapping) and file.csv.rate_hz
     return Mapping(
         path=path,
         file=file,
         meta=file.meta(created=file.created, source=file.source, assumed=file.assumed),
         quantities=quantities,
-        taxels=read_taxels(file.taxels, file.sensor, name, heard, moments=rows == targets.SERIES),
+        taxels=read_taxels(file.taxels, file.sensor, name, of_taxels, moments=rows == targets.SERIES),
         cut=replace(cut, own_clocks=True) if timed else cut,
         joined=joined,
         positions=read_positions(path.parent, name, file.sensor, findings),
@@ -115,9 +115,10 @@ def _cut(
         if file.series is not None:
             report.violation(("[series]",), "no such table if each row is a press", "one", "Remove it.")
         return CutRules()
-    numbered = any(q.target == "press" for q in quantities)
-    constant = any(q.target == "force_n" and q.constant is not None for q in quantities)
-    if any(q.target == "phase" for q in quantities) and not numbered:
+    mapped = {q.target: q for q in quantities}
+    numbered = "press" in mapped
+    constant = "force_n" in mapped and mapped["force_n"].constant is not None
+    if "phase" in mapped and not numbered:
         fix = "Map press, or leave phase out."
         report.violation(("[columns.phase]",), "also a column press", "none", fix)
     cut = file.series or CutRules()

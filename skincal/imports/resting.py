@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from skincal.covariates import POSITION
 from skincal.dataset.findings import Findings
 from skincal.dataset.sliding import SMALLEST_M, rests, sample_noise_m, slide_m
-from skincal.errors import first_of
+from skincal.errors import first_of, input_error
 from skincal.imports.mapping import Mapping
+from skincal.imports.mapping_file import Slides
 from skincal.imports.recording import Cut, FloatArray, Recording, Rejected, Series, Span
+
+ADVICE: Final[dict[Slides, str]] = {
+    "refuse": 'slides = "cut" takes the part of each hold in which the contact rests.',
+    "keep": "Their image is the mean over the slide, at its mean position.",
+    "cut": 'Their holds were cut to where the contact rests; slides = "refuse" in [series] refuses such recordings.',
+}
+"""Advice for contacts that slide, by ``slides`` of ``[series]``."""
 
 SHOWN = 8
 TRIES = 6
@@ -21,7 +30,11 @@ TRIES = 6
 def rested(
     found: Cut, series: Series, recording: Recording, mapping: Mapping, file: str, findings: Findings
 ) -> Cut:
-    """Return the cut with every hold shortened to where the contact rests, if ``slides`` of ``[series]`` says so."""
+    """Return the cut with every hold shortened to where the contact rests, if ``slides`` of ``[series]`` says so.
+
+    Raises:
+        InputError: contacts slide, and ``slides`` is ``refuse``.
+    """
     sigma = mapping.meta.position.sigma_m
     still = mapping.cut.still_m if mapping.cut.still_m is not None else sigma
     if not np.isfinite(still):
@@ -38,12 +51,8 @@ def rested(
     expected = f"contacts that rest in their hold, within {1e3 * still:.2g} mm (still_m in [series])"
     got = f"{len(sliding)} of {len(found.spans)} that slide: press {shown}"
     if rule == "refuse":
-        fix = 'slides = "cut" takes the part of each hold in which the contact rests.'
-        findings.error(file, expected, got, fix)
-        return found
-    done = 'Their holds were cut to where the contact rests; slides = "refuse" in [series] refuses such recordings.'
-    fix = "Their image is the mean over the slide, at its mean position." if rule == "keep" else done
-    findings.warn(file, expected, got, fix, code="slides_in_hold", presses=[s.number for s in sliding])
+        raise input_error(file, expected, got, ADVICE[rule])
+    findings.warn(file, expected, got, ADVICE[rule], "slides_in_hold", presses=[s.number for s in sliding])
     if rule == "keep":
         return found
     spans: list[Span] = []

@@ -5,7 +5,7 @@ Every reader gives a :class:`~skincal.imports.text_table.TextTable` with the col
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -52,6 +52,14 @@ SPREADSHEETS: Final = (".xlsx", ".xlsm", ".ods")
 READ: Final = "text, JSON, .mat, .npz, .npy, HDF5, Parquet or Feather"
 
 
+def read_source_tables(
+    paths: Sequence[Path], form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
+) -> list[TextTable]:  # fmt: skip
+    """Return the required columns of some files; errors are added for those that do not hold them."""
+    tables = [read_source_table(path, form, numbers, texts, findings) for path in paths]
+    return [table for table in tables if table is not None]
+
+
 def read_source_table(
     path: Path, form: CsvFormat, numbers: Collection[str], texts: Collection[str], findings: Findings
 ) -> TextTable | None:
@@ -89,7 +97,7 @@ def read_source_table(
         return read_labelled(path, form, numbers, texts, findings)
     before = len(findings.errors)
     table = read_text_table(path, form, numbers, texts, findings)
-    wanted = [*numbers, *(name for name in texts if name not in numbers)]
+    wanted = [*dict.fromkeys((*numbers, *texts))]
     hint = layout_hint(path, form, wanted) if table is None else units_row(table, [*numbers])
     if not hint:
         return table
@@ -103,10 +111,9 @@ def _refused(path: Path, head: bytes, form: CsvFormat) -> tuple[str, str] | None
     if known := next((kind for magic, kind in REFUSED.items() if head.startswith(magic)), None):
         return known
     if head.startswith(b"PK\x03\x04"):
-        office = path.suffix.lower() in SPREADSHEETS
-        return (
-            ("a spreadsheet", "Save the sheet as CSV.") if office else ("a zip archive", "Unpack it first.")
-        )
+        if path.suffix.lower() in SPREADSHEETS:
+            return "a spreadsheet", "Save the sheet as CSV."
+        return "a zip archive", "Unpack it first."
     wide = form.encoding.lower().replace("_", "-").startswith(("utf-16", "utf-32"))
     if b"\0" in head and not head.startswith(UTF_16) and not wide:
         return f'a binary file of an unknown kind ("{path.suffix}")', "Export it as CSV, .mat or .npz."

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from skincal.dataset.findings import Findings
 from skincal.imports import targets
@@ -32,17 +32,15 @@ class Stream:
     stamps_ns: list[int] = field(default_factory=list[int])
     samples: dict[str, list[Any]] = field(default_factory=dict[str, list[Any]])
 
-    def times_s(self, zero_ns: int) -> FloatArray:
-        """Return the times since ``zero_ns`` without the lag [s], shape (n,)."""
+    def ordered(
+        self, path: str, zero_ns: int, dtype: DTypeLike = np.float64
+    ) -> tuple[FloatArray, NDArray[Any]]:
+        """Return the ascending times since ``zero_ns``, without the lag [s], and the samples of a path at them."""
         # Subtract whole nanoseconds first: seconds since 1970 would lose the last digits.
         passed = np.array([stamp - zero_ns for stamp in self.stamps_ns], dtype=np.float64)
-        return passed * 1e-9 - self.rules.lag_s
-
-    def ordered(self, zero_ns: int) -> tuple[FloatArray, NDArray[np.intp]]:
-        """Return ascending times [s], and the order of the samples."""
-        time = self.times_s(zero_ns)
+        time = passed * 1e-9 - self.rules.lag_s
         order = np.argsort(time, kind="stable")
-        return time[order], order
+        return time[order], np.array(self.samples.get(path, []), dtype=dtype)[order]
 
 
 _KINDS: Final[dict[str, tuple[Callable[[Any, Sequence[Step]], Any], str]]] = {

@@ -114,17 +114,19 @@ def read_text_table(
 def _elements(sheet: SourceSheet, columns: dict[str, Column], lists: dict[str, str]) -> dict[str, Column]:
     """Return the elements of columns whose cells are lists of numbers; ``lists`` names the column of each element."""
     found: dict[str, Column] = {}
-    for name in dict.fromkeys(lists.values()):
-        cells = [re.findall(r"[^\s,;\[\]()]+", cell) for cell in columns[name].tolist()]
-        for element in (element for element, source in lists.items() if source == name):
-            index = int(element[len(name) + 1 : -1])
-            words = np.array([cell[index] if index < len(cell) else "" for cell in cells], dtype=object)
-            values, bad = _parsed(words, ".")
-            bad |= np.array([index >= len(cell) for cell in cells])
-            if bad.any():
-                sheet.bad_rows(name, bad, columns[name], f"a list of {len(cells[0])} numbers")
-                return found
-            found[element] = values
+    split = {
+        name: [re.findall(r"[^\s,;\[\]()]+", cell) for cell in columns[name].tolist()]
+        for name in dict.fromkeys(lists.values())
+    }
+    for element, name in lists.items():
+        cells, index = split[name], int(element[len(name) + 1 : -1])
+        words = np.array([cell[index] if index < len(cell) else "" for cell in cells], dtype=object)
+        values, bad = _parsed(words, ".")
+        bad |= np.array([index >= len(cell) for cell in cells])
+        if bad.any():
+            sheet.bad_rows(name, bad, columns[name], f"a list of {len(cells[0])} numbers")
+            break
+        found[element] = values
     return found
 
 

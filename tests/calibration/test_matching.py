@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import trimesh
 from calibrations import make_calibration
-from conftest import make_session
 
 from skincal.calibration import check_same_sensor
 from skincal.dataset import SurfaceSpec
 from skincal.errors import InputError
+from tests.conftest import make_session
 
 
 def test_the_range_of_an_angle_is_checked_on_a_mesh_too() -> None:

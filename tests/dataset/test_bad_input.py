@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from skincal.dataset import check_dataset, read_dataset
+from skincal.dataset import check_dataset, read_dataset, write_dataset
 from skincal.errors import InputError
 
 Edit = Callable[[pd.DataFrame], pd.DataFrame | None]
@@ -21,6 +21,12 @@ def errors(folder: Path) -> list[str]:
     said = [str(problem) for problem in check_dataset(folder).errors]
     assert all(text.startswith(str(folder)) for text in said)
     return [text.removeprefix(f"{folder}/") for text in said]
+
+
+def assert_said(folder: Path, said: list[str]) -> None:
+    text = "\n".join(errors(folder))
+    for words in said:
+        assert words in text
 
 
 def edit_toml(folder: Path, old: str, new: str) -> None:
@@ -107,9 +113,7 @@ TOML = [
 @pytest.mark.parametrize(("old", "new", "said"), TOML)
 def test_mistakes_in_the_description(folder: Path, old: str, new: str, said: list[str]) -> None:
     edit_toml(folder, old, new)
-    text = "\n".join(errors(folder))
-    for words in said:
-        assert words in text
+    assert_said(folder, said)
     with pytest.raises(InputError, match=r"dataset\.toml"):
         read_dataset(folder)
 
@@ -187,9 +191,7 @@ PRESSES: list[tuple[Edit, list[str]]] = [
 def test_mistakes_in_the_presses(folder: Path, edit: Edit, said: list[str]) -> None:
     (folder / "frames.csv").unlink()
     edit_table(folder, "presses.csv", edit)
-    text = "\n".join(errors(folder))
-    for words in said:
-        assert words in text
+    assert_said(folder, said)
 
 
 def renumbered(table: pd.DataFrame) -> pd.DataFrame:
@@ -222,9 +224,7 @@ FRAMES: list[tuple[Edit, list[str]]] = [
 @pytest.mark.parametrize(("edit", "said"), FRAMES)
 def test_mistakes_in_the_frames(folder: Path, edit: Edit, said: list[str]) -> None:
     edit_table(folder, "frames.csv", edit)
-    text = "\n".join(errors(folder))
-    for words in said:
-        assert words in text
+    assert_said(folder, said)
 
 
 @pytest.mark.parametrize(
@@ -303,8 +303,6 @@ def test_one_image_without_values_is_one_mistake(folder: Path) -> None:
 
 @pytest.mark.parametrize("keep", [0, 10, 0.5, 0.95])
 def test_a_truncated_parquet_file(folder: Path, session: Callable, tmp_path: Path, keep: float) -> None:
-    from skincal.dataset import write_dataset
-
     write_dataset(session(40), tmp_path / "p", presses_as="parquet")
     for name in ("presses.parquet", "frames.parquet"):
         path = tmp_path / "p" / name
@@ -316,8 +314,6 @@ def test_a_truncated_parquet_file(folder: Path, session: Callable, tmp_path: Pat
 
 
 def test_a_parquet_file_damaged_inside(session: Callable, tmp_path: Path) -> None:
-    from skincal.dataset import write_dataset
-
     write_dataset(session(40), tmp_path / "p", presses_as="parquet")
     path = tmp_path / "p" / "presses.parquet"
     content = bytearray(path.read_bytes())

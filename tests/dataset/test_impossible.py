@@ -13,6 +13,7 @@ from skincal.dataset import Dataset, read_dataset, table_file, write_dataset
 from skincal.dataset.converter_range import CONVERTER_RANGE, clips_at_zero, converter_top
 from skincal.dataset.impossible import IMPOSSIBLE, drop_outs, impossible_readings
 from skincal.dataset.word_checks import find_below_zero, load_from_images
+from tests.dataset.changes import with_presses, with_sensor
 
 
 def places(seed: int) -> np.ndarray:
@@ -86,13 +87,10 @@ def test_readings_pile_up_where_a_converter_clips(seed: int) -> None:
 
 
 def test_a_converter_that_clips_is_known_when_read(session: Callable[..., Dataset], tmp_path: Path) -> None:
-    made = session(60)
     counts, force = pressed(0)
-    sensor = replace(made.meta.sensor, value_min=None, value_max=None)
-    presses = replace(made.presses, counts=np.clip(counts - 30.0, 0.0, 80.0), force_n=force)
-    write_dataset(
-        replace(made, meta=replace(made.meta, sensor=sensor), presses=presses, frames=None), tmp_path / "s"
-    )
+    made = with_sensor(replace(session(60), frames=None), value_min=None, value_max=None)
+    clipped = with_presses(made, counts=np.clip(counts - 30.0, 0.0, 80.0), force_n=force)
+    write_dataset(clipped, tmp_path / "s")
     read = read_dataset(tmp_path / "s")
     assert (read.meta.sensor.value_min, read.meta.sensor.value_max) == (0.0, 80.0)
     assert {"sensor.value_min", "sensor.value_max"} <= set(read.meta.assumed)
@@ -112,12 +110,11 @@ def test_a_dataset_has_none(
     shown = np.where(touched, counts[at], 30.0)
     rng = np.random.default_rng(1)
     dropped, lost = rng.random(counts.shape) < 0.01, rng.random(shown.shape) < 0.01
-    sensor = replace(made.meta.sensor, value_min=None, value_max=None)
-    presses = replace(made.presses, counts=np.where(dropped, 4095.0, counts), force_n=force)
     frames = replace(
         frames, counts=np.where(lost, 4095.0, shown), force_n=np.where(touched[:, 0], force[at], 0.0)
     )
-    whole = replace(made, meta=replace(made.meta, sensor=sensor), presses=presses, frames=frames)
+    whole = with_sensor(replace(made, frames=frames), value_min=None, value_max=None)
+    whole = with_presses(whole, counts=np.where(dropped, 4095.0, counts), force_n=force)
     write_dataset(whole, tmp_path / "s")
     if large:
         monkeypatch.setattr(table_file, "MOST_CELLS_HELD", 0)

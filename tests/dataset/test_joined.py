@@ -11,6 +11,7 @@ from diagnosis.diagnose_data import moving
 from skincal.dataset import read_dataset, write_dataset
 from skincal.dataset.joined import join_sessions
 from skincal.errors import InputError
+from tests.dataset.changes import with_presses, with_sensor
 
 
 def test_presses_are_numbered_on_and_time_goes_on(tmp_path):
@@ -36,19 +37,15 @@ def test_a_later_clock_is_kept():
     assert first.frames is not None and second.frames is not None
     later = replace(second, frames=replace(second.frames, time_s=second.frames.time_s + 1000))
     columns = {k: v + 1000 if k.startswith("t_") else v for k, v in second.presses.columns.items()}
-    both = join_sessions(first, replace(later, presses=replace(second.presses, columns=columns)))
+    both = join_sessions(first, with_presses(later, columns=columns))
     assert both.frames is not None
     assert both.frames.time_s[-1] == second.frames.time_s[-1] + 1000
 
 
 def test_a_column_of_one_is_empty_in_the_other():
     first, second = moving(2), moving(3)
-    more = {
-        **second.presses.columns,
-        "temperature_c": np.full(3, 21.0),
-        "note": np.array(["a", "b", "c"], dtype=object),
-    }
-    both = join_sessions(first, replace(second, presses=replace(second.presses, columns=more)))
+    more = {"temperature_c": np.full(3, 21.0), "note": np.array(["a", "b", "c"], dtype=object)}
+    both = join_sessions(first, with_presses(second, columns={**second.presses.columns, **more}))
     assert np.isnan(both.presses.columns["temperature_c"][:2]).all()
     assert both.presses.columns["temperature_c"][2:].tolist() == [21.0] * 3
     assert both.presses.columns["note"].tolist() == ["", "", "a", "b", "c"]
@@ -56,8 +53,7 @@ def test_a_column_of_one_is_empty_in_the_other():
 
 def test_another_sensor_is_refused():
     first, second = moving(2), moving(2)
-    meta = replace(second.meta, sensor=replace(second.meta.sensor, value_max=77))
     with pytest.raises(InputError, match="sensor"):
-        join_sessions(first, replace(second, meta=meta))
+        join_sessions(first, with_sensor(second, value_max=77))
     with pytest.raises(InputError, match="frames"):
         join_sessions(first, replace(second, frames=None))

@@ -29,6 +29,14 @@ def distance(kind: Any, radius: Any, frame: Any, x: Any) -> Any:
     return meet_point(kind, radius, frame, x, 0.0, 0.0)[0]
 
 
+def _hand_of_another_kind(folder: Path, kind: str) -> Path:
+    """The bundled hand with "cone" in the place of a kind."""
+    shutil.copytree(bundled_hand().urdf.parent, folder)
+    file = folder / "hand.toml"
+    file.write_text(file.read_text().replace(f'kind = "{kind}"', 'kind = "cone"'))
+    return folder
+
+
 def _given(kind: Kind) -> dict[str, object]:
     return dict.fromkeys(kind.numbers, 0.006) | ({"file": "shape.off"} if kind.mesh else {})
 
@@ -74,10 +82,7 @@ def test_hands_refuse_a_new_kind(table: str, tmp_path: Path, monkeypatch: pytest
     kinds, like = (SURFACES, "cylinder") if table == "surface" else (INDENTERS, "sphere")
     new = Kind(kinds[like].model, kinds[like].numbers)
     monkeypatch.setitem(kinds, "cone", new)
-    folder = tmp_path / "hand"
-    shutil.copytree(hand.urdf.parent, folder)
-    file = folder / "hand.toml"
-    file.write_text(file.read_text().replace(f'kind = "{like}"', 'kind = "cone"'))
+    folder = _hand_of_another_kind(tmp_path / "hand", like)
     with pytest.raises(InputError, match=rf'\[{table}\] kind: expected "{like}".*got "cone"'):
         read_hand(folder)
     # A driver may bring a description of its own.
@@ -88,9 +93,6 @@ def test_hands_refuse_a_new_kind(table: str, tmp_path: Path, monkeypatch: pytest
 
 def test_tasks_refuse_a_new_kind_of_surface(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(SURFACES, "cone", replace(SURFACES["cylinder"], in_tasks=False))
-    folder = tmp_path / "hand"
-    shutil.copytree(bundled_hand().urdf.parent, folder)
-    file = folder / "hand.toml"
-    file.write_text(file.read_text().replace('kind = "cylinder"', 'kind = "cone"'))
+    folder = _hand_of_another_kind(tmp_path / "hand", "cylinder")
     with pytest.raises(InputError, match=r'\[surface\] kind: expected "cylinder", for the tasks; got "cone"'):
         read_pinch(folder)

@@ -31,6 +31,7 @@ from skincal.dataset import (
     write_dataset,
 )
 from skincal.model import Converter, Cylinder, FlatPunch, MeshIndenter, MeshSurface, Plane, Sphere
+from tests.dataset.changes import with_presses, with_sensor
 
 Session = Callable[..., Dataset]
 
@@ -203,9 +204,8 @@ def test_unknown_keys_are_kept_with_a_warning(folder: Path, tmp_path: Path) -> N
 
 
 def test_sizes_and_pitches_by_direction(session: Session, tmp_path: Path) -> None:
-    dataset = session()
-    sensor = replace(dataset.meta.sensor, taxel_size_m=(0.002, 0.003), pitch_m=(0.004, 0.005))
-    write_dataset(replace(dataset, meta=replace(dataset.meta, sensor=sensor)), tmp_path / "d")
+    sizes = {"taxel_size_m": (0.002, 0.003), "pitch_m": (0.004, 0.005)}
+    write_dataset(with_sensor(session(), **sizes), tmp_path / "d")
     assert "[\n    0.002,\n    0.003,\n]" in (tmp_path / "d" / "dataset.toml").read_text()
     layout = read_dataset(tmp_path / "d").layout()
     np.testing.assert_allclose(layout.centres_m[5] - layout.centres_m[0], [0.004, 0.005])
@@ -218,9 +218,9 @@ SHIFT = np.array([0.001, 0.0])
 def listed(dataset: Dataset) -> Dataset:
     """The same taxels as a table of positions, shifted by 1 mm along u."""
     layout = dataset.layout()
-    sensor = replace(dataset.meta.sensor, positions="taxels.csv", taxel_size_m=None, pitch_m=None)
     positions = TaxelPositions(layout.centres_m + SHIFT, layout.sizes_m)
-    return replace(dataset, meta=replace(dataset.meta, sensor=sensor), positions=positions)
+    named = with_sensor(dataset, positions="taxels.csv", taxel_size_m=None, pitch_m=None)
+    return replace(named, positions=positions)
 
 
 def test_a_layout_that_is_no_grid(session: Session, tmp_path: Path) -> None:
@@ -320,16 +320,10 @@ def test_dead_taxels(folder: Path) -> None:
 
 def test_counts_whose_rest_was_taken_off(session: Session, tmp_path: Path) -> None:
     """They may be negative, and no whole numbers; nothing is clipped or rounded that was not."""
-    dataset = session()
-    frames = dataset.frames
-    assert frames is not None
-    sensor = replace(dataset.meta.sensor, baseline="subtracted")
-    moved = replace(
-        dataset,
-        meta=replace(dataset.meta, sensor=sensor),
-        presses=replace(dataset.presses, counts=dataset.presses.counts - 0.4),
-        frames=replace(frames, counts=frames.counts - 0.4),
-    )
+    dataset = with_sensor(session(), baseline="subtracted")
+    assert dataset.frames is not None
+    frames = replace(dataset.frames, counts=dataset.frames.counts - 0.4)
+    moved = with_presses(replace(dataset, frames=frames), counts=dataset.presses.counts - 0.4)
     write_dataset(moved, tmp_path / "d")
     assert read_dataset(tmp_path / "d").converter() == Converter.none()
 

@@ -15,12 +15,9 @@ from skincal.dataset import Dataset, active_taxels, rest_levels
 from skincal.dataset.placement import patch_coordinates
 from skincal.dataset.summary import session_times_s, summarise
 from skincal.model import Cylinder, MeshSurface, Plane, SensorPose
+from tests.dataset.changes import with_presses, with_sensor
 
 Session = Callable[..., Dataset]
-
-
-def with_counts(dataset: Dataset, counts: np.ndarray) -> Dataset:
-    return replace(dataset, presses=replace(dataset.presses, counts=counts))
 
 
 def test_rest_comes_from_idle_frames(session: Session) -> None:
@@ -34,27 +31,24 @@ def test_rest_comes_from_idle_frames(session: Session) -> None:
 
 def test_rest_without_frames_is_what_untouched_taxels_read(session: Session) -> None:
     dataset = session(40, frames_per_press=0)
-    raised = with_counts(dataset, dataset.presses.counts + 12.0)
+    raised = with_presses(dataset, counts=dataset.presses.counts + 12.0)
     np.testing.assert_allclose(rest_levels(raised), 12.4, atol=0.5)
     np.testing.assert_array_equal(active_taxels(raised), active_taxels(dataset))
 
 
 def test_rest_that_was_taken_off_is_zero(session: Session) -> None:
-    dataset = session(40, frames_per_press=0)
-    sensor = replace(dataset.meta.sensor, baseline="subtracted")
-    np.testing.assert_array_equal(
-        rest_levels(replace(dataset, meta=replace(dataset.meta, sensor=sensor))), np.zeros(16)
-    )
+    dataset = with_sensor(session(40, frames_per_press=0), baseline="subtracted")
+    np.testing.assert_array_equal(rest_levels(dataset), np.zeros(16))
 
 
 def test_dead_and_stuck_taxels_never_answer(session: Session) -> None:
     dataset = session(40, frames_per_press=0)
     counts = dataset.presses.counts.copy()
     counts[:, 0], counts[:, 1] = np.nan, 255.0
-    active = active_taxels(with_counts(dataset, counts))
+    changed = with_presses(dataset, counts=counts)
+    active, summary = active_taxels(changed), summarise(changed)
     assert not active[:, :2].any()
     assert active[:, 2:].any()
-    summary = summarise(with_counts(dataset, counts))
     assert summary.dead == ("taxel_0_0",)
     assert "taxel_0_1" in summary.silent
 

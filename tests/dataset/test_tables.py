@@ -9,39 +9,23 @@ import pytest
 
 from skincal.dataset import PHASES, Frames, Presses
 from skincal.dataset.joined import join_sessions
+from tests.dataset.changes import with_presses
 
 
 @pytest.fixture
 def data(session):
-    made = session(4, frames_per_press=6)
-    rows = np.arange(4)
-    columns = {
-        "note": np.array(["a", "", "b", "c"], dtype=object),
-        "seen": rows > 1,
-        "temperature_c": rows + 20.5,
-    }
+    notes, rows = np.array(["a", "", "b", "c"], dtype=object), np.arange(4)
+    columns = {"note": notes, "seen": rows > 1, "temperature_c": rows + 20.5}
     normals = np.tile([0.0, 0.0, 1.0], (4, 1))
-    return replace(made, presses=replace(made.presses, columns=columns, normals=normals))
+    return with_presses(session(4, frames_per_press=6), columns=columns, normals=normals)
 
 
 def test_presses_come_back_from_a_data_frame(data):
     taxels = data.meta.sensor.taxel_columns()
     table = data.presses.to_pandas(taxels)
     assert [*table][:5] == ["press", "x_m", "y_m", "z_m", "force_n"]
-    assert set(table) == {
-        *taxels,
-        "press",
-        "x_m",
-        "y_m",
-        "z_m",
-        "force_n",
-        "nx",
-        "ny",
-        "nz",
-        "note",
-        "seen",
-        "temperature_c",
-    }
+    others = {"nx", "ny", "nz", "note", "seen", "temperature_c"}
+    assert set(table) == {*taxels, "press", "x_m", "y_m", "z_m", "force_n", *others}
     again = Presses.of_pandas(table, taxels)
     for name in ("press", "position_m", "force_n", "counts", "normals"):
         np.testing.assert_array_equal(getattr(again, name), getattr(data.presses, name))
@@ -66,8 +50,7 @@ def test_presses_without_normals_have_none(data):
 
 
 def test_truth_values_of_one_session_are_numbers_in_both(data):
-    other = replace(data, presses=replace(data.presses, columns={}))
-    both = join_sessions(other, data)
+    both = join_sessions(with_presses(data, columns={}), data)
     np.testing.assert_array_equal(both.presses.columns["seen"], [*[np.nan] * 4, 0.0, 0.0, 1.0, 1.0])
 
 

@@ -21,9 +21,17 @@ from skincal.dataset import (
     check_dataset,
     read_dataset,
     write_dataset,
-)
-from skincal.dataset.unit_checks import force_units, unit_of_ratio, value_step
-from skincal.dataset.word_checks import as_word, find_below_zero, find_falls, find_wrapped, swapped
+)  # fmt: skip
+from skincal.dataset.unit_checks import expected_load, force_units, unit_of_ratio, value_step
+from skincal.dataset.word_checks import (
+    as_word,
+    bytes_swapped,
+    find_below_zero,
+    find_falls,
+    find_wrapped,
+    swapped,
+)  # fmt: skip
+from tests.dataset.changes import loads, with_presses, with_sensor
 
 Session = Callable[..., Dataset]
 ROOT = Path(__file__).parents[2]
@@ -37,17 +45,14 @@ def original() -> Dataset:
 
 def changed(dataset: Dataset, counts: np.ndarray | None = None, force: float = 1.0, **sensor: Any) -> Dataset:
     """The dataset with other taxel values, forces times a factor, and another ``[sensor]``."""
-    presses = replace(
-        dataset.presses,
-        counts=dataset.presses.counts if counts is None else counts,
-        force_n=dataset.presses.force_n * force,
-    )
     free = {"value_min": None, "value_max": None} if counts is not None else {}
-    meta = replace(dataset.meta, sensor=replace(dataset.meta.sensor, **{**free, **sensor}))
-    return replace(dataset, meta=meta, presses=presses)
+    counts = dataset.presses.counts if counts is None else counts
+    moved = with_presses(dataset, counts=counts, force_n=dataset.presses.force_n * force)
+    return with_sensor(moved, **{**free, **sensor})
 
 
 def found(folder: Path, dataset: Dataset) -> list[Any]:
+    folder.mkdir(exist_ok=True)
     write_dataset(dataset, folder / "set")
     checked = check_dataset(folder / "set")
     return [problem for problem in (*checked.errors, *checked.warnings) if problem.code]
@@ -113,8 +118,8 @@ def test_words_that_rest_just_below_their_top(tmp_path: Path, rest: float, gain:
 
 def near_zero(dataset: Dataset, rest: float, gain: float = 1.0) -> np.ndarray:
     """Readings of a sensor that rests so many counts above zero, before they are words; noise of one count."""
-    loads = dataset.presses.counts - dataset.presses.counts.min(axis=0)
-    return np.rint(rest + gain * loads + np.random.default_rng(5).normal(0, 1, loads.shape))
+    noise = np.random.default_rng(5).normal(0, 1, dataset.presses.counts.shape)
+    return np.rint(rest + gain * loads(dataset) + noise)
 
 
 @pytest.mark.parametrize("bits", [8, 12, 16])
@@ -137,8 +142,6 @@ def test_words_below_zero_among_loads_that_fill_them(tmp_path: Path, original: D
     (problem,) = found(tmp_path, changed(original, np.mod(true, 256)))
     assert problem.code == "counter_wrapped" and not problem.details["mapping"]
     assert "take 256 off those of 252 or more" in problem.fix
-    from skincal.dataset.unit_checks import expected_load
-
     for gain in (1.5, 3.0):
         saturated = np.clip(near_zero(original, 1.0, gain * 240 / original.presses.counts.max()), 0, 255)
         assert (saturated == 255).sum() > 1
@@ -178,25 +181,21 @@ def test_bytes_in_the_wrong_order(tmp_path: Path, original: Dataset):
 
 def test_swapped_bytes_of_words_that_fill_their_range(original: Dataset):
     """High bytes change under load and low bytes by noise: the range is whole in either order, rest is not."""
-    from skincal.dataset.word_checks import bytes_swapped
-
-    loads = original.presses.counts - original.presses.counts.min(axis=0)
-    noise = np.random.default_rng(4).normal(0, 30, loads.shape)
-    true = np.rint(20000 + loads * (45000 / loads.max()) + noise).clip(0, 65535)
+    load = loads(original)
+    noise = np.random.default_rng(4).normal(0, 30, load.shape)
+    true = np.rint(20000 + load * (45000 / load.max()) + noise).clip(0, 65535)
     assert bytes_swapped(swapped(true)) == "uint16"
     assert not bytes_swapped(true)
 
 
 def test_words_that_pass_their_top_among_others(tmp_path: Path, original: Dataset):
     """A sensor that rests at 90 of 255 counts: what wrapped lies among the others, but for some below rest."""
-    loads = original.presses.counts - original.presses.counts.min(axis=0)
-    true = np.rint(90 + loads * (240 / loads.max()) + np.random.default_rng(4).normal(0, 1, loads.shape))
+    load = loads(original)
+    true = np.rint(90 + load * (240 / load.max()) + np.random.default_rng(4).normal(0, 1, load.shape))
     assert ((true > 255) & (true < 255 + 80)).sum() > 5
     (problem,) = found(tmp_path, changed(original, np.mod(true, 256), value_min=None, value_max=None))
     assert problem.code == "counter_wrapped" and "press with less force" in problem.fix
     # One that clips there, and readings that drop out, are none.
-    from skincal.dataset.unit_checks import expected_load
-
     dropped = np.random.default_rng(3).random(true.shape) < 0.03
     assert find_wrapped(np.where(dropped, 0, np.minimum(true, 255)), expected_load(original)) is None
 
@@ -238,8 +237,6 @@ def test_swapped_bytes_of_signed_words(
 @pytest.mark.parametrize("gain", [1.0, 10.0, 64.0, 256.0])
 def test_good_words_are_good(rest: float, gain: float, original: Dataset):
     """Values of 8 bits, of more, and such as are shifted up in their words."""
-    from skincal.dataset.word_checks import bytes_swapped
-
     counts = np.rint(rest + original.presses.counts) * gain if gain >= 64 else words_16(original, rest, gain)
     counts = np.clip(counts, 0, 65535)
     assert find_wrapped(counts) is None
@@ -252,13 +249,11 @@ def test_small_values_are_no_counts(tmp_path: Path, original: Dataset, unit: str
     (problem,) = found(tmp_path, changed(original, counts, integer=True))
     assert problem.code == "unit_suspect" and problem.severity == "warning"
     assert "[sensor] unit" in problem.details["mapping"]
-    (tmp_path / "b").mkdir()
     (problem,) = found(tmp_path / "b", changed(original, counts, integer=False))
     assert problem.severity == "note"
     # With its unit all is well, and nobody asks whether counts grow with load.
-    (tmp_path / "c").mkdir()
-    write_dataset(changed(original, counts, integer=False, unit=unit), tmp_path / "c" / "set")
-    checked = check_dataset(tmp_path / "c" / "set")
+    write_dataset(changed(original, counts, integer=False, unit=unit), tmp_path / "c")
+    checked = check_dataset(tmp_path / "c")
     assert not checked.warnings
     assert checked.dataset is not None and checked.dataset.meta.sensor.unit == unit
 
@@ -280,8 +275,8 @@ def test_falling_sensor(tmp_path: Path, original: Dataset, baseline: str):
 
 
 def test_falling_sensor_with_noise_and_its_rest_subtracted(tmp_path: Path, original: Dataset):
-    loads = original.presses.counts - original.presses.counts.min(axis=0)
-    counts = np.random.default_rng(1).normal(0, 1, loads.shape) - 3 * loads
+    load = loads(original)
+    counts = np.random.default_rng(1).normal(0, 1, load.shape) - 3 * load
     problem, _ = found(tmp_path, changed(original, counts, baseline="subtracted", integer=False))
     assert problem.code == "unit_suspect" and "falling_from = 0" in problem.fix
 
@@ -296,8 +291,6 @@ def test_small_values_that_are_no_whole_numbers_are_active(tmp_path: Path, origi
 
 def test_busy_falling_sensor(tmp_path: Path, original: Dataset):
     """Most presses touch most taxels: the level at rest is not to be seen, the load tells."""
-    from skincal.dataset.unit_checks import expected_load
-
     counts = 800.0 - np.rint(100 * expected_load(original) ** 0.5)
     (problem,) = found(tmp_path, changed(original, counts))
     assert problem.details["factor"] == -1.0
@@ -306,13 +299,10 @@ def test_busy_falling_sensor(tmp_path: Path, original: Dataset):
 def test_creep_at_one_place_is_no_falling_sensor(tmp_path: Path, original: Dataset):
     """Values grow from press to press while the force gives way, all of them above rest."""
     force = np.linspace(3.0, 2.0, len(original.presses))
-    presses = replace(
-        original.presses,
-        position_m=np.repeat(original.presses.position_m[:1], len(force), axis=0),
-        force_n=force,
-    )
+    place = np.repeat(original.presses.position_m[:1], len(force), axis=0)
     counts = np.rint(200.0 - 30.0 * force[:, None] + np.arange(original.presses.counts.shape[1]))
-    creeping = changed(replace(original, presses=presses), counts, baseline="subtracted")
+    at_one_place = with_presses(original, position_m=place, force_n=force)
+    creeping = changed(at_one_place, counts, baseline="subtracted")
     assert not [problem for problem in found(tmp_path, creeping) if problem.details.get("factor") == -1.0]
 
 
@@ -353,19 +343,14 @@ def test_usual_forces_are_not_doubted():
     assert all(not force_units(force, area) for force in (0.5, 1.0, 3.0, 20.0, 50.0))
 
 
-def test_millimetres_have_a_factor(tmp_path: Path, original: Dataset):
-    presses = replace(original.presses, position_m=original.presses.position_m * 1e3)
-    (problem,) = found(tmp_path, replace(original, presses=presses))
-    assert problem.code == "unit_suspect" and problem.details["factor"] == 1e-3
-
-
 @pytest.mark.parametrize(
-    ("unit", "factor"), [("centimetres", 0.01), ("inches", 0.0254), ("micrometres", 1e-6)]
+    ("unit", "factor"),
+    [("millimetres", 1e-3), ("centimetres", 0.01), ("inches", 0.0254), ("micrometres", 1e-6)],
 )
-def test_other_units_of_length(tmp_path: Path, original: Dataset, unit: str, factor: float):
-    presses = replace(original.presses, position_m=original.presses.position_m / factor)
-    (problem,) = found(tmp_path, replace(original, presses=presses))
-    assert problem.details["factor"] == factor and unit in problem.fix
+def test_units_of_length(tmp_path: Path, original: Dataset, unit: str, factor: float):
+    position = original.presses.position_m / factor
+    (problem,) = found(tmp_path, with_presses(original, position_m=position))
+    assert problem.code == "unit_suspect" and problem.details["factor"] == factor and unit in problem.fix
 
 
 @pytest.mark.parametrize(

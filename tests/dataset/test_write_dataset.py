@@ -22,6 +22,7 @@ from skincal.dataset.columns import repeated
 from skincal.dataset.findings import Findings
 from skincal.dataset.table_file import _plain, _words, read_table, write_table
 from skincal.errors import InputError
+from tests.dataset.changes import with_sensor
 
 Session = Callable[..., Dataset]
 
@@ -150,8 +151,7 @@ def test_predicted_counts_are_no_whole_numbers(session: Session, tmp_path: Path)
     dataset = session()
     assert dataset.frames is not None
     frames = replace(dataset.frames, counts=dataset.frames.counts * 0.37)
-    sensor = replace(dataset.meta.sensor, integer=False)
-    write_dataset(replace(dataset, meta=replace(dataset.meta, sensor=sensor), frames=frames), tmp_path / "d")
+    write_dataset(replace(with_sensor(dataset, integer=False), frames=frames), tmp_path / "d")
     assert_same(read_dataset(tmp_path / "d").frames, frames)
 
 

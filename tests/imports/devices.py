@@ -87,6 +87,12 @@ def gauge_table(found: Contacts, time_s: np.ndarray) -> pd.DataFrame:
     return pd.DataFrame({"F": found.force(time_s) + noise, "px": place[:, 0], "py": place[:, 1]})
 
 
+def whole_table(found: Contacts, time_s: np.ndarray) -> pd.DataFrame:
+    """Columns ``t`` [s], and those of the gauge and of the taxels."""
+    times = pd.DataFrame({"t": time_s})
+    return pd.concat([times, gauge_table(found, time_s), taxel_table(found, time_s)], axis=1)
+
+
 ONE_FILE: dict[str, Any] = {
     "csv": {"rows": "series"},
     "columns": {

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pytest
 import tomli_w
 
-from skincal.dataset import Dataset
+from skincal.dataset import Dataset, read_dataset
+from skincal.errors import InputError
+from skincal.imports import Imported, import_csv
 
 RIG: dict[str, Any] = {
     "format": "skincal-import/1",
@@ -84,6 +88,26 @@ def write_mapping(folder: Path, content: dict[str, Any]) -> Path:
     path = folder / "map.toml"
     path.write_text(tomli_w.dumps(content), encoding="utf-8")
     return path
+
+
+def imported(
+    folder: Path, content: dict[str, Any], files: Sequence[Path], read: Callable[..., Imported] = import_csv
+) -> tuple[Dataset, Imported]:
+    """Import files by a mapping into the folder ``out``, and read that."""
+    done = read(write_mapping(folder, content), folder / "out", files)
+    return read_dataset(folder / "out"), done
+
+
+def refusals(
+    folder: Path, content: dict[str, Any], files: Sequence[Path], read: Callable[..., Imported] = import_csv
+) -> list[str]:
+    """The problems of an import, which leaves nothing behind."""
+    before = {*folder.iterdir(), folder / "map.toml"}
+    with pytest.raises(InputError) as caught:
+        imported(folder, content, files, read)
+    assert {*folder.iterdir()} == before
+    assert not (folder / "out").exists()
+    return [str(problem) for problem in caught.value.problems]
 
 
 def press_table(dataset: Dataset) -> pd.DataFrame:

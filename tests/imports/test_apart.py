@@ -60,9 +60,8 @@ def test_a_matlab_file_that_crashes_its_reader(tmp_path: Path, monkeypatch: pyte
     content[176] ^= 1  # the type of the numbers
     (tmp_path / "a.mat").write_bytes(content)
     (tmp_path / "map.toml").write_text(tomli_w.dumps(RIG | SERIES))
-    findings = Findings()
-    assert read_csv_files(read_mapping(tmp_path / "map.toml", "csv"), [tmp_path / "a.mat"], findings) is None
-    assert "a.mat: expected a whole file of arrays" in str(findings.errors[0])
+    with pytest.raises(InputError, match=r"^a\.mat: expected a whole file of arrays"):
+        read_csv_files(read_mapping(tmp_path / "map.toml", "csv"), [tmp_path / "a.mat"], Findings())
 
 
 @pytest.mark.parametrize("reader", list(dict.fromkeys(source_table.ARRAYS.values())))

@@ -12,18 +12,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skincal.dataset import Dataset, read_dataset
+from skincal.dataset import Dataset
 from skincal.errors import InputError
-from skincal.imports import Imported, import_csv
+from skincal.imports import Imported
 from skincal.imports.clock import find_wraps, spread_equal, unwrapped, with_missing
-from tests.imports.devices import ONE_FILE, PLANE, contacts, gauge_table, taxel_table
-from tests.imports.foreign import mapping, write_mapping
+from tests.imports.devices import ONE_FILE, PLANE, contacts, whole_table
+from tests.imports.foreign import imported, mapping
 
 RATE_HZ = 50.0
 EPOCH_S = 1_763_683_170
 FOUND = contacts()
 TIME = np.arange(0, FOUND.end_s, 1 / RATE_HZ)
-TABLE = pd.concat([taxel_table(FOUND, TIME), gauge_table(FOUND, TIME)], axis=1)
+TABLE = whole_table(FOUND, TIME).drop(columns="t")
 
 
 def bring(folder: Path, stamps: Any, time: dict[str, Any] | None, **changes: Any) -> tuple[Dataset, Imported]:
@@ -33,8 +33,7 @@ def bring(folder: Path, stamps: Any, time: dict[str, Any] | None, **changes: Any
     content = mapping(PLANE, ONE_FILE, columns={"time_s": None}, **changes)
     if time is not None:
         content["columns"]["time_s"] = time if "columns" in time else {"column": "t", **time}
-    done = import_csv(write_mapping(folder, content), folder / "out", [folder / "a.csv"])
-    return read_dataset(folder / "out"), done
+    return imported(folder, content, [folder / "a.csv"])
 
 
 def assert_same(back: Dataset, *, tolerance_s: float = 1e-3) -> None:
@@ -97,10 +96,9 @@ def test_epoch_in_another_unit_is_named(tmp_path: Path):
 
 
 def test_dates_of_a_format(tmp_path: Path):
-    words = (pd.Timestamp("2026-11-20 12:00:00") + pd.to_timedelta(TIME, unit="s")).strftime(
-        "%d.%m.%Y %H:%M:%S.%f"
-    )
-    back, _ = bring(tmp_path, words, {"unit": "datetime", "format": "%d.%m.%Y %H:%M:%S.%f"})
+    form = "%d.%m.%Y %H:%M:%S.%f"
+    words = (pd.Timestamp("2026-11-20 12:00:00") + pd.to_timedelta(TIME, unit="s")).strftime(form)
+    back, _ = bring(tmp_path, words, {"unit": "datetime", "format": form})
     assert_same(back)
     (tmp_path / "b").mkdir()
     with pytest.raises(InputError, match=r'Set format = "%d\.%m\.%Y %H:%M:%S\.%f"'):
@@ -172,7 +170,7 @@ def test_no_finite_stamp(tmp_path: Path, nothing: float, said: str):
     TABLE.assign(t=nothing).to_parquet(tmp_path / "a.parquet")
     content = mapping(PLANE, ONE_FILE, columns={"time_s": {"column": "t", "unit": "s"}})
     with pytest.raises(InputError, match=said):
-        import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.parquet"])
+        imported(tmp_path, content, [tmp_path / "a.parquet"])
 
 
 def test_missing_stamps_are_filled(tmp_path: Path):
@@ -216,12 +214,11 @@ def test_rows_written_late(tmp_path: Path):
     TABLE.assign(t=TIME).iloc[order].to_csv(tmp_path / "a.csv", index=False)
     content = mapping(PLANE, ONE_FILE)
     with pytest.raises(InputError, match='set order = "time"'):
-        import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.csv"])
+        imported(tmp_path, content, [tmp_path / "a.csv"])
     content["csv"]["order"] = "time"
-    import_csv(write_mapping(tmp_path, content), tmp_path / "out", [tmp_path / "a.csv"])
-    back = read_dataset(tmp_path / "out")
+    back, _ = imported(tmp_path, content, [tmp_path / "a.csv"])
     assert_same(back)
-    np.testing.assert_array_equal(back.frames.counts, TABLE.to_numpy()[:, :9])
+    np.testing.assert_array_equal(back.frames.counts, TABLE.to_numpy()[:, 3:])
 
 
 @given(

@@ -11,9 +11,8 @@ import pandas as pd
 import pytest
 
 from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD, Dataset, read_dataset
-from skincal.errors import InputError
-from skincal.imports import Imported, import_csv
-from tests.imports.foreign import SERIES, Recorded, mapping, recorded, series_table, write_mapping
+from skincal.imports import Imported
+from tests.imports.foreign import SERIES, Recorded, imported, mapping, recorded, refusals, series_table
 
 Session = Callable[..., Dataset]
 
@@ -23,19 +22,19 @@ def recording(session: Session) -> Recorded:
     return recorded(session(8, frames_per_press=0))
 
 
-def bring(folder: Path, tables: list[pd.DataFrame], content: dict[str, Any]) -> tuple[Dataset, Imported]:
+def written(folder: Path, tables: list[pd.DataFrame]) -> list[Path]:
     paths = [folder / f"part{i}.csv" for i in range(len(tables))]
     for path, table in zip(paths, tables, strict=True):
         table.to_csv(path, index=False)
-    done = import_csv(write_mapping(folder, content), folder / "out", paths)
-    return read_dataset(folder / "out"), done
+    return paths
+
+
+def bring(folder: Path, tables: list[pd.DataFrame], content: dict[str, Any]) -> tuple[Dataset, Imported]:
+    return imported(folder, content, written(folder, tables))
 
 
 def refused(folder: Path, tables: list[pd.DataFrame], content: dict[str, Any]) -> str:
-    with pytest.raises(InputError) as caught:
-        bring(folder, tables, content)
-    assert not (folder / "out").exists()
-    return str(caught.value)
+    return "\n".join(refusals(folder, content, written(folder, tables)))
 
 
 def assert_found(back: Dataset, recording: Recorded, *, tolerance_n: float = 0.02) -> None:
@@ -212,8 +211,7 @@ def test_real_staircase_comes_back(shared: Path, tmp_path: Path):
             "y_range_m": [-0.005, 0.005], "alpha_range_deg": [-5.0, 5.0],
         },
     )  # fmt: skip
-    done = import_csv(write_mapping(tmp_path, meta), tmp_path / "out", [folder / "frames.parquet"])
-    back = read_dataset(tmp_path / "out")
+    back, done = imported(tmp_path, meta, [folder / "frames.parquet"])
     assert done.assumed == ("position",)
     assert len(back.presses) == len(truth.presses) == 35
     middle = (truth.presses.columns["t_hold_s"] + truth.presses.columns["t_release_s"]) / 2

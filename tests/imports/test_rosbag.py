@@ -18,7 +18,7 @@ from skincal.imports import Imported, bag_source, bag_topics, import_rosbag, tem
 from skincal.imports.apart import apart
 from skincal.imports.bag_file import opened
 from tests.conftest import make_session
-from tests.imports.foreign import Recorded, mapping, recorded, write_mapping
+from tests.imports.foreign import Recorded, imported, mapping, recorded, refusals, write_mapping
 from tests.imports.ros import BAG, SKIN_MSG, BagMaker, ns, write_bag
 
 WriteBag = Callable[..., Path]
@@ -47,15 +47,11 @@ def written(recording: Recorded, tmp_path_factory: pytest.TempPathFactory) -> Wr
 
 
 def bring(folder: Path, bags: list[Path], **changes: Any) -> tuple[Dataset, Imported]:
-    done = import_rosbag(write_mapping(folder, mapping(BAG, **changes)), folder / "out", bags)
-    return read_dataset(folder / "out"), done
+    return imported(folder, mapping(BAG, **changes), bags, import_rosbag)
 
 
 def refused(folder: Path, bags: list[Path], **changes: Any) -> str:
-    with pytest.raises(InputError) as caught:
-        bring(folder, bags, **changes)
-    assert not (folder / "out").exists()
-    return str(caught.value)
+    return "\n".join(refusals(folder, mapping(BAG, **changes), bags, import_rosbag))
 
 
 @pytest.mark.parametrize(
@@ -117,20 +113,29 @@ def test_topics_are_listed(tmp_path: Path, recording: Recorded, written: WriteBa
         bag_topics(tmp_path / "no.bag")
 
 
+OWN: dict[str, Any] = {
+    "topics": None,
+    "joints": None,
+    "taxels": {"field": "rows[0].values"},
+    "sensor": {"rows": 1},
+    "columns": {
+        "position": {"topic": "/tf", "field": "transforms[child_frame_id=tip].transform.translation"}
+    },
+}
+"""Changes of the mapping for bags with types of their own."""
+
+
 @pytest.mark.parametrize("name", ["s.bag", "s"])
 def test_types_of_ones_own_poses_and_transforms(
     tmp_path: Path, recording: Recorded, written: WriteBag, name: str
 ):
     """The skin is an array of rows in a message of its own, the tip one of several transforms."""
-    rows = "rows[0].values"
     changes: dict[str, Any] = {
-        "topics": None,
-        "joints": None,
-        "taxels": {"field": rows, "elements": [3, 2, 1, 0]},
-        "sensor": {"rows": 1},
+        **OWN,
+        "taxels": {"field": "rows[0].values", "elements": [3, 2, 1, 0]},
         "bag": {"resample": "previous"},
-        "columns": {
-            "position": {"topic": "/tf", "field": "transforms[child_frame_id=tip].transform.translation"},
+        "columns": OWN["columns"]
+        | {
             "temperature_c": {"topic": "/force", "field": "wrench.torque.x", "unit": "K"},
             "pose": {"topic": "/tf", "field": "transforms[child_frame_id=tip].header.frame_id"},
         },
@@ -175,15 +180,7 @@ def test_definition_that_the_bag_lacks(tmp_path: Path, recording: Recorded, writ
     """Old ROS 2 recorders wrote no definitions: then a file has to say what a message is."""
     shutil.copytree(written("s", own=True), tmp_path / "s")
     _forget_definitions(tmp_path / "s")
-    changes: dict[str, Any] = {
-        "topics": None,
-        "joints": None,
-        "taxels": {"field": "rows[0].values"},
-        "sensor": {"rows": 1},
-        "columns": {
-            "position": {"topic": "/tf", "field": "transforms[child_frame_id=tip].transform.translation"}
-        },
-    }
+    changes: dict[str, Any] = {**OWN}
     assert "Name its file in definitions of [bag]" in refused(tmp_path, [tmp_path / "s"], **changes)
     (tmp_path / "Skin.msg").write_text(SKIN_MSG.split("=")[0])
     (tmp_path / "TaxelRow.msg").write_text("uint16[4] values\n")
@@ -291,13 +288,8 @@ def test_two_bags_follow_each_other(tmp_path: Path, recording: Recorded, written
     np.testing.assert_allclose(
         back.presses.columns["t_hold_s"], [*recording.hold_s[:, 0], *(after.hold_s[:, 0] + 60)], atol=0.03
     )
-    assert "times in order" in refused_again(tmp_path, [second, first])
-
-
-def refused_again(folder: Path, bags: list[Path]) -> str:
-    with pytest.raises(InputError) as caught:
-        import_rosbag(folder / "map.toml", folder / "other", bags)
-    return str(caught.value)
+    with pytest.raises(InputError, match="times in order"):
+        import_rosbag(tmp_path / "map.toml", tmp_path / "other", [second, first])
 
 
 def test_library_that_is_not_installed(written: WriteBag, monkeypatch: pytest.MonkeyPatch):

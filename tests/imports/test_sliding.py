@@ -6,15 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from skincal.dataset import HOLD, Dataset, check_dataset
 from skincal.dataset.sliding import rests, sample_noise_m, slide_m
 from skincal.errors import InputError
-from skincal.imports import Imported, import_csv
-from tests.imports.devices import ONE_FILE, PLANE, contacts, gauge_table, taxel_table
-from tests.imports.foreign import mapping, write_mapping
+from skincal.imports import Imported
+from tests.imports.devices import ONE_FILE, PLANE, contacts, whole_table
+from tests.imports.foreign import imported, mapping
 
 FOUND = contacts(slide_m=0.006)
 TIME = np.arange(0, FOUND.end_s, 0.02)
@@ -24,15 +23,10 @@ def bring(
     folder: Path, *, noise_m: float = 1e-4, slide: bool = True, **changes: Any
 ) -> tuple[Dataset, Imported]:
     found = FOUND if slide else contacts()
-    table = pd.concat([taxel_table(found, TIME), gauge_table(found, TIME)], axis=1).assign(t=TIME)
+    table = whole_table(found, TIME)
     table[["px", "py"]] += np.random.default_rng(2).normal(0, 1e3 * noise_m, (len(TIME), 2))
     table.to_csv(folder / "a.csv", index=False)
-    done = import_csv(
-        write_mapping(folder, mapping(PLANE, ONE_FILE, **changes)), folder / "out", [folder / "a.csv"]
-    )
-    checked = check_dataset(folder / "out")
-    assert checked.dataset is not None
-    return checked.dataset, done
+    return imported(folder, mapping(PLANE, ONE_FILE, **changes), [folder / "a.csv"])
 
 
 def findings(done: Any) -> list[Any]:
@@ -51,17 +45,16 @@ def test_hold_is_cut_to_where_the_contact_rests(tmp_path: Path):
 
 @pytest.mark.parametrize(("slide_m", "turns"), [(5e-3, 0.0), (8e-3, 0.0), (1e-3, 1.0)])
 def test_contact_that_slides_all_the_time(tmp_path: Path, slide_m: float, turns: float):
-    """What is left of a hold rests by the measure of the dataset's check, too, which smooths it less than the whole."""
+    """The part of a hold that is kept also rests by the check of the dataset, which smooths it less than the whole."""
     found = contacts(20, 3)
-    table = pd.concat([taxel_table(found, TIME), gauge_table(found, TIME)], axis=1).assign(t=TIME)
+    table = whole_table(found, TIME)
     now = np.minimum(np.searchsorted(found.start_s + found.lasts_s, TIME), 19)
     share = np.clip((TIME - found.start_s[now]) / found.lasts_s[now], 0, 1)
     path = np.exp(2j * np.pi * turns * share) if turns else share + 0j
     table["px"] += 1e3 * slide_m * path.real
     table["py"] += 1e3 * slide_m * path.imag
     table.to_csv(tmp_path / "a.csv", index=False)
-    path = write_mapping(tmp_path, mapping(PLANE, ONE_FILE))
-    assert len(findings(import_csv(path, tmp_path / "out", [tmp_path / "a.csv"]))) == 1
+    assert len(findings(imported(tmp_path, mapping(PLANE, ONE_FILE), [tmp_path / "a.csv"])[1])) == 1
     assert not findings(check_dataset(tmp_path / "out"))
 
 

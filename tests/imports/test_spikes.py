@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skincal.dataset import Dataset, read_dataset
+from skincal.dataset import Dataset
 from skincal.dataset.impossible import IMPOSSIBLE
 from skincal.dataset.word_checks import find_falls
-from skincal.imports import import_csv
 from skincal.imports.recording import Cut, Span
 from skincal.imports.spikes import find_spikes
-from tests.imports.foreign import SERIES, mapping, recorded, series_table, write_mapping
+from tests.imports.foreign import SERIES, imported, mapping, recorded, series_table
 
 
 def held(seed: int) -> tuple[np.ndarray, Cut]:
@@ -61,10 +60,9 @@ def test_an_import_leaves_spikes_out(session: Callable[..., Dataset], tmp_path: 
     bad[500] = True
     table[taxels] = np.where(bad, value, clean)
     table.to_csv(tmp_path / "a.csv", index=False)
-    done = import_csv(write_mapping(tmp_path, mapping(SERIES)), tmp_path / "out", [tmp_path / "a.csv"])
+    back, done = imported(tmp_path, mapping(SERIES), [tmp_path / "a.csv"])
     assert [one.code for one in done.warnings if one.code] == [IMPOSSIBLE]
-    back = read_dataset(tmp_path / "out").presses
-    np.testing.assert_allclose(back.counts, recording.image, atol=2.0, rtol=0.01)
+    np.testing.assert_allclose(back.presses.counts, recording.image, atol=2.0, rtol=0.01)
 
 
 def test_single_drop_outs_are_no_words_that_overflow() -> None:

@@ -12,13 +12,22 @@ import pytest
 from typer.testing import CliRunner
 
 from skincal.cli.main import app
-from skincal.dataset import Dataset, read_dataset
+from skincal.dataset import Dataset
 from skincal.errors import InputError
-from skincal.imports import Imported, import_csv
+from skincal.imports import Imported
 from skincal.imports.alignment import NoOffsetError, estimate_offset
 from skincal.imports.place_alignment import estimate_offset_by_place
-from tests.imports.devices import ONE_FILE, PLANE, TWO_FILES, Contacts, contacts, gauge_table, taxel_table
-from tests.imports.foreign import mapping, write_mapping
+from tests.imports.devices import (
+    GRID_M,
+    ONE_FILE,
+    PLANE,
+    TWO_FILES,
+    Contacts,
+    contacts,
+    gauge_table,
+    taxel_table,
+)
+from tests.imports.foreign import imported, mapping
 
 FOUND = contacts(14)
 TAXELS_S = np.arange(0, FOUND.end_s, 0.0125)
@@ -31,9 +40,7 @@ def recorded(
 ) -> tuple[Dataset, Imported]:
     taxel_table(found, TAXELS_S).assign(t=taxel_stamps).to_csv(folder / "sensor.csv", index=False)
     gauge_table(found, GAUGE_S).assign(t=gauge_stamps).to_csv(folder / "gauge.csv", index=False)
-    files = [folder / "sensor.csv", folder / "gauge.csv"]
-    done = import_csv(write_mapping(folder, content), folder / "out", files)
-    return read_dataset(folder / "out"), done
+    return imported(folder, content, [folder / "sensor.csv", folder / "gauge.csv"])
 
 
 def assert_joined(back: Dataset) -> None:
@@ -41,7 +48,7 @@ def assert_joined(back: Dataset) -> None:
     np.testing.assert_allclose(back.presses.position_m[:, :2], FOUND.place_m, atol=1e-5)
     # The images are those of the same moments: a taxel's load is the force's.
     ratio = (back.presses.counts.max(axis=1) - 20) / (40 * back.presses.force_n)
-    away = np.linalg.norm(FOUND.place_m[:, None] - 0.004 * _grid(), axis=2).min(axis=1)
+    away = np.linalg.norm(FOUND.place_m[:, None] - GRID_M, axis=2).min(axis=1)
     np.testing.assert_allclose(ratio, np.exp(-((away / 0.003) ** 2)), atol=0.03)
 
 
@@ -81,11 +88,7 @@ def test_places_that_do_not_go_with_images():
     columns = {"x_m": np.repeat(rng.normal(size=60), 30), "y_m": np.repeat(rng.normal(size=60), 30)}
     images, time = FOUND.images(TAXELS_S), np.arange(0.0, 90.0, 0.05)
     with pytest.raises(NoOffsetError, match="x_m, y_m go with where the images lie"):
-        estimate_offset_by_place("poses", TAXELS_S, images, _grid(), time, columns)
-
-
-def _grid() -> np.ndarray:
-    return np.array([[c - 1, r - 1] for r in range(3) for c in range(3)], dtype=float)
+        estimate_offset_by_place("poses", TAXELS_S, images, GRID_M, time, columns)
 
 
 def test_clocks_that_agree(tmp_path: Path):
@@ -207,8 +210,7 @@ def test_single_stretches_of_two_devices(tmp_path: Path):
         gauge[theirs].assign(t=GAUGE_S[theirs] - zero).to_csv(tmp_path / f"gauge{k}.csv", index=False)
     content = mapping(PLANE, TWO_FILES, files={"gauge": {"file": "gauge*.csv"}}, series={"own_clocks": True})
     paths = [tmp_path / f"{name}{k}.csv" for name in ("sensor", "gauge") for k in (0, 1)]
-    import_csv(write_mapping(tmp_path, content), tmp_path / "out", paths)
-    assert_joined(read_dataset(tmp_path / "out"))
+    assert_joined(imported(tmp_path, content, paths)[0])
 
 
 @pytest.mark.parametrize(

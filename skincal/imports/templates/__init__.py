@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from skincal.dataset.findings import did_you_mean
+from skincal.dataset.findings import meant
 from skincal.errors import input_error
 
 FOLDER = Path(__file__).parent
-
-
-def template_names() -> tuple[str, ...]:
-    """Return the names of the bundled mapping files."""
-    return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
 
 
 def template(kind: str) -> str:
@@ -24,9 +19,7 @@ def template(kind: str) -> str:
     Raises:
         InputError: there is no file of that name.
     """
-    names = template_names()
+    names = sorted(path.stem for path in FOLDER.glob("*.toml"))
     if kind not in names:
-        close = did_you_mean(kind, names)
-        fix = f'Did you mean "{close}"?' if close else ""
-        raise input_error("template", f"one of {', '.join(names)}", f'"{kind}"', fix)
+        raise input_error("template", f"one of {', '.join(names)}", f'"{kind}"', meant(kind, names))
     return (FOLDER / f"{kind}.toml").read_text(encoding="utf-8")
