@@ -40,8 +40,9 @@ ITERATIONS = 12
 STEPS = 25
 """Most steps of a climb."""
 
-_SEARCHES_FAR, _SEARCHES_NEAR = (3, 6, 10, 15), (2, 5)
-"""Steps of a climb before which the contact positions are searched again: from afar, and from a nearby peak."""
+_SEARCHES_FAR, _SEARCHES_NEAR = (3, 6, 10, 15), (3, 8)
+"""Steps of a climb before which the contact positions are searched again, if it does not end after the first of them:
+from afar, and from a nearby peak."""
 _CONVERGED = 0.01
 """A climb ends at a Gauss-Newton step that promises less than this in log density: a numerical tolerance."""
 _PLAIN_STEPS, _MOST_RELAXATION, _SIGMAS_CONVERGED = 6, 8.0, 5e-3
@@ -175,7 +176,7 @@ def climb(model: PressModel, bounds: Bounds, start: Floats, *, sigmas: Floats | 
         )
         there, tried = _fit_presses(changed, here, trial, sigmas)
         if _objective(changed.problem, tried, trust) <= value + 1e-9:
-            converged = -gradient @ step < _CONVERGED and step_number > searches[-1]
+            converged = -gradient @ step < _CONVERGED and step_number > searches[0]
             macro, damping, model = trial, damping * 0.2, changed
             places, states = there, tried
         else:
