@@ -81,8 +81,8 @@ class FitOptions:
     bound_counts2: float | None = None
     level: float = 0.98
     draws: int = 2000
-    rounds: tuple[int, int] = (5, 20)
-    round_size: int = 400
+    rounds: tuple[int, int] = (10, 80)
+    round_size: int = 100
     enough_draws: int = 400
     per_taxel: bool = False
     law_spreads_m: tuple[float, ...] = (0.0, 0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3)

@@ -40,11 +40,14 @@ ITERATIONS = 12
 STEPS = 25
 """Most steps of a climb."""
 
-_SEARCHES_FAR, _SEARCHES_NEAR = (3, 6, 10, 15), (2, 5)
-"""Steps of a climb before which the contact positions are searched again: from afar, and from a nearby peak."""
-_PLAIN_STEPS, _OVERRELAXATION, _SIGMAS_CONVERGED = 6, 1.6, 5e-3
+_SEARCHES_FAR, _SEARCHES_NEAR = (3, 6, 10, 15), (3, 8)
+"""Steps of a climb before which the contact positions are searched again, if it does not end after the first of them:
+from afar, and from a nearby peak."""
+_CONVERGED = 0.01
+"""A climb ends at a Gauss-Newton step that promises less than this in log density: a numerical tolerance."""
+_PLAIN_STEPS, _MOST_RELAXATION, _SIGMAS_CONVERGED = 6, 8.0, 5e-3
 """For the first ``_PLAIN_STEPS`` steps from afar, the sigmas take plain EM steps. After that, the steps are
-over-relaxed by ``_OVERRELAXATION``, until the logs of the sigmas change by less than ``_SIGMAS_CONVERGED``."""
+over-relaxed, by at most ``_MOST_RELAXATION``, until the logs of the sigmas change by less than ``_SIGMAS_CONVERGED``."""
 
 _UNITS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])
 """Units of the macro variables in the evidence: millimetres instead of metres keep the determinant away from
@@ -153,7 +156,7 @@ def climb(model: PressModel, bounds: Bounds, start: Floats, *, sigmas: Floats | 
     far = sigmas is None
     if sigmas is None:
         sigmas = initial_sigmas(model.problem)
-    damping, places = 1e-3, None
+    damping, places, relaxation, last = 1e-3, None, np.ones(len(sigmas)), np.zeros(len(sigmas))
     searches = _SEARCHES_FAR if far else _SEARCHES_NEAR
     for step_number in range(STEPS):
         problem = model.problem
@@ -173,7 +176,7 @@ def climb(model: PressModel, bounds: Bounds, start: Floats, *, sigmas: Floats | 
         )
         there, tried = _fit_presses(changed, here, trial, sigmas)
         if _objective(changed.problem, tried, trust) <= value + 1e-9:
-            converged = (np.abs(trial - macro) / limit).max() < 1e-4 and step_number > searches[-1]
+            converged = -gradient @ step < _CONVERGED and step_number > searches[0]
             macro, damping, model = trial, damping * 0.2, changed
             places, states = there, tried
         else:
@@ -181,9 +184,11 @@ def climb(model: PressModel, bounds: Bounds, start: Floats, *, sigmas: Floats | 
         known = None if far else np.diag(_scaled_inverse(curvature))[5:]
         updated = update_sigmas(model.problem, states, sigmas, known)
         step = np.log(updated / sigmas)
-        # Expectation-maximisation converges linearly, by about a quarter per step; over-relaxation
-        # speeds it up.
-        sigmas = sigmas * np.exp(step if far and step_number <= _PLAIN_STEPS else _OVERRELAXATION * step)
+        if not far or step_number > _PLAIN_STEPS:
+            # Expectation-maximisation converges linearly: the ratio of two steps tells how much is left (Aitken).
+            ratio = step / np.where(last == 0.0, np.inf, last)
+            relaxation = np.clip(relaxation / np.maximum(1.0 - ratio, 1e-3), 1.0, _MOST_RELAXATION)
+        last, sigmas = step, sigmas * np.exp(relaxation * step)
         sigmas[2] = max(sigmas[2], model.problem.observation.floor_counts * 1.05)
         if converged and np.abs(step).max() < _SIGMAS_CONVERGED:
             break

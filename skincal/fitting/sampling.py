@@ -7,7 +7,7 @@ proposals are fitted to tempered weights. The ensemble is the affine-invariant o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -102,24 +102,29 @@ def sample(
     """
     if not np.isfinite(peak.covariance).all():
         raise FitError(NO_DENSITY)
-    lit, presses = float(problem.lit.sum()), len(problem)
-    hyper = np.array([0.7 / presses**0.5, 0.8, 0.7 / lit**0.5, 0.8, 0.8, 0.8]) ** 2
+    readings, presses = float(problem.used.sum()), len(problem)
+    hyper = np.array([0.7 / presses**0.5, 0.8, 0.7 / readings**0.5, 0.8, 0.8, 0.8]) ** 2
     covariance = np.zeros((5 + len(hyper), 5 + len(hyper)))
     covariance[:5, :5] = peak.covariance
     covariance[5:, 5:] = np.diag(hyper)
     proposals = [_Student(np.concatenate([peak.macro, np.log(peak.sigmas)]), covariance * 1.5)]
-    points, plain = np.empty((0, len(covariance))), np.empty(0)
+    points, plain, mixture = np.empty((0, len(covariance))), np.empty(0), np.empty(0)
     fewest, most = rounds
     term: Density | None = None
     stale, left, about = missing_term is not None, MOST_TERM_FITS, points
     while True:
         fresh = proposals[-1].draw(rng, size)
         found = density(fresh)
+        # Log of the sum of all proposals' densities: at earlier points only the last one is new.
+        mixture = np.concatenate([
+            np.logaddexp(mixture, proposals[-1].log_density(points)),
+            logsumexp([one.log_density(fresh) for one in proposals], axis=0),
+        ])  # fmt: skip
         points = np.concatenate([points, fresh])
         plain = np.concatenate([plain, np.where(np.isfinite(found), found, -np.inf)])
         if not np.isfinite(plain).any():
             raise FitError(NO_DENSITY)
-        draws, done = _weigh_draws(points, plain, term, proposals), len(proposals)
+        draws, done = _weigh_draws(points, plain, term, mixture), len(proposals)
         # Refit the term if the draws have moved away from where it was fitted (mean and spread in
         # ``about``).
         stale = stale or (
@@ -132,7 +137,7 @@ def sample(
         ):
             about, left, stale = np.stack([draws.mean, draws.spread]), left - 1, False
             term = smooth_term(draws, missing_term, term_points, rng)
-            draws = _weigh_draws(points, plain, term, proposals)
+            draws = _weigh_draws(points, plain, term, mixture)
         on_round(done)
         if done >= most or (done >= fewest and draws.effective >= enough_draws and not stale):
             return draws, density if (own := term) is None else lambda points: density(points) + own(points)
@@ -143,10 +148,9 @@ MOST_TERM_FITS, DRIFT = 3, 1.5
 """The smooth term is fitted at most this often, each time after the mean has moved by ``DRIFT`` standard deviations."""
 
 
-def _weigh_draws(points: Floats, plain: Floats, term: Density | None, proposals: Sequence[_Student]) -> Draws:
+def _weigh_draws(points: Floats, plain: Floats, term: Density | None, mixture: Floats) -> Draws:
     """Weight draws against the mixture of all proposals, each of which has drawn equally many points."""
-    values = plain if term is None else plain + term(points)
-    log_weight = values - logsumexp([p.log_density(points) for p in proposals], axis=0)
+    log_weight = (plain if term is None else plain + term(points)) - mixture
     weight = np.exp(log_weight - log_weight.max())
     return Draws(points, weight / weight.sum())
 

@@ -59,7 +59,7 @@ lattices is near a minimum."""
 MIN_EFFECTIVE_DRAWS = 100
 """If importance sampling has a smaller effective sample size, an ensemble of walkers continues from its draws."""
 
-LONE_ROUNDS = 2
+LONE_ROUNDS = 4
 """With presses of one active taxel, sampling stops after this multiple of the fewest rounds. If the effective
 sample size is still too small then, the density is rough, and more rounds do not help."""
 

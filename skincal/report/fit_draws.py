@@ -52,7 +52,7 @@ def draws_figure(result: FitResult) -> Figure:
 
 
 def _draw_alone(axes: Axes, of: Quantity) -> None:
-    axes.hist(of.draws, bins=_bins(of), color=BLUE)  # type: ignore[arg-type]
+    axes.hist(of.draws, bins=_bins(of), histtype="stepfilled", color=BLUE)  # type: ignore[arg-type]
     _mark(axes.axvline, of)
     axes.axvline(of.best, color=RED, linewidth=1.2)
     title = f"{of.label} {of.best_text}" if of.identified else f"{of.label}: not identified"
@@ -108,8 +108,7 @@ def _spans_decades(of: Quantity, low: float, high: float) -> bool:
 
 
 def _write_correlation(axes: Axes, one: Floats, other: Floats) -> None:
-    axes.set(xticks=[], yticks=[])
-    axes.spines[:].set_visible(False)
+    axes.set_axis_off()
     if np.ptp(one) == 0 or np.ptp(other) == 0:
         return
     value = round(float(np.corrcoef(one, other)[0, 1]), 2) + 0.0

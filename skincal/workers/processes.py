@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from skincal.fitting.tasks import Mapper
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-_COLLECTIONS = (20_000, 20, 20)
+_COLLECTIONS = (200_000, 20, 20)
 """Thresholds of garbage collection that leave of its time, a fifteenth of a fit's with Python's own, a quarter."""
 _REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """What may interrupt the first process, if it has handlers for it."""
