@@ -23,6 +23,7 @@ from skincal.dataset.unit_checks import (
     check_values,
     column_medians,
     force_units,
+    length_factor,
     length_unit,
     scaled_by,
     unit_of_ratio,
@@ -106,6 +107,13 @@ def _check_positions(
             details = {"code": CODE, "factor": unit[1]}
         findings.error(place, "contact points [m] near the patch", got, fix, **details)
         return
+    factor = length_factor(dataset, points, centre[0], reach)
+    if factor is not None:
+        got, fix = (
+            f"others, at a median distance of {away:.3g} m",
+            f"Is their unit another one? {scaled_by(factor)}.",
+        )
+        findings.warn(place, "contact points [m] that go with the images", got, fix, code=CODE, factor=factor)
     off = _median_off(surface, points)
     allowed = dataset.meta.position.slack_m + 3 * dataset.meta.position.sigma_m
     if not np.isfinite(allowed) or off <= max(allowed, 1e-4):

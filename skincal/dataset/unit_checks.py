@@ -13,9 +13,9 @@ from skincal.dataset.rest import noise_at_rest, rest_levels
 from skincal.dataset.tables import HOLD, IDLE, Frames
 from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.dataset.word_checks import (
-    bytes_swapped,
     correlation,
     find_below_zero,
+    find_byte_order,
     find_falls,
     find_wrapped,
     load_from_images,
@@ -39,6 +39,14 @@ AS_LIKELY: Final = 3.0
 
 LENGTH_UNITS: Final = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "micrometres": 1e-6}
 """Units of length in metres, the likeliest first."""
+
+LENGTH_FACTORS: Final = (*LENGTH_UNITS.values(), 0.1, 10.0, 100.0, 1000.0)
+"""Factors between positions and metres, if one of these units was written for another."""
+
+FITS_BETTER: Final = 0.2
+"""Gain in correlation with the images from which another unit of positions is meant (set by eye: on planes of 4 x 4 and
+8 x 8 taxels right positions lose 0.3 by any factor, and those of permuted taxels gain 0.15 at most)."""
+
 
 USUAL_PRESSURE_PA: Final = 3e4
 """Typical mean pressure under an indenter: 1 N on 0.3 cm². The unit that comes nearest to it is chosen."""
@@ -111,13 +119,34 @@ def length_unit(
     near = {name: factor for name, factor in LENGTH_UNITS.items() if away(factor) <= reach_m}
     if len(points) != len(dataset.presses):
         return next(iter(near.items()), None)
+    return max(
+        near.items(),
+        key=lambda item: _fits_images(dataset, np.where(wrong, points * item[1], points)),
+        default=None,
+    )
 
-    def goes_with(item: tuple[str, float]) -> float:
-        placed = np.where(wrong, points * item[1], points)
-        there = replace(dataset, presses=replace(dataset.presses, position_m=placed))
-        return correlation(dataset.presses.counts, expected_load(there))
 
-    return max(near.items(), key=goes_with, default=None)
+def length_factor(dataset: Dataset, points: FloatArray, centre: FloatArray, reach_m: float) -> float | None:
+    """Return the factor of positions (K, 3), near the patch or not, that fits them to the images; None if 1 fits.
+
+    On surfaces other than a plane, positions of another unit are off the surface.
+    """
+    if len(points) != len(dataset.presses) or not dataset.meta.surface.is_plane:
+        return None
+    fits = {
+        factor: _fits_images(dataset, points * factor)
+        for factor in LENGTH_FACTORS
+        if float(np.median(np.linalg.norm(points * factor - centre, axis=1))) <= reach_m
+    }
+    best = max(fits, key=fits.__getitem__, default=1.0)
+    # Overflown words fall with load.
+    return best if fits and fits[best] > max(_fits_images(dataset, points), 0.0) + FITS_BETTER else None
+
+
+def _fits_images(dataset: Dataset, points: FloatArray) -> float:
+    """Return the correlation of the images with the loads that presses at some points (K, 3) would give."""
+    there = replace(dataset, presses=replace(dataset.presses, position_m=points))
+    return correlation(dataset.presses.counts, expected_load(there))
 
 
 def unit_of_ratio(ratio: float) -> tuple[str, float] | None:
@@ -166,13 +195,14 @@ def _some(frames: Frames, phase: int | None = None) -> IntArray:
 def _check_words(dataset: Dataset, sheet: Sheet, counts: FloatArray) -> bool:
     """Report words that were read wrongly; return whether they were."""
     names = list(dataset.meta.sensor.taxel_columns())
-    word = bytes_swapped(counts)
-    if word:
-        mapping = "[taxels] swap_bytes = true" + (', word = "int16"' if word == "int16" else "")
+    order = find_byte_order(counts)
+    if order:
+        mapping = f"[taxels] {order}"
+        part, parts = ("half", "halves") if "swap_words" in order else ("byte", "bytes")
         sheet.findings.warn(
-            sheet.file, "readings whose high byte changes with load, and whose low byte is the fine part",
-            "readings that scatter far less with their two bytes exchanged",
-            f"The two bytes of each reading are exchanged: import again with {mapping}.",
+            sheet.file, f"readings whose high {part} changes with load, and whose low {part} is the fine part",
+            f"readings that scatter far less with their two {parts} exchanged",
+            f"The two {parts} of each reading are exchanged: import again with {mapping}.",
             code="bytes_swapped", mapping=mapping,
         )  # fmt: skip
         return True

@@ -30,9 +30,10 @@ NEAR_END: Final = 1 / 64
 GAINED: Final = 0.15
 """Gain in correlation with the load, when read as unsigned, from which readings have wrapped (set by eye)."""
 
-SHRINKS: Final = 1 / 8
+SHRINKS: Final = {16: 1 / 8, 32: 1 / 512}
 """Bytes are swapped if exchanging them makes the range of most taxels, or of the half of their readings that lie
-closest together (mostly rest), smaller by this factor."""
+closest together (mostly rest), smaller by this factor, by the bits of a word. Of 24 bits shifted up in 32, another
+order makes it smaller by 1/256 at most."""
 
 SINKS: Final = 6.0
 """Readings so many standard deviations of noise below rest are no noise."""
@@ -334,35 +335,66 @@ def as_word(values: FloatArray, word: str) -> FloatArray:
     return np.mod(values + size / 2, size) - size / 2 if signed else np.mod(values, size)
 
 
-def swapped(values: FloatArray) -> FloatArray:
-    """Return whole readings of 16 bits with their two bytes exchanged, 0 to 65535; others stay NaN."""
-    words = np.mod(np.where(np.isfinite(values), values, 0), 65536).astype(np.int64)
-    return np.where(np.isfinite(values), (words & 255) * 256.0 + (words >> 8), np.nan)
+def swapped(values: FloatArray, *, swap_bytes: bool = True, swap_words: bool = False) -> FloatArray:
+    """Return whole readings with their bytes in another order, as unsigned words; others stay NaN.
+
+    Args:
+        values: readings of 16 bits, or of 32 with ``swap_words``.
+        swap_bytes: exchange the two bytes of 16 bits.
+        swap_words: exchange the two halves of 32 bits.
+    """
+    size = 2.0**32 if swap_words else 2.0**16
+    words = np.mod(np.where(np.isfinite(values), values, 0), size).astype(np.int64)
+    if swap_bytes:
+        words = ((words & 0xFF00FF) << 8) | ((words >> 8) & 0xFF00FF)
+    if swap_words:
+        words = ((words & 0xFFFF) << 16) | (words >> 16)
+    return np.where(np.isfinite(values), words.astype(np.float64), np.nan)
+
+
+def find_byte_order(counts: FloatArray) -> str:
+    """Return the lines, under ``[taxels]``, that put the bytes of readings (n, J) in order; '' if none do."""
+    word = bytes_swapped(counts)
+    if word:
+        return "swap_bytes = true" + (', word = "int16"' if word == "int16" else "")
+    halves, all_four = (_reordered(counts, 32, swap_bytes=swap) for swap in (False, True))
+    word, scatter = min(halves, all_four, key=lambda one: one[1])
+    lines = "swap_bytes = true, " * (scatter < halves[1]) + "swap_words = true"
+    return lines + (', word = "int32"' if word == "int32" else "") if word else ""
 
 
 def bytes_swapped(counts: FloatArray) -> str:
     """Return the word type of readings of 16 bits (n, J) whose bytes are swapped; '' if they are not."""
-    finite = np.isfinite(counts)
-    values = counts[finite]
-    if len(counts) < 8 or not values.size or values.min() < -32768 or not 256 <= values.max() < 65536:
-        return ""
+    return _reordered(counts, 16, swap_bytes=True)[0]
+
+
+def _reordered(counts: FloatArray, bits: int, *, swap_bytes: bool) -> tuple[str, float]:
+    """Return the word type of readings (n, J) in another order of bytes, '' if it is right, and their scatter in it."""
+    finite, nothing = np.isfinite(counts), ("", np.inf)
+    values, size = counts[finite], 2.0**bits
+    least = 2.0 ** (bits // 2)
+    if len(counts) < 8 or not values.size or values.min() < -size / 2 or not least <= values.max() < size:
+        return nothing
     if not _whole(values):
-        return ""
-    words = np.where(finite, np.mod(np.where(finite, counts, 0), 65536), np.nan)
-    low = np.mod(words, 256)[finite]
-    # Values of 8 bits shifted up have no meaningful low byte: the two orders cannot be told apart.
+        return nothing
+    words = np.where(finite, np.mod(np.where(finite, counts, 0), size), np.nan)
+    low = np.mod(words, least)[finite]
+    # Values that are shifted up have no meaningful low half: the two orders cannot be told apart.
     alive = finite.sum(axis=0) >= 8
     if not low.any() or not alive.any():
-        return ""
-    right = swapped(counts)[:, alive]
+        return nothing
+    right = swapped(counts, swap_bytes=swap_bytes, swap_words=bits == 32)[:, alive]
+    types = [f"uint{bits}", f"int{bits}"]
     for extent in (lambda values: np.ptp(np.nanquantile(values, (0.02, 0.98), axis=0), axis=0), _shorth):
-        extent_now = np.minimum(extent(words[:, alive]), extent(as_word(words[:, alive], "int16")))
-        extents = {word: extent(as_word(right, word)) for word in ("uint16", "int16")}
+        extent_now = np.minimum(extent(words[:, alive]), extent(as_word(words[:, alive], types[1])))
+        extents = {word: extent(as_word(right, word)) for word in types}
         moves = extent_now > 0
         word = min(extents, key=lambda name: float(np.median(extents[name])))
-        if moves.any() and float(np.median(extents[word][moves] / extent_now[moves])) < SHRINKS:
-            return word
-    return ""
+        shrunk = extents[word][moves] / extent_now[moves]
+        # Bytes that belong to two taxels get worse in some: no order of bytes mends those.
+        if moves.any() and float(np.median(shrunk)) < SHRINKS[bits] and float(np.quantile(shrunk, 0.9)) < 1:
+            return word, float(np.nanstd(as_word(right, word)))
+    return nothing
 
 
 def _shorth(values: FloatArray) -> FloatArray:

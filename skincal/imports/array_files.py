@@ -166,11 +166,23 @@ def _array(value: Any) -> NDArray[Any] | Mapping[str, Any]:
         return _by_key(items)
     if any(isinstance(item, list | np.ndarray) for item in items):
         try:
-            return np.stack([np.asarray(item) for item in items])
+            return np.stack([_nested(item) for item in items])
         except ValueError:  # arrays of different shapes are no column
             return np.zeros(0)
     numbers = all(isinstance(item, bool | int | float | np.number) for item in items)
     return np.array(items, dtype=None if numbers else object)
+
+
+def _nested(value: Any) -> NDArray[Any]:
+    """Return lists of lists, which Parquet reads as arrays of arrays, as one array."""
+    array = np.asarray(value)
+    if (
+        array.dtype != object
+        or not array.size
+        or not all(isinstance(item, list | np.ndarray) for item in array)
+    ):
+        return array
+    return np.stack([_nested(item) for item in array])
 
 
 def _by_key(samples: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:

@@ -20,6 +20,7 @@ import numpy as np
 
 from skincal.dataset import HOLD, PHASES
 from skincal.dataset.findings import Findings, listed
+from skincal.imports.clock import LARGEST_STEP
 from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import CutRules
 from skincal.imports.recording import BoolArray, Column, Cut, FloatArray, Rejected, Series, Span, runs
@@ -65,10 +66,19 @@ def contacts(series: Series, rules: CutRules) -> list[tuple[int, int]]:
 
 
 def hold_of(time_s: FloatArray, force_n: FloatArray, rules: CutRules) -> tuple[int, int] | str:
-    """Return the hold of one contact ``[start, stop)``, or the reason why there is none."""
+    """Return the hold of one contact ``[start, stop)``, or the reason why there is none.
+
+    Nobody knows what a contact does while nothing is recorded, or how long that is if the clock was set: a hold has no
+    gap.
+    """
+    steps = np.diff(time_s, prepend=time_s[:1])
+    usual = float(np.median(steps[1:])) if len(steps) > 1 else 0.0
+    gaps = steps > max(rules.min_hold_s, LARGEST_STEP * usual)
+    time_s = time_s - np.cumsum(np.where(gaps, steps - usual, 0.0))
     level = kept_level(time_s, force_n, rules.band)
     inside = np.abs(force_n - level) <= rules.band * abs(level)
-    start, stop = max(runs(_bridged(inside)), key=lambda run: float(time_s[run[1] - 1] - time_s[run[0]]))
+    held = runs(_bridged(inside), np.cumsum(gaps))
+    start, stop = max(held, key=lambda run: float(time_s[run[1] - 1] - time_s[run[0]]))
     start, stop = _trimmed(np.where(inside, force_n, 0.0), start, stop, rules.band)
     start = int(np.count_nonzero(time_s[:stop] < time_s[start] + rules.settle_s))
     lasts = float(time_s[stop - 1] - time_s[start]) if start < stop else 0.0

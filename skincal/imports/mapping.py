@@ -141,8 +141,8 @@ class Taxels:
     def counts(self, values: FloatArray) -> FloatArray:
         """Return images of the source, (rows, source columns), as counts that grow with load, (rows, J)."""
         table = self.table
-        if table.swap_bytes:
-            values = swapped(values)
+        if table.swap_bytes or table.swap_words:
+            values = swapped(values, swap_bytes=table.swap_bytes, swap_words=table.swap_words)
         if table.word:
             values = as_word(values, table.word)
         if isinstance(table, CsvTaxels) and self.axes > 1:

@@ -232,6 +232,7 @@ class TaxelTable(Table, unknown="refuse"):
     falling_from: float | None = None
     word: Annotated[str, Word(options=WORDS)] = ""
     swap_bytes: bool = False
+    swap_words: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -49,6 +49,8 @@ DATE_FORMATS = tuple(
 DISPLACED = 20
 """Rows at most this many places from the order of their stamps were written late; farther, the clock was set."""
 
+HOUR_S = 3600.0
+
 FASTEST_HZ, SLOWEST_HZ = 2e4, 0.1
 """Frame rates of a tactile sensor beyond which the unit of the stamps is wrong [Hz]."""
 
@@ -225,6 +227,12 @@ def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings
         fix = 'Set unit = "datetime" and format = "%H%M%S.%f" (without .%f if they have no decimals).'
         findings.error(f"{time.place} unit", expected, got, fix)
         return
+    each = [epoch_unit(part * abs(time.scale), known) for part in stamps]
+    if None not in each and len(set(each)) > 1:
+        got = "files in " + ", ".join(f'"{name}"' for name in each)
+        fix = "As times since 1970 they are in these units. Convert the files to one unit."
+        findings.error(f"{time.place} unit", "stamps in one unit", got, fix)
+        return
     found, middle = epoch_unit(together, known), float(np.nanmedian(together))
     wrong = 0 < raw * factor < 1 / FASTEST_HZ or (raw * factor > 1 / SLOWEST_HZ and not slow)
     if found not in (None, time.unit.name) and (wrong or middle * factor > DAY_S * 365 * 130):
@@ -263,8 +271,13 @@ def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings:
     top = float(time_s.max()) / (abs(time.scale) * time.unit.factor)
     bits = next((bits for bits in BITS if 2.0**bits / 4 < top < 2.0**bits), None)
     limit = "" if bits is None else f" ({2**bits} for {bits} bits)"
+    hour_off = abs(float(time_s[row - 1] - time_s[row]) - HOUR_S)
     fix = (
-        'The last row is the first event: set order = "time".'
+        f"The clock went back by an hour, as at the end of daylight saving time: set wraps_at = {HOUR_S:g}."
+        if back.size == 1
+        and time.unit.name == units.DATETIME
+        and hour_off < LARGEST_STEP * usual_step(time_s)
+        else 'The last row is the first event: set order = "time".'
         if back.size == len(time_s) - 1
         else "These stamps alone are wrong: empty their cells; they are then placed between their neighbours."
         if single and moved > DISPLACED

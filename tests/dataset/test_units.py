@@ -179,6 +179,49 @@ def test_bytes_in_the_wrong_order(tmp_path: Path, original: Dataset):
     np.testing.assert_array_equal(swapped(swapped(true)), true)
 
 
+@pytest.mark.parametrize("swap_bytes", [False, True])
+def test_halves_of_32_bits_in_the_wrong_order(tmp_path: Path, original: Dataset, swap_bytes: bool):
+    true = words_16(original, 70000.0, 900.0)
+    stored = as_word(swapped(true, swap_bytes=swap_bytes, swap_words=True), "int32")
+    (problem,) = found(tmp_path, changed(original, stored))
+    assert problem.code == "bytes_swapped"
+    lines = problem.details["mapping"]
+    assert (
+        ("swap_bytes = true" in lines) == swap_bytes
+        and "swap_words = true" in lines
+        and "word =" not in lines
+    )
+    np.testing.assert_array_equal(swapped(stored, swap_bytes=swap_bytes, swap_words=True), true)
+
+
+def test_packed_words_are_no_swapped_bytes(original: Dataset):
+    """Four values of 12 bits in three words of 16: an order of bytes mends some taxels only."""
+    from skincal.dataset.word_checks import find_byte_order
+
+    true = np.rint(words_16(original, 200.0, 8.0)).clip(0, 4095).astype(np.int64)
+    a, b, c, d = (true[:, i::4] for i in range(4))
+    packed = np.stack([a << 4 | b >> 8, (b & 255) << 8 | c >> 4, (c & 15) << 12 | d], axis=2)
+    assert not find_byte_order(packed.reshape(len(true), -1).astype(float))
+
+
+@pytest.mark.parametrize("factor", [1e-3, 0.1, 10.0])
+def test_positions_in_another_unit_on_a_plane(tmp_path: Path, original: Dataset, factor: float):
+    """Too small or too large for the images, though near the patch."""
+    rng, centres = np.random.default_rng(2), original.layout().centres_m
+    place = rng.uniform(-7e-3, 7e-3, (40, 2))
+    force, away = rng.uniform(1, 4, 40), np.linalg.norm(place[:, None] - centres, axis=2)
+    counts = np.rint(60 * force[:, None] * np.exp(-((away / 3e-3) ** 2)))
+    mount = MountSpec(0.0, 0.0, (-3e-3, 3e-3), (-15, 15), x_m=0.0, x_range_m=(-3e-3, 3e-3))
+    position = np.column_stack([place, np.zeros(40)])
+    meta = replace(original.meta, surface=SurfaceSpec("plane"), mount=mount)
+    right = replace(original, meta=meta, presses=Presses(np.arange(40), position, force, counts))
+    assert not found(tmp_path, right)
+    wrong = replace(right, presses=replace(right.presses, position_m=position * factor))
+    (tmp_path / "b").mkdir()
+    (problem,) = found(tmp_path / "b", wrong)
+    assert problem.code == "unit_suspect" and problem.details["factor"] * factor == pytest.approx(1.0)
+
+
 def test_swapped_bytes_of_words_that_fill_their_range(original: Dataset):
     """High bytes change under load and low bytes by noise: the range is whole in either order, rest is not."""
     load = loads(original)

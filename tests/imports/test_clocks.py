@@ -95,6 +95,25 @@ def test_epoch_in_another_unit_is_named(tmp_path: Path):
         bring(tmp_path, np.rint((1_763_683_170 + TIME) * 1000).astype(np.int64), {"unit": "s"})
 
 
+def test_epochs_of_two_units_are_named(tmp_path: Path):
+    paths = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    half, stamps = len(TABLE) // 2, EPOCH_S + TIME
+    TABLE[:half].assign(t=np.rint(1000 * stamps[:half])).to_csv(paths[0], index=False)
+    TABLE[half:].assign(t=stamps[half:]).to_csv(paths[1], index=False)
+    content = mapping(PLANE, ONE_FILE, columns={"time_s": {"column": "t", "unit": "ms"}})
+    with pytest.raises(InputError, match='got files in "ms", "s"'):
+        import_csv(write_mapping(tmp_path, content), tmp_path / "out", paths)
+
+
+def test_hour_of_daylight_saving_time(tmp_path: Path):
+    moments = pd.Timestamp("2026-10-25 02:59:50") + pd.to_timedelta(TIME - 3600.0 * (TIME >= 10), unit="s")
+    with pytest.raises(InputError, match="set wraps_at = 3600"):
+        bring(tmp_path, moments.astype(str), {"unit": "datetime"})
+    (tmp_path / "b").mkdir()
+    back, _ = bring(tmp_path / "b", moments.astype(str), {"unit": "datetime", "wraps_at": 3600})
+    assert_same(back)
+
+
 def test_dates_of_a_format(tmp_path: Path):
     form = "%d.%m.%Y %H:%M:%S.%f"
     words = (pd.Timestamp("2026-11-20 12:00:00") + pd.to_timedelta(TIME, unit="s")).strftime(form)

@@ -91,3 +91,12 @@ def test_slopes_of_a_line_are_the_lines():
     time = np.sort(np.random.default_rng(1).uniform(0, 5, 200))
     np.testing.assert_allclose(slopes(time, 3 * time - 1, 0.5), 3.0, rtol=1e-9)
     assert np.isinf(slopes(time[:1], time[:1], 0.5)).all()
+
+
+def test_hold_has_no_gap():
+    """Samples are lost, or the clock is set, in the ramp of a contact: the level is that of what was recorded."""
+    time, force = trapeze(2.0, 0.5, 1.0)
+    for at in (30, 80):  # in the ramp, in the hold
+        hold = hold_of(time + np.where(np.arange(len(time)) >= at, 3600.0, 0.0), force, CutRules())
+        assert not isinstance(hold, str)
+        assert hold[0] == pytest.approx(max(at, 50), abs=3) and hold[1] == pytest.approx(150, abs=3)

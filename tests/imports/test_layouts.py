@@ -310,7 +310,7 @@ ARRAYS = {
 
 @pytest.mark.parametrize(
     "kind", ["npz", "mat", "mat struct", "mat rows", "mat cells", "mat frames", "mat v4", "h5", "parquet", "feather",
-             "cubes"],
+             "cubes", "parquet lists"],
 )  # fmt: skip
 def test_arrays(tmp_path: Path, kind: str):
     content = mapping(PLANE, ARRAYS)
@@ -337,6 +337,10 @@ def test_arrays(tmp_path: Path, kind: str):
         savemat(file, {"run": held} if named else held, format="4" if kind == "mat v4" else "5")
         if named:
             moved(content, "run.", "run.skin[{j}]")
+    elif kind == "parquet lists":  # a list of rows in a cell
+        rows = [image.tolist() for image in IMAGES.reshape(-1, 3, 3)]
+        pd.DataFrame({name: list(array) for name, array in held.items()} | {"skin": rows}).to_parquet(file)
+        content["taxels"]["columns"] = "skin[{r},{c}]"
     elif kind == "h5":
         h5py = pytest.importorskip("h5py")
         with h5py.File(file, "w") as out:
