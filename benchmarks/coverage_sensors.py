@@ -42,8 +42,7 @@ Record = dict[str, Any]
 LEVELS = (0.5, 0.8, 0.9, 0.95)
 CHEAP = FitOptions(
     steps=GridSteps(1.2e-3, 1e-3, math.radians(8.0), 8),
-    rounds=(3, 12),
-    round_size=300,
+    rounds=(9, 36),
     enough_draws=250,
     law_spreads_m=(0.0,),
 )

@@ -102,7 +102,7 @@ def test_epochs_of_two_units_are_named(tmp_path: Path):
     TABLE[half:].assign(t=stamps[half:]).to_csv(paths[1], index=False)
     content = mapping(PLANE, ONE_FILE, columns={"time_s": {"column": "t", "unit": "ms"}})
     with pytest.raises(InputError, match='got files in "ms", "s"'):
-        import_csv(write_mapping(tmp_path, content), tmp_path / "out", paths)
+        imported(tmp_path, content, paths)
 
 
 def test_hour_of_daylight_saving_time(tmp_path: Path):
