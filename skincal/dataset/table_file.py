@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -293,13 +294,16 @@ def report_ragged(
 
 def _other_bytes(path: Path) -> str:
     """Return the line of the first bytes that are not UTF-8, or ''; the CSV reader would print a traceback."""
+    decoder, line = codecs.getincrementaldecoder("utf-8")(), 1
     with open_input(path) as file:
-        for number, line in enumerate(file, start=1):
+        while True:
+            block = file.read(1 << 20)
             try:
-                line.decode()
-            except UnicodeDecodeError:
-                return f"line {number}"
-    return ""
+                line += decoder.decode(block, final=not block).count("\n")
+            except UnicodeDecodeError as error:
+                return f"line {line + error.object[: error.start].count(10)}"
+            if not block:
+                return ""
 
 
 def _to_numpy(column: pa.ChunkedArray, sheet: Sheet, name: str) -> Column:
