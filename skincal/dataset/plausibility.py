@@ -111,7 +111,7 @@ def _check_positions(
     if factor is not None:
         got, fix = (
             f"others, at a median distance of {away:.3g} m",
-            f"Is their unit another one? {scaled_by(factor)}.",
+            f"Are they in another unit? Then {scaled_by(factor)}.",
         )
         findings.warn(place, "contact points [m] that go with the images", got, fix, code=CODE, factor=factor)
     off = _median_off(surface, points)

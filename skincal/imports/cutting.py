@@ -77,7 +77,7 @@ def hold_of(time_s: FloatArray, force_n: FloatArray, rules: CutRules) -> tuple[i
     time_s = time_s - np.cumsum(np.where(gaps, steps - usual, 0.0))
     level = kept_level(time_s, force_n, rules.band)
     inside = np.abs(force_n - level) <= rules.band * abs(level)
-    held = runs(_bridged(inside), np.cumsum(gaps))
+    held = runs(_bridged(inside), np.cumsum(gaps, dtype=np.int64))
     start, stop = max(held, key=lambda run: float(time_s[run[1] - 1] - time_s[run[0]]))
     start, stop = _trimmed(np.where(inside, force_n, 0.0), start, stop, rules.band)
     start = int(np.count_nonzero(time_s[:stop] < time_s[start] + rules.settle_s))
