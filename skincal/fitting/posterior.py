@@ -47,7 +47,8 @@ _CONVERGED = 0.01
 """A climb ends at a Gauss-Newton step that promises less than this in log density: a numerical tolerance."""
 _PLAIN_STEPS, _MOST_RELAXATION, _SIGMAS_CONVERGED = 6, 8.0, 5e-3
 """For the first ``_PLAIN_STEPS`` steps from afar, the sigmas take plain EM steps. After that, the steps are
-over-relaxed by at most ``_MOST_RELAXATION``, until the logs of the sigmas change by less than ``_SIGMAS_CONVERGED``."""
+over-relaxed, by ``_MOST_RELAXATION`` at most, until the logs of the sigmas change by less than
+``_SIGMAS_CONVERGED``."""
 
 _UNITS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])
 """Units of the macro variables in the evidence: millimetres instead of metres keep the determinant away from
