@@ -147,11 +147,7 @@ def collect(
 
 
 def _sound_presses(journal: Journal, meta: DatasetMeta) -> int:
-    """Return the number of finished presses, before the rig is connected to make the others.
-
-    Raises:
-        InputError: they make no dataset of this rig: files have been changed.
-    """
+    """Return the number of finished presses; refuse files that have been changed, before the rig is connected."""
     numbers = list(journal.presses())
     if not numbers:
         return 0

@@ -48,10 +48,7 @@ def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tu
     """Return as many poses as the plan has, for the sites at the border of its field and its largest force.
 
     The first is the pose with the largest reserve. Each further one is the most different from those before it, among
-    poses with enough reserve.
-
-    Raises:
-        WorkError: there are too few poses.
+    poses with enough reserve. Too few poses are a ``WorkError``.
     """
     hand = fingers.kinematics.description
     columns = fingers.kinematics.skin.columns

@@ -82,11 +82,7 @@ class Handover:
     def take(self) -> FloatArray:
         """Open the fingers, close them on an object until both touch it, and squeeze.
 
-        Returns:
-            (n,) commanded angles that hold the object [rad].
-
-        Raises:
-            WorkError: the fingers closed without touching an object.
+        Return the commanded angles (n,) that hold the object [rad]. Without an object, raise a ``WorkError``.
         """
         motion = self.motion
         states = motion.hold(self._open("opening"), self.options.rest_s)
@@ -109,10 +105,9 @@ class Handover:
         return goal
 
     def _close(self) -> FloatArray:
-        """Close each finger until it touches, independently: the object is not held exactly in the middle.
+        """Close each finger until it touches; return the commanded angles (n,) at contact [rad].
 
-        Returns:
-            (n,) commanded angles at contact [rad].
+        Each closes independently, as the object is not held exactly in the middle.
         """
         motion, options, width_m = self.motion, self.options, self.width_m
         thumb = np.isin(self.description.joints, self.description.indenter_finger.joints)
@@ -134,11 +129,7 @@ class Handover:
         return command
 
     def _squeeze(self, command_rad: FloatArray) -> FloatArray:
-        """Raise the normal force: command angles that exceed the measured ones by torque over joint stiffness.
-
-        Returns:
-            (n,) commanded angles that hold the object [rad].
-        """
+        """Raise the normal force by angles (n,) that exceed the measured ones by torque over joint stiffness [rad]."""
         motion, options = self.motion, self.options
         # Average some states: noise in a single one would act as a torque that pushes the object aside.
         still = motion.hold(command_rad, options.squeeze_s)

@@ -54,12 +54,7 @@ class StateCheck:
         self._taxels = TaxelCheck(description.meta.sensor, options, raw=driver.follows_commands)
 
     def __call__(self, state: HandState, now_s: float, waited_s: float = 0.0) -> None:
-        """Check a state.
-
-        Args:
-            state: state from the driver.
-            now_s: our clock at its arrival [s].
-            waited_s: time that the driver took for it [s].
+        """Check a state that arrived at ``now_s`` on our clock, after the driver took ``waited_s`` for it [s].
 
         Raises:
             HandError: a violation; the guard stops the hand and says so.
@@ -145,15 +140,10 @@ class TaxelCheck:
         self._answered_s = math.nan
 
     def __call__(self, values: FloatArray, age_s: FloatArray, time_s: float) -> None:
-        """Check that existing values (J,) are finite, of the converter and fresh, and that some exist.
-
-        Args:
-            values: taxel values (J,).
-            age_s: age of each value (J,) [s].
-            time_s: the rig's clock [s].
+        """Check at a time of the rig's clock that existing values (J,) are finite, of the converter and fresh [s].
 
         Raises:
-            HandError: a violation.
+            HandError: a violation, or no value has existed for too long.
         """
         if age_s.min() >= -self._options.taxel_ahead_s and age_s.max() <= self._options.taxel_age_s:
             # NaN fails the comparisons, and is treated below.

@@ -22,13 +22,8 @@ class ClockCheck:
     """Checker of the time of each state, one after the other.
 
     The lag is a leaky sum: the advance of our clock between two states less that of the hand's, never below zero. So it
-    is the lag behind the earliest state, and clocks that differ by `DRIFT` do not add up over a long session.
-
-    Args:
-        options: limits.
-        real_time: whether the hand's clock runs as fast as ours.
-        period_s: time between two states [s].
-        recorded: whether the states come from a recording, which may have gaps.
+    is the lag behind the earliest state, and clocks that differ by `DRIFT` do not add up over a long session. States of
+    a recording may have gaps.
     """
 
     def __init__(
@@ -43,12 +38,7 @@ class ClockCheck:
         self._behind_s = self._ahead_s = 0.0
 
     def __call__(self, time_s: float, now_s: float, waited_s: float) -> None:
-        """Check a state's time.
-
-        Args:
-            time_s: the hand's clock [s].
-            now_s: our clock at the arrival of the state [s].
-            waited_s: time that the driver took for it [s].
+        """Check the hand's clock in a state that arrived at ``now_s`` on ours, after a wait for the driver [s].
 
         Raises:
             HandError: a violation.

@@ -51,14 +51,8 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     A separate thread of the guard makes all calls to the driver, except for ``stop``.
 
-    Args:
-        driver: the rig, not connected.
-        options: limits and times; ``max_force_n`` replaces that of the description.
-        clock: our clock [s].
-
     Attributes:
         name: the driver's name.
-        failure: error for which the guard stopped the rig; None without a fault.
     """
 
     rig: ClassVar[str]
@@ -76,7 +70,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
         self._clock = clock
         self._worker: Worker | None = None
         self._lock = Lock()
-        self.failure: HandError | None = None
+        self._failure: HandError | None = None
         self._halt = Stop(lambda: self._made.stop(), self._options.stop_timeout_s, self.name, self.rig)
         self._closed = False
         self._period_s: float | None = None
@@ -103,6 +97,11 @@ class Guarded(ABC, Generic[Description, State, Command]):
     def real_time(self) -> bool:
         """True if the rig's clock runs as fast as ours."""
         return self._made.real_time
+
+    @property
+    def failure(self) -> HandError | None:
+        """Error for which the guard stopped the rig; None without a fault."""
+        return self._failure
 
     def connect(self) -> None:
         """Connect to the rig.
@@ -206,15 +205,11 @@ class Guarded(ABC, Generic[Description, State, Command]):
             raise HandError(f"{self.name}: {trouble}", "driver", stopped=False)
 
     def close(self) -> None:
-        """Release the rig. May be called twice.
-
-        Raises:
-            HandError: the driver's ``close`` raised, or did not return; the rig is stopped.
-        """
+        """Release the rig; a ``HandError`` says that the driver's ``close`` failed. May be called twice."""
         if self._closed or self._worker is None:
             return
         error = self._give_back(self._worker)
-        if error is not None and self.failure is None:
+        if error is not None and self._failure is None:
             raise error
 
     def __enter__(self) -> Self:
@@ -225,11 +220,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stop the rig, whatever happened, and release it. Add a note to the exception that the rig was stopped.
-
-        Raises:
-            HandError: the rig could not be stopped.
-        """
+        """Stop the rig, whatever happened, and release it; note the stop on the exception, or raise that it failed."""
         try:
             with held_back() as came:
                 trouble = self._halt()
@@ -269,8 +260,9 @@ class Guarded(ABC, Generic[Description, State, Command]):
         if isinstance(error, HandError) and error.stopped is not None:
             return
         if trouble:
-            reason = "" if error is None else f"{text_of(error)}; "
-            reason = "interrupted; " if isinstance(error, KeyboardInterrupt) else reason
+            reason = ""
+            if error is not None:
+                reason = "interrupted; " if isinstance(error, KeyboardInterrupt) else f"{text_of(error)}; "
             raise HandError(f"{self.name}: {reason}{trouble}", "driver", stopped=False) from error
         if error is not None:
             error.add_note(stopped(self.rig))
@@ -283,8 +275,8 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     def _ready(self, what: str) -> Worker:
         """Return the worker of a connected rig without faults."""
-        if self.failure is not None:
-            raise self.failure.again()
+        if self._failure is not None:
+            raise self._failure.again()
         if self._worker is None or self._closed:
             raise HandError(f"{self.name}: {what}() of a {self.rig} that is not connected", "order")
         return self._worker
@@ -298,8 +290,8 @@ class Guarded(ABC, Generic[Description, State, Command]):
             text = f"{what}() did not return within {timeout_s:g} s"
             self._fail(HandError(text, "timeout", value=timeout_s, limit=timeout_s))
         except Exception as error:
-            if self.failure is not None:
-                raise self.failure.again() from None
+            if self._failure is not None:
+                raise self._failure.again() from None
             raised = raised_by(error)
             self._fail(described(what, raised), cause=raised)
         except BaseException:
@@ -308,8 +300,8 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     def _unless_failed(self, work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         """Run in the worker: do nothing if the rig was stopped while the call waited for its turn."""
-        if self.failure is not None:
-            raise self.failure
+        if self._failure is not None:
+            raise self._failure
         return work(*arguments)
 
     def _send(self, command: Command) -> None:
@@ -324,7 +316,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
         end = trouble or f"{stopped(self.rig)} {self._advice(violation.kind)}".rstrip()
         error = violation.again(f"{self.name}: {violation}. {end}", stopped=not trouble)
         with self._lock:
-            self.failure = self.failure or error
+            self._failure = self._failure or error
         raise error from cause
 
     def _advice(self, kind: HandErrorKind) -> str:
@@ -345,7 +337,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
         atexit.unregister(self._at_exit)
         options = self._options
         timeout_s = timeout_s or options.connect_timeout_s
-        hung = self.failure is not None and self.failure.kind == "timeout"
+        hung = self._failure is not None and self._failure.kind == "timeout"
         try:
             # A driver with a hanging call cannot be closed; do not wait.
             worker.call(lambda: None, timeout_s=options.stop_timeout_s if hung else options.timeout_s)

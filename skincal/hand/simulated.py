@@ -18,12 +18,7 @@ from skincal.hand.driver import HandDriver
 class SimulatedDriver(HandDriver):
     """A simulated hand; one that has been stopped holds its motors until it is connected again.
 
-    Args:
-        rate_hz: rate of states and commands [Hz].
-        physics_hz: rate of the physics [Hz].
-
-    Raises:
-        InputError: the rate does not fit the physics.
+    The rate of states and commands must divide that of the physics.
     """
 
     def __init__(self, rate_hz: int, physics_hz: int) -> None:

@@ -39,7 +39,7 @@ class Trial(GuardedHand):
 
     @classmethod
     def of(cls, make: Callable[[], HandDriver], options: ContractOptions) -> Self:
-        """Create a driver and return its trial; errors are those of :func:`created`."""
+        """Create a driver and return its trial."""
         return cls(created(make), options, make)
 
     def connect(self) -> None:
@@ -77,7 +77,7 @@ class Trial(GuardedHand):
 
 
 def created(make: Callable[[], Rig], timeout_s: float | None = None) -> Rig:
-    """Create a driver, which may hang; errors are those of :func:`call_and_leave`."""
+    """Create a driver, which may hang; errors are those of :func:`~skincal.hand.worker.call_and_leave`."""
     return call_and_leave(make, timeout_s or CONNECT_S, "make a driver")
 
 

@@ -27,13 +27,7 @@ _TOUCH_N = 0.3
 class SimulatedHand:
     """A hand in its own PyBullet client, independent of others.
 
-    Args:
-        description: the hand.
-        truth: true parameters of its skin and joints.
-        rng: generator of all noise.
-        options: options of the physics.
-        start_s: start of the hand's clock [s]: drifts of a resumed session continue.
-        memory: contact history of the skin, to which new contacts are added; None: none.
+    Drifts of a session that starts at ``start_s`` continue, and new contacts are added to the skin's memory.
 
     Attributes:
         image_contact: the true contact at the latest image.

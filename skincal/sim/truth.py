@@ -112,11 +112,7 @@ class Truth:
         return replace(truth, strengths=strengths, effects=_effects(rng, description, strengths))
 
     def with_skin(self, calibration: Calibration, description: HandDescription) -> Truth:
-        """Return the same joints and noise with the skin of a calibration; its effects join those that were drawn.
-
-        Raises:
-            InputError: the calibration has another sensor, or an effect that was drawn as well.
-        """
+        """Return the same joints and noise with the skin of a calibration of this sensor; its effects are added."""
         meta, place = description.meta, f"hand {description.name}"
         layout = layout_of(meta.sensor, None)
         problems = sensor_differences(calibration, meta.sensor, layout, meta.surface, {}, place=place)
