@@ -51,7 +51,7 @@ class _Trajectory(Key):
             good = value in _TRAJECTORIES
         else:
             good = value.ndim == 2 and value.shape[1] == 2 and len(value) and (np.abs(value) <= 0.05).all()
-        return None if good else (self.expected, self.fix)
+        return None if good else (self.expected, "")
 
 
 class _Names(Key):

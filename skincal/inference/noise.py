@@ -126,7 +126,7 @@ class Noise:
             _, slope, each, shared = self._as_line.moments(level)
             each = np.maximum(each - kept, C.least_variance * each)
             return self.stairs.moments(level, spread)[0], slope, each, shared + kept
-        x, *rows = self._table
+        x, means, slopes, variances = self._table
         plain = self._sd(level) ** 2 + self.step**2 / 12 - kept
         mean, shared = np.clip(level, self.low, self.high), np.full_like(level, kept)
         slope, each = (mean == level).astype(np.float64), plain.copy()
@@ -134,11 +134,13 @@ class Noise:
             spread = C.image * np.abs(level - self.rest) if spread is None else spread
             near = (level > x[0]) & (level < x[-1]) & (np.hypot(self.frame, spread) < C.smooth * self.step)
             wide = np.where(spread > self.frame / _FINE, spread, 0.0)[near]
-            mean[near], slope[near], each[near], shared[near] = _on_stairs(x, *rows, level[near], wide)
+            mean[near], slope[near], each[near], shared[near] = _on_stairs(
+                x, means, slopes, variances, level[near], wide
+            )
         else:
             for end in (e for e in (self.low, self.high) if np.isfinite(e)):
                 near = np.abs(level - end) < _NEAR * float(np.hypot(self._sd(np.array(end)), self.step))
-                mean[near], slope[near], each[near] = _near_bound(x, *rows, level[near])
+                mean[near], slope[near], each[near] = _near_bound(x, means, slopes, variances, level[near])
         return mean, np.maximum(slope, C.least_slope), np.maximum(each, C.least_variance * plain), shared
 
     def rounded(self, value: FloatArray) -> FloatArray:
