@@ -40,7 +40,11 @@ _OURS = re.compile(
 
 
 class Journal:
-    """The journal of one session, in a folder; its head describes the session in JSON values."""
+    """The journal of one session, in a folder; its head describes the session in JSON values.
+
+    Args:
+        head: description of the session: all that must be equal to resume it. JSON values only.
+    """
 
     def __init__(self, folder: Path, head: Mapping[str, Any]) -> None:
         self.folder, self.head = folder, dict(head)
@@ -54,6 +58,9 @@ class Journal:
             key: all that must be equal to resume a session, by readable names.
             notes: further information that is stored at the start and may differ.
             restart: whether to discard an earlier session.
+
+        Raises:
+            InputError: the folder holds another session, or something else.
         """
         if restart:
             _remove(folder)
@@ -73,7 +80,11 @@ class Journal:
 
     @classmethod
     def find(cls, folder: Path) -> Self | None:
-        """Return the session in a folder; None if there is none. Anything else in it is an ``InputError``."""
+        """Return the session in a folder; None if there is none. Anything else in it is an ``InputError``.
+
+        Raises:
+            InputError: the folder exists, but holds no session.
+        """
         if not folder.exists():
             return None
         try:
@@ -104,7 +115,11 @@ class Journal:
         return [number for number in range(presses) if number not in done], last_s
 
     def connections(self) -> list[dict[str, Any]]:
-        """Return the starts and resumptions of the session in order: see :meth:`connected`."""
+        """Return the starts and resumptions of the session in order: see :meth:`connected`.
+
+        Raises:
+            InputError: a file is damaged.
+        """
         return [_connection(path) for path in sorted(self.folder.glob("connection-*.json"))]
 
     def connected(self, what: Mapping[str, Any]) -> None:
@@ -180,7 +195,11 @@ def journal_lock(out: Path) -> Path:
 
 
 def discard_session(out: Path) -> None:
-    """Remove what an interrupted session with output ``out`` left, unless it is at work or others use its folder."""
+    """Remove what an interrupted session with output ``out`` left, unless it is at work or others use its folder.
+
+    Raises:
+        InputError: the session is at work, or its folder holds something else.
+    """
     folder = journal_folder(out)
     with alone(journal_lock(out), folder, create=True):
         _remove(folder)

@@ -144,6 +144,14 @@ def write_plan(plan: Plan, path: Path, *, force: bool = False) -> None:
     """Write a plan, TOML or CSV by the suffix; numbers are read back exactly.
 
     A CSV file holds no angles of poses. An existing file is an ``InputError``, unless ``force`` is given.
+
+    Args:
+        plan: the plan.
+        path: the file, ``.toml`` or ``.csv``. A CSV file holds no angles of poses.
+        force: whether to replace an existing file.
+
+    Raises:
+        InputError: the suffix is not supported, or the file exists and ``force`` is not given.
     """
     text = {".toml": plan_as_toml, ".csv": _as_csv}.get(path.suffix.lower())
     if text is None:

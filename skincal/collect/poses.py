@@ -29,14 +29,24 @@ PLAN_MARGIN_RAD = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Reserve of a pose: smallest distance of a commanded angle from its limits, largest torque over its limit."""
+    """Reserve of a pose: smallest distance of a commanded angle from its limits, largest torque over its limit.
+
+    Attributes:
+        margin_rad: smallest distance of a commanded angle from its limits [rad].
+        torque_share: largest torque relative to the joint's limit.
+    """
 
     margin_rad: float
     torque_share: float
 
 
 def with_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> Plan:
-    """Return the plan with angles for all its poses, in which every press has been checked to be within reach."""
+    """Return the plan with angles for all its poses, in which every press has been checked to be within reach.
+
+    Raises:
+        InputError: angles of the plan do not fit the hand, or a press is out of reach.
+        WorkError: the hand has too few poses in which all sites can be pressed.
+    """
     if not plan.poses:
         poses = find_poses(plan, fingers, options)
         plan = replace(plan, poses=dict(zip(plan.pose_names, poses, strict=True)))
@@ -49,6 +59,9 @@ def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tu
 
     The first is the pose with the largest reserve. Each further one is the most different from those before it, among
     poses with enough reserve. Too few poses are a ``WorkError``.
+
+    Raises:
+        WorkError: there are too few poses.
     """
     hand = fingers.kinematics.description
     columns = fingers.kinematics.skin.columns
@@ -80,7 +93,11 @@ def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tu
 
 
 def check_reach(plan: Plan, fingers: Fingers, options: CollectOptions) -> None:
-    """Refuse a plan with presses that cannot be made, before anything moves; all are reported."""
+    """Refuse a plan with presses that cannot be made, before anything moves; all are reported.
+
+    Raises:
+        InputError: some presses cannot be made; all are reported.
+    """
     joints = len(fingers.kinematics.skin.columns)
     problems = [
         Problem(f"plan, pose {name}", f"{joints} angles [rad], of the finger with the skin", f"{len(angles)}")

@@ -48,7 +48,12 @@ class Mount:
         return self.surface.wrap(self.pose, np.reshape(np.asarray(uv_m, dtype=np.float64), (-1, 2)))
 
     def site_at(self, across: float, y_m: float) -> tuple[float, float]:
-        """Return the site (u, v) [m] at a position, ``across`` being beta [rad] or on a plane x [m]; NaN for NaN."""
+        """Return the site (u, v) [m] at a position, ``across`` being beta [rad] or on a plane x [m]; NaN for NaN.
+
+        Args:
+            across: beta [rad], on a plane x [m].
+            y_m: along the finger [m].
+        """
         if not np.isfinite([across, y_m]).all():
             return float("nan"), float("nan")
         there = SensorPose(y_m, 0.0, x_m=across) if self.pose_is_plane else SensorPose(y_m, 0.0, across)
@@ -97,6 +102,10 @@ class Posture:
         """Return the commanded angles (n,) [rad] at which a hand without friction presses with a force at a height.
 
         The force (3,) is normal to the skin, along u and along v [N].
+
+        Args:
+            height_m: height of the indenter above the skin [m].
+            force_n: normal force and shears along u and v (3,) [N].
         """
         return self.links_at(height_m) + self.give_rad @ force_n
 

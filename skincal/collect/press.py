@@ -20,6 +20,13 @@ class Regulator:
     The command is the force that the fingers would give by their stiffness alone. Stick friction takes some of it, more
     when the motion reverses, and lets shear grow; both show in the measured torques and are regulated to zero. The
     force lags behind the command by ``lag_s``, before its low-pass.
+
+    Args:
+        period_s: time between two steps [s].
+        filter_s: time constant of the low-pass on the measured force [s].
+        lag_s: lag of the force behind the command, before that low-pass [s].
+        share: proportional gain.
+        per_s: integral gain [1/s].
     """
 
     def __init__(self, period_s: float, filter_s: float, lag_s: float, share: float, per_s: float) -> None:

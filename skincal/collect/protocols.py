@@ -71,7 +71,11 @@ class FullProtocol:
 
 
 def paper_plan(rng: np.random.Generator, layout: TaxelLayout, options: PaperProtocol | None = None) -> Plan:
-    """Draw a session of the paper's protocol; the patch must be large enough for its sites."""
+    """Draw a session of the paper's protocol; the patch must be large enough for its sites.
+
+    Raises:
+        InputError: the patch is too small for this number of sites.
+    """
     options = options or PaperProtocol()
     places = patch_grid(layout)
     if options.presses > len(places):
@@ -95,6 +99,12 @@ def full_plan(
     """Draw a session in which no effect is confounded with another.
 
     Its last presses are with a second sphere of a radius ``second_indenter_m`` [m]; None: with the same one.
+
+    Args:
+        rng: generator of all randomness.
+        layout: the taxels, which set the extent of the sites.
+        options: options of the protocol.
+        second_indenter_m: radius of a second sphere [m], for presses at the end; None: no change of the cap.
     """
     options = options or FullProtocol()
     anchor = _anchor(layout, options)
@@ -127,6 +137,12 @@ def spread_sites(
     """Return sites on the grid, in random order, that cover the patch evenly; more than the grid has repeat.
 
     Each is the farthest of some random candidates from earlier sites, and none is ``without`` [m].
+
+    Args:
+        rng: generator of all randomness.
+        layout: the taxels.
+        count: number of sites; beyond the size of the grid they repeat.
+        without: a site that is not drawn [m].
     """
     places = patch_grid(layout)
     if without is not None:

@@ -78,6 +78,15 @@ def press_tables(
 
     The samples are all since the press before, ``tare_nm`` the torques at rest (n,) [N m], and ``lost`` says whether
     contact was lost in the hold.
+
+    Args:
+        session: the session.
+        number: number of the press.
+        target_m: planned contact point (3,) [m].
+        moments: starts of the parts of the press.
+        samples: all samples since the press before.
+        tare_nm: torques at rest (n,) [N m].
+        lost: whether contact was lost in the hold.
     """
     options, planned = session.options, session.plan.presses[number]
     frames = frames_of(samples, session.last_frame_s, options.frame_rate_hz)

@@ -52,6 +52,9 @@ class Rig:
             seed: for drivers that take one.
             beyond_limits: whether limits may be beyond those of any finger or bench; otherwise they are refused.
             own: options of the driver for which the command has an option of its own; empty ones are left out.
+
+        Raises:
+            InputError: there is no such driver or option, or a limit is beyond those of any finger or bench.
         """
         own = {key: value for key, value in own.items() if value}
         if "seed" in _known(name):

@@ -49,6 +49,9 @@ class Session:
         """Record a connection, before the rig moves; return the session's clock less the rig's, which is now ``rig_s``.
 
         The session's clock goes on with the rig's if that ran on, else a moment after the last frame [s].
+
+        Args:
+            rig_s: the rig's clock now [s].
         """
         shift_s = -rig_s
         if np.isfinite(self.last_frame_s):
@@ -64,6 +67,12 @@ class Session:
         """Return what the row of a press with a planned contact point (3,) [m] holds on every rig, by column.
 
         The means are those over the steady part of the hold, by column; among them ``force_n``.
+
+        Args:
+            number: number of the press.
+            target_m: planned contact point (3,) [m].
+            moments: starts of the parts of the press.
+            means: means over the steady part of the hold, by column; among them ``force_n``.
         """
         planned, options = self.plan.presses[number], self.options
         tolerance_n = max(options.tolerance_n, options.tolerance_share * planned.force_n)

@@ -48,7 +48,11 @@ class Place:
 def way_over_skin(
     fingers: Fingers, start: Place, site: tuple[float, float], skin_rad: FloatArray, centre_height_m: float
 ) -> FloatArray:
-    """Return angles of the links (W, n) [rad] on the way between two sites at one height; nothing is dragged."""
+    """Return angles of the links (W, n) [rad] on the way between two sites at one height; nothing is dragged.
+
+    Raises:
+        WorkError: the path leads out of reach.
+    """
     length = float(np.hypot(site[0] - start.site[0], site[1] - start.site[1]))
     turn = float(np.abs(skin_rad - start.skin_rad).max())
     count = 2 + int(max(length / WAYPOINT_M, turn / 0.05))
@@ -69,7 +73,11 @@ def way_over_skin(
 def way_through_joints(
     fingers: Fingers, start_rad: FloatArray, end_rad: FloatArray, radius_m: float, least_m: float
 ) -> FloatArray:
-    """Return a straight path (W, n) of the joints [rad] if the indenter stays off the skin, else one that rises."""
+    """Return a straight path (W, n) of the joints [rad] if the indenter stays off the skin, else one that rises.
+
+    Raises:
+        WorkError: both paths lead through the finger.
+    """
     indenter = fingers.kinematics.indenter.columns
     first = start_rad.copy()
     first[indenter] = fingers.kinematics.description.home_rad[indenter]

@@ -30,6 +30,12 @@ def check_counts(
     """Report problems of the counts (rows,) in the taxel ``columns`` that are present.
 
     ``whole`` is True for single readings (frames), which must be whole numbers if the converter rounds.
+
+    Args:
+        reader: the table.
+        sensor: the sensor's description.
+        columns: counts (rows,) of each taxel column that is present.
+        whole: True for single readings (frames), which must be whole numbers if the converter rounds.
     """
     names = [name for name in sensor.taxel_columns() if reader.has(name)]
     stray, infinite, outside, broken = (BadCells() for _ in range(4))

@@ -332,6 +332,10 @@ def hold_means(dataset: Dataset, values: FloatArray | Iterable[FloatArray]) -> F
     """Return the means of columns of the frames over the hold of each press, (K,) or (K, m); NaN without a hold.
 
     ``values`` are (n,) or (n, m), frame by frame, or an iterable of m columns (n,).
+
+    Args:
+        dataset: a dataset with frames.
+        values: (n,) or (n, m), frame by frame, or an iterable of m columns (n,).
     """
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None

@@ -91,6 +91,10 @@ def centre_contacts(dataset: Dataset, margin_m: float) -> Dataset:
     ``force_n`` of a chamber is the pressure times the area of its punch, but the modelled skin ends ``margin_m`` [m]
     beyond its taxels. Contacts of unknown position move to the sensor's nominal centre, the punch is enlarged to cover
     the whole modelled skin, and forces become the pressure times the area of that skin.
+
+    Args:
+        dataset: the dataset.
+        margin_m: width of the modelled skin around the taxels [m].
     """
     if not uniform_pressure(dataset):
         return dataset

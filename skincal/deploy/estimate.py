@@ -34,6 +34,12 @@ def estimate_positions(record: Record, estimator: Estimator, pinch: Pinch, width
     """Estimate the position (T, 2) of an object of a width [m] at every state, in patch coordinates [m].
 
     It is NaN without contact. The sensor is assumed at the pose of the hand's description.
+
+    Args:
+        record: record of the run.
+        estimator: position estimator for the hand's taxels.
+        pinch: the hand; the sensor is assumed at the pose of the hand's description.
+        width_m: width of the object [m].
     """
     in_contact = record.centroids_m.sum(axis=1) >= _LEAST_COUNTS
     places = np.full((len(in_contact), 2), np.nan)

@@ -83,6 +83,9 @@ class Handover:
         """Open the fingers, close them on an object until both touch it, and squeeze.
 
         Return the commanded angles (n,) that hold the object [rad]. Without an object, raise a ``WorkError``.
+
+        Raises:
+            WorkError: the fingers closed without touching an object.
         """
         motion = self.motion
         states = motion.hold(self._open("opening"), self.options.rest_s)

@@ -19,6 +19,9 @@ class PolicyObservation:
         parts: parts of the observation from the description: ``name``, ``size``, ``steps_ago``.
         sizes: sizes of the quantities that the hand and the task provide, by name; others are refused.
         file: file of the policy, for errors.
+
+    Raises:
+        InputError: a part is unknown or has another size: the policy is for another hand or task.
     """
 
     def __init__(self, parts: Sequence[Mapping[str, Any]], sizes: Mapping[str, int], file: str) -> None:
@@ -40,7 +43,11 @@ class PolicyObservation:
         return any(name == "image" for name, _ in self._order)
 
     def next(self, values: Mapping[str, ArrayLike]) -> NDArray[np.float32]:
-        """Return the next observation, from present quantities by name, 0 for NaN; at first they also fill the past."""
+        """Return the next observation, from present quantities by name, 0 for NaN; at first they also fill the past.
+
+        Args:
+            values: present quantities by name; NaN is replaced by 0.
+        """
         now = {name: np.nan_to_num(np.asarray(value, dtype=np.float64)) for name, value in values.items()}
         self._past.append(now)
         while len(self._past) < (self._past.maxlen or 1):

@@ -76,6 +76,13 @@ def write_record(
 
     Contact points are the centroids of the images at the sensor's nominal pose, and are listed as assumed. Forces come
     from the joint torques.
+
+    Args:
+        record: record of the run.
+        description: the hand.
+        path: folder to create.
+        radius_m: radius of the object [m].
+        source: text for ``source`` in ``dataset.toml``.
     """
     meta = replace(
         description.meta,

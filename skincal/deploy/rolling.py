@@ -22,7 +22,12 @@ from skincal.train.settings import part_seed
 
 
 def recorded_sensitivity(folder: Path, run: RunFile) -> Sensitivity:
-    """Return the sensitivity of the skin in the recorded run of a folder."""
+    """Return the sensitivity of the skin in the recorded run of a folder.
+
+    Raises:
+        InputError: the session has no frames, or frames with another number of taxels.
+        WorkError: the run has too few images under force.
+    """
     frames = read_dataset(folder / SESSION).frames
     if frames is None:
         raise input_error(str(folder / SESSION), "frames of the run", "none")
@@ -39,6 +44,13 @@ def simulated_sensitivities(
     """Repeat a run on hands drawn from a calibration before wear; return the sensitivity of those that hold the object.
 
     The arguments of ``progress`` are the stage, and how many hands of how many are done.
+
+    Args:
+        calibration: calibration of the hand before wear.
+        run: the run to repeat.
+        hands: number of hands.
+        seed: seed of the hands.
+        progress: callback (stage, done, total).
     """
     ranges = from_calibration(calibration, joint=calibration.draws is not None)
     policy, pinch, options = read_policy(policy_path(run.policy)), read_pinch(None), run.asked

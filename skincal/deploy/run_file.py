@@ -71,7 +71,11 @@ class RunFile(Table, unknown="keep"):
 
 
 def read_run_file(folder: Path) -> RunFile:
-    """Read ``deploy.json`` of a run's folder; its trajectory must lie in the working folder."""
+    """Read ``deploy.json`` of a run's folder; its trajectory must lie in the working folder.
+
+    Raises:
+        InputError: the file is not an output of `deploy`, or the trajectory lies outside the working folder.
+    """
     file, findings = folder / MARKER, Findings()
     expected = "the output of `skincal deploy` of this version or a later one"
     try:

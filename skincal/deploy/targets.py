@@ -58,6 +58,13 @@ def marble_targets(trajectory: str | ArrayLike, duration_s: float) -> FloatArray
     """Return targets of the marble (T + 1, 2) at 10 Hz for a duration [s] [m].
 
     The trajectory is ``circle``, ``still``, or targets (N, 2) [m], of which the last one is held.
+
+    Args:
+        trajectory: ``circle``, ``still``, or targets (N, 2) [m], of which the last one is held.
+        duration_s: duration of the run [s].
+
+    Raises:
+        InputError: the trajectory is unknown.
     """
     steps = max(1, round(duration_s * POLICY_HZ)) + 1
     if isinstance(trajectory, str) and trajectory not in FIXED:
@@ -72,6 +79,14 @@ def letters(
     """Return targets (N, 2) at 10 Hz that write a text, each letter centred on the sensor [m].
 
     Only letters A to Z are drawn. A letter is one stroke; from its end the marble moves straight to the next one.
+
+    Args:
+        text: the text; only letters A to Z are drawn.
+        size_m: height of a letter [m].
+        speed_m_per_s: speed of the marble [m/s].
+
+    Raises:
+        InputError: the text has no letter.
     """
     corners = [np.zeros((1, 2))]
     for letter in text.upper():

@@ -22,7 +22,11 @@ from skincal.train.scores import Runs
 
 
 def check_trial(trial: Trial) -> None:
-    """Refuse a trial of another task than the marble, or with options that reference hands do not have."""
+    """Refuse a trial of another task than the marble, or with options that reference hands do not have.
+
+    Raises:
+        InputError: the task is not the marble, or the trial sets options that a reference hand does not have.
+    """
     problems: list[Problem] = []
     if trial.task is not Task.marble:
         fix = "skincal deploy bolt POLICY --driver reference"
@@ -64,6 +68,13 @@ def reference_runs(
 
     All parameters but the object's radius are drawn. A run that a fault stops counts as a drop. ``progress`` is called
     with the number of finished runs.
+
+    Args:
+        policy: the policy.
+        trial: episodes, steps, trajectory and seeds.
+        ranges: ranges of the hands' parameters.
+        engine: physics engine.
+        progress: callback with the number of finished runs.
     """
     check_trial(trial)
     pinch = read_pinch(None)

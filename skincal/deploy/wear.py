@@ -73,6 +73,13 @@ def measure_sensitivity(images_counts: FloatArray, force_n: FloatArray) -> Sensi
     """Return the sensitivity of the skin from images above rest (T, J) [counts] and normal forces (T,) [N].
 
     Negative counts and NaN count as 0. Raise a ``WorkError`` if there are too few images under force.
+
+    Args:
+        images_counts: (T, J) images above rest [counts]; negative values and NaN count as 0.
+        force_n: (T,) normal forces [N].
+
+    Raises:
+        WorkError: there are too few images under force.
     """
     counts = np.maximum(np.nan_to_num(images_counts), 0.0)
     pressed = np.nan_to_num(force_n) >= _LEAST_N
@@ -90,7 +97,11 @@ def measure_sensitivity(images_counts: FloatArray, force_n: FloatArray) -> Sensi
 
 
 def estimate_wear(hand: Sensitivity, simulated: Sequence[Sensitivity]) -> Wear:
-    """Estimate the wear of a hand by comparison with n simulated ones, at least three."""
+    """Estimate the wear of a hand by comparison with n simulated ones, at least three.
+
+    Raises:
+        WorkError: there are fewer than three simulated hands.
+    """
     count = len(simulated)
     if count < 3:
         raise WorkError(

@@ -69,6 +69,11 @@ class Drawer:
         """Return all values of an episode, nominal ones for what is drawn per step, and the draws that steps need.
 
         Names or tables in ``randomize`` are drawn (None: all), the rest is nominal; ``given`` replaces draws.
+
+        Args:
+            rng: advanced by the draws.
+            randomize: names, or tables, that are drawn, the rest being nominal; None: all.
+            given: values that take the place of draws.
         """
         sample = self._draw(rng, "episode")
         drawn = {path: v for path, v in sample.items() if path in self.nominal and is_chosen(path, randomize)}

@@ -56,6 +56,11 @@ class StateCheck:
     def __call__(self, state: HandState, now_s: float, waited_s: float = 0.0) -> None:
         """Check a state that arrived at ``now_s`` on our clock, after the driver took ``waited_s`` for it [s].
 
+        Args:
+            state: state from the driver.
+            now_s: our clock at its arrival [s].
+            waited_s: time that the driver took for it [s].
+
         Raises:
             HandError: a violation; the guard stops the hand and says so.
         """
@@ -141,6 +146,11 @@ class TaxelCheck:
 
     def __call__(self, values: FloatArray, age_s: FloatArray, time_s: float) -> None:
         """Check at a time of the rig's clock that existing values (J,) are finite, of the converter and fresh [s].
+
+        Args:
+            values: taxel values (J,).
+            age_s: age of each value (J,) [s].
+            time_s: the rig's clock [s].
 
         Raises:
             HandError: a violation, or no value has existed for too long.

@@ -34,6 +34,10 @@ class Session:
 
     The thread sends replies, each after its client's name, on the socket ``wire`` to the server's loop.
 
+    Args:
+        contact_force: computes the contact force; None: not checked.
+        wire: socket to the server's loop, on which the session's thread sends replies, each after its client's name.
+
     Attributes:
         over: whether the hand has been released.
         trouble: failure of the last stop, which the client may not be there to receive.

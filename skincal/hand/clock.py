@@ -24,6 +24,12 @@ class ClockCheck:
     The lag is a leaky sum: the advance of our clock between two states less that of the hand's, never below zero. So it
     is the lag behind the earliest state, and clocks that differ by `DRIFT` do not add up over a long session. States of
     a recording may have gaps.
+
+    Args:
+        options: limits.
+        real_time: whether the hand's clock runs as fast as ours.
+        period_s: time between two states [s].
+        recorded: whether the states come from a recording, which may have gaps.
     """
 
     def __init__(
@@ -39,6 +45,11 @@ class ClockCheck:
 
     def __call__(self, time_s: float, now_s: float, waited_s: float) -> None:
         """Check the hand's clock in a state that arrived at ``now_s`` on ours, after a wait for the driver [s].
+
+        Args:
+            time_s: the hand's clock [s].
+            now_s: our clock at the arrival of the state [s].
+            waited_s: time that the driver took for it [s].
 
         Raises:
             HandError: a violation.

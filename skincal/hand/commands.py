@@ -40,6 +40,11 @@ class StepCheck(ABC, Generic[State, Command]):
     hides angles, torques and forces from every other check. Only values that are the same to the last bit count as
     frozen, and only while commands move the rig: one at rest whose encoders and torque sensors are coarse may well give
     the same values for long. Values have to change once commands have moved a joint or axis by more than ``moved``.
+
+    Args:
+        driver: the rig.
+        moved: by how much commands have to move any joint or axis for values to change.
+        unit: unit of ``moved``.
     """
 
     def __init__(self, driver: HandDriver | StageDriver, moved: float, unit: str) -> None:

@@ -116,7 +116,14 @@ def run_contract(
 def run_checks(
     name: str, checks: Sequence[Check], attempt: Callable[[Check, bool], Outcome], progress: Progress
 ) -> ContractReport:
-    """Run checks one after the other; ``attempt`` is also given whether the rig could always be stopped so far."""
+    """Run checks one after the other; ``attempt`` is also given whether the rig could always be stopped so far.
+
+    Args:
+        name: the driver's name, for the report.
+        checks: functions with the check's name, and the expected behaviour for a docstring.
+        attempt: runs a check, given whether the rig could be stopped after all checks before.
+        progress: callback with every result.
+    """
     results: list[CheckResult] = []
     move = True
     for check in checks:
@@ -131,6 +138,10 @@ def run_checks(
 
 def outcome(run: Callable[[], str | None], limit_s: float) -> Outcome:
     """Run a check whose calls last ``limit_s`` [s] at most; return its outcome.
+
+    Args:
+        run: the check; it returns what was measured, or raises.
+        limit_s: longest duration of a call, for the report [s].
 
     Raises:
         KeyboardInterrupt: the user's.

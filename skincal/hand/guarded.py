@@ -51,6 +51,11 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     A separate thread of the guard makes all calls to the driver, except for ``stop``.
 
+    Args:
+        driver: the rig, not connected.
+        options: limits and times; ``max_force_n`` replaces that of the description.
+        clock: our clock [s].
+
     Attributes:
         name: the driver's name.
     """
@@ -205,7 +210,11 @@ class Guarded(ABC, Generic[Description, State, Command]):
             raise HandError(f"{self.name}: {trouble}", "driver", stopped=False)
 
     def close(self) -> None:
-        """Release the rig; a ``HandError`` says that the driver's ``close`` failed. May be called twice."""
+        """Release the rig; a ``HandError`` says that the driver's ``close`` failed. May be called twice.
+
+        Raises:
+            HandError: the driver's ``close`` raised, or did not return; the rig is stopped.
+        """
         if self._closed or self._worker is None:
             return
         error = self._give_back(self._worker)
@@ -220,7 +229,11 @@ class Guarded(ABC, Generic[Description, State, Command]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stop the rig, whatever happened, and release it; note the stop on the exception, or raise that it failed."""
+        """Stop the rig, whatever happened, and release it; note the stop on the exception, or raise that it failed.
+
+        Raises:
+            HandError: the rig could not be stopped.
+        """
         try:
             with held_back() as came:
                 trouble = self._halt()

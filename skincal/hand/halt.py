@@ -24,6 +24,12 @@ HURRY_S = 2.0
 class Stop:
     """The stop of a rig: what is said of the rig follows from this alone.
 
+    Args:
+        stop: the driver's ``stop``.
+        timeout_s: longest time of a call [s].
+        name: the driver's name.
+        rig: the kind of rig.
+
     Attributes:
         asked: it was called: the rig is to move no more.
         trouble: what went wrong with the last call; empty: it returned, the rig is stopped; None: neither is known.

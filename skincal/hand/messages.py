@@ -65,7 +65,14 @@ class MessageError(ValueError):
 
 @dataclass(frozen=True)
 class Message:
-    """One message: its kind, the field ``id``, its session, and the fields of its kind."""
+    """One message: its kind, the field ``id``, its session, and the fields of its kind.
+
+    Attributes:
+        kind: one of ``REQUESTS`` or ``REPLIES``.
+        number: the field ``id``.
+        session: session of the message.
+        body: fields of its kind.
+    """
 
     kind: str
     number: int
@@ -80,7 +87,11 @@ def encode(message: Message) -> bytes:
 
 
 def decode(data: bytes, kinds: tuple[str, ...]) -> Message:
-    """Return bytes as a message of one of some kinds; raise a ``MessageError`` if they are none."""
+    """Return bytes as a message of one of some kinds; raise a ``MessageError`` if they are none.
+
+    Raises:
+        MessageError: the bytes are not such a message.
+    """
     if len(data) > MAX_BYTES:
         raise MessageError(f"expected at most {MAX_BYTES} bytes; got {len(data)}")
     try:
@@ -110,7 +121,11 @@ def state_body(state: HandState) -> dict[str, Any]:
 
 
 def state_of(message: Message) -> HandState:
-    """Return the state of a ``state`` message, of numbers; the guard checks its shapes."""
+    """Return the state of a ``state`` message, of numbers; the guard checks its shapes.
+
+    Raises:
+        MessageError: a field is missing or not a number.
+    """
     fields: dict[str, Any] = {name: number(message, name) for name in NUMBERS}
     fields |= {name: numbers(message, name) for name in ARRAYS}
     return HandState(**fields)

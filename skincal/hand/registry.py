@@ -31,7 +31,14 @@ GROUP = "skincal.drivers"
 
 @dataclass(frozen=True)
 class DriverOption:
-    """An option of a driver: its annotation, its default (``inspect.Parameter.empty``: none) and its help text."""
+    """An option of a driver: its annotation, its default (``inspect.Parameter.empty``: none) and its help text.
+
+    Attributes:
+        name: its name.
+        kind: its annotation.
+        default: its default; ``inspect.Parameter.empty``: it must be given.
+        text: help text; may be empty.
+    """
 
     name: str
     kind: Any

@@ -35,6 +35,12 @@ MOST_SILENCE_S = 60.0
 class RemoteDriver(HandDriver):
     """The hand at an address; its description must be that of the server.
 
+    Args:
+        address: address of the server.
+        hand: description of the hand; the server must have the same.
+        keys: folder with the keys of a client; needed for addresses of other computers.
+        silence_s: time without an answer after which the hand is lost [s].
+
     Raises:
         InputError: the address needs keys, a file is invalid, or ``silence_s`` is out of bounds.
         WorkError: pyzmq is not installed.

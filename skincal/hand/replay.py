@@ -64,7 +64,11 @@ class ReplayDriver(HandDriver):
         self._connected = True
 
     def observe(self) -> HandState:
-        """Return the next frame; after the last one, raise a ``HandError`` of kind ``end``."""
+        """Return the next frame; after the last one, raise a ``HandError`` of kind ``end``.
+
+        Raises:
+            HandError: the recording has ended (kind ``end``), or is not connected.
+        """
         self._check_connected("observe")
         if self._next == len(self._states):
             last_s = self._states[-1].time_s

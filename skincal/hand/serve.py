@@ -60,8 +60,12 @@ class ServeOptions:
 class HandServer:
     """Server of a hand: a context manager that binds and unbinds.
 
-    A driver is made for every client. The address ``tcp://127.0.0.1:*`` takes any free port; others than loopback
-    addresses need keys. Without ``contact_force``, which creates the function that computes it, it is not checked here.
+    Args:
+        make: creates the driver; called for every client, so that each finds a fresh hand.
+        bind: address to listen at; ``tcp://127.0.0.1:*`` takes any free port.
+        keys: keys of the server; needed for addresses of other computers.
+        options: times.
+        contact_force: creates the function that computes the contact force; None: not checked here.
 
     Raises:
         InputError: the address needs keys, or the limits of the hand are beyond those of any finger.

@@ -39,6 +39,21 @@ class SimDriver(SimulatedDriver):
     has new noise, and its drifts continue. If there is a contact history, the skin remembers its contacts, and the
     clock continues after them. Another sphere on the cap does not change the description.
 
+    Args:
+        seed: seed of the truth and of all noise.
+        effects: strength of each effect that the skin has beyond the base model, by name; 1 is a typical case.
+        hand: name of a bundled hand, or the path of a ``hand.toml``.
+        calibration: folder of a calibration of this hand's sensor, whose skin and effects are used. Without it pose,
+            E and S are drawn.
+        truth_path: file for the truth (JSON), written when the hand is connected, and again at the end of the session.
+        rate_hz: rate of states and commands [Hz].
+        start_s: start of the hand's clock [s], for a resumed session: its noise is new, and drifts continue.
+        indenter_radius_m: radius of the sphere on the cap [m]; None: the hand's own. The description does not change.
+        memory_path: file with the skin's contact history. If it exists, the skin remembers its contacts, and the
+            clock continues after them.
+        options: options of the physics.
+        truth_options: ranges of the truth.
+
     Raises:
         InputError: the rate does not fit the physics, the sphere has no size, the hand or calibration cannot
             be read or do not fit each other, or an effect is unknown.

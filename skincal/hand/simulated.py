@@ -19,6 +19,13 @@ class SimulatedDriver(HandDriver):
     """A simulated hand; one that has been stopped holds its motors until it is connected again.
 
     The rate of states and commands must divide that of the physics.
+
+    Args:
+        rate_hz: rate of states and commands [Hz].
+        physics_hz: rate of the physics [Hz].
+
+    Raises:
+        InputError: the rate does not fit the physics.
     """
 
     def __init__(self, rate_hz: int, physics_hz: int) -> None:

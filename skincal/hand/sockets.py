@@ -32,7 +32,11 @@ INSTALL = "pip install 'skincal[remote]'"
 
 
 def zmq_module() -> Any:
-    """Return the module ``zmq``; raise a ``WorkError`` if pyzmq is not installed."""
+    """Return the module ``zmq``; raise a ``WorkError`` if pyzmq is not installed.
+
+    Raises:
+        WorkError: pyzmq is not installed.
+    """
     try:
         zmq = importlib.import_module("zmq")
         importlib.import_module("zmq.auth.thread")
@@ -43,7 +47,14 @@ def zmq_module() -> Any:
 
 @dataclass(frozen=True)
 class Keys:
-    """Own keys of one side; at a client the public key of the hand, at the hand those of the clients."""
+    """Own keys of one side; at a client the public key of the hand, at the hand those of the clients.
+
+    Attributes:
+        public: own public key.
+        secret: own secret key.
+        server: public key of the hand, at a client; None at the hand.
+        allowed: public keys of the clients, at the hand.
+    """
 
     public: bytes
     secret: bytes
@@ -56,7 +67,12 @@ class Keys:
 
 
 def make_keys(folder: Path, *, force: bool = False) -> None:
-    """Write a key pair for a hand and one for a client that it trusts into a new folder."""
+    """Write a key pair for a hand and one for a client that it trusts into a new folder.
+
+    Raises:
+        InputError: the folder exists.
+        WorkError: pyzmq is not installed.
+    """
     auth = zmq_module().auth
     with whole_folder(folder, force=force, marker="hand/hand.key_secret") as out:
         hand, client = out / "hand", out / "client"
@@ -73,7 +89,11 @@ def make_keys(folder: Path, *, force: bool = False) -> None:
 
 
 def hand_keys(folder: Path) -> Keys:
-    """Return the keys of the server from its folder."""
+    """Return the keys of the server from its folder.
+
+    Raises:
+        InputError: a file in it is not a key.
+    """
     public, secret = _key_pair(folder / "hand.key_secret")
     allowed = folder / "allowed"
     clients = sorted(allowed.glob("*.key"))
@@ -84,7 +104,11 @@ def hand_keys(folder: Path) -> Keys:
 
 
 def client_keys(folder: Path) -> Keys:
-    """Return the keys of a client from its folder."""
+    """Return the keys of a client from its folder.
+
+    Raises:
+        InputError: a file in it is not a key.
+    """
     public, secret = _key_pair(folder / "client.key_secret")
     return Keys(public, secret, server=_certificate(folder / "hand.key")[0])
 

@@ -79,7 +79,15 @@ def run_stage_checks(
     guard: GuardOptions | None = None,
     progress: Progress = lambda result: None,
 ) -> ContractReport:
-    """Run every check against a new driver of a stage, which is not moved if ``move`` is false or a stop failed."""
+    """Run every check against a new driver of a stage, which is not moved if ``move`` is false or a stop failed.
+
+    Args:
+        name: the driver's name, for the report.
+        make: creates a driver that is not connected; called once per check.
+        move: whether to move the stage; one that could not be stopped is not moved.
+        guard: limits and times.
+        progress: callback with every result.
+    """
     limits = guard or GuardOptions()
 
     def attempt(check: Check, could_stop: bool) -> Outcome:

@@ -45,6 +45,10 @@ class GuardedStage(Guarded[StageDescription, StageState, FloatArray]):
 def check_stage(rig: StageDescription, *, beyond: bool = False) -> None:
     """Refuse limits that are invalid, or unless ``beyond`` allows it larger than those of any bench.
 
+    Args:
+        rig: the stage.
+        beyond: whether any limit is allowed, as somebody has said so.
+
     Raises:
         InputError: travel, speed or force are no numbers above zero, or above their bounds.
     """

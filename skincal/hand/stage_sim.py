@@ -42,7 +42,12 @@ META = DatasetMeta(
 
 
 class StageSim(StageDriver):
-    """The simulated stage. The same seed and commands give the same states."""
+    """The simulated stage. The same seed and commands give the same states.
+
+    Args:
+        seed: seed of the pad's position on the bench, its elasticity and scale, and all noise.
+        truth_path: file for the drawn values (JSON), written when the stage is connected.
+    """
 
     name = "stage-sim"
     real_time = False

@@ -77,7 +77,12 @@ class Trial(GuardedHand):
 
 
 def created(make: Callable[[], Rig], timeout_s: float | None = None) -> Rig:
-    """Create a driver, which may hang; errors are those of :func:`~skincal.hand.worker.call_and_leave`."""
+    """Create a driver, which may hang; errors are those of :func:`~skincal.hand.worker.call_and_leave`.
+
+    Raises:
+        CallTimeoutError: it was not created in time.
+        CallExitError: it raised anything but an ``Exception``.
+    """
     return call_and_leave(make, timeout_s or CONNECT_S, "make a driver")
 
 

@@ -85,7 +85,13 @@ class Worker:
 
 
 def call_and_leave(work: Callable[[], Value], timeout_s: float, name: str) -> Value:
-    """Make one call in a separate thread, and abandon it as :meth:`Worker.call` does."""
+    """Make one call in a separate thread, and abandon it as :meth:`Worker.call` does.
+
+    Raises:
+        CallTimeoutError: the call did not return within ``timeout_s``.
+        CallExitError: the call raised anything but an ``Exception``.
+        Exception: what the call raised.
+    """
     results: SimpleQueue[Result] = SimpleQueue()
     job: Job = (0, work, ())
     try:

@@ -18,6 +18,12 @@ _Item = TypeVar("_Item", bound=np.generic)
 def floats(name: str, value: ArrayLike, shape: Sequence[int | None], *, finite: bool = True) -> FloatArray:
     """Return a read-only copy as a float array of the given shape; ``None`` stands for any length.
 
+    Args:
+        name: what the array is called, for the error.
+        value: anything numpy can turn into an array; it is copied.
+        shape: length of each axis; ``None`` where any length is allowed.
+        finite: refuse NaN and infinity.
+
     Raises:
         ValueError: the shape differs, or a value is not finite although ``finite`` is true.
     """

@@ -48,6 +48,12 @@ class TaxelLayout:
     def grid(cls, rows: int, cols: int, *, taxel_size_m: Pair, pitch_m: Pair) -> TaxelLayout:
         """Return a regular grid, centred on the patch; the pitch is the distance of neighbouring centres.
 
+        Args:
+            rows: number of rows.
+            cols: number of columns.
+            taxel_size_m: edge lengths of a taxel [m].
+            pitch_m: distance of neighbouring centres [m].
+
         Raises:
             ValueError: no taxels, lengths that are not positive, or taxels that overlap.
         """

@@ -41,7 +41,12 @@ class RayScene:
         return scene
 
     def first(self, origins: FloatArray, directions: FloatArray) -> IntArray:
-        """Return the first triangle (N,) on each ray from origins (N, 3) along unit vectors (N, 3) or (3,), else -1."""
+        """Return the first triangle (N,) on each ray from origins (N, 3) along unit vectors (N, 3) or (3,), else -1.
+
+        Args:
+            origins: (N, 3) where the rays start.
+            directions: (N, 3) or (3,) unit vectors.
+        """
         starts = (origins * self.scale).astype(np.float32)
         ways = np.empty_like(starts)
         ways[:] = directions
@@ -84,6 +89,11 @@ class TriangleMesh:
     def __init__(self, name: str, vertices_m: ArrayLike, faces: ArrayLike) -> None:
         """Check a mesh and build its ray structure.
 
+        Args:
+            name: name of the mesh, for errors.
+            vertices_m: (V, 3) vertices [m].
+            faces: (F, 3) indices of vertices.
+
         Raises:
             ValueError: values that are not finite, indices out of range, or no face with an area.
         """
@@ -107,7 +117,12 @@ class TriangleMesh:
         self.rays = RayScene(vertices - self.centre_m, self.faces)
 
     def first_hit(self, origins_m: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the first triangle (N,) on each ray (-1: it misses) and the distance along it (N,) [m] (or inf)."""
+        """Return the first triangle (N,) on each ray (-1: it misses) and the distance along it (N,) [m] (or inf).
+
+        Args:
+            origins_m: (N, 3) where the rays start [m].
+            directions: (N, 3) unit vectors.
+        """
         if len(origins_m) == 0:
             return np.zeros(0, dtype=np.int64), np.zeros(0)
         face = self.rays.first(origins_m - self.centre_m, directions)

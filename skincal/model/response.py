@@ -53,7 +53,17 @@ class SkinResponse:
 
 
 def refuse(indenter: Indenter, contacts: Contacts, info: FloatArray, *statuses: Status) -> None:
-    """Raise ``InvalidPressError`` if a press has a given status; ``info`` is that of ``skincal.model.press.call``."""
+    """Raise ``InvalidPressError`` if a press has a given status; ``info`` is that of ``skincal.model.press.call``.
+
+    Args:
+        indenter: the indenter.
+        contacts: K contacts.
+        info: (K, 7) from :func:`skincal.model.press.call.press`.
+        statuses: statuses to refuse.
+
+    Raises:
+        InvalidPressError: a press has such a status.
+    """
     status_of = info[:, 6]
     if not len(status_of) or status_of.max() < _FIRST_INVALID:
         return
@@ -88,7 +98,11 @@ class Pressures:
         return len(self.known)
 
     def loads(self, weights: FloatArray) -> FloatArray:
-        """Return loads (K, J) [N] on regions to which fractions (N, J) of the points belong; NaN if not known."""
+        """Return loads (K, J) [N] on regions to which fractions (N, J) of the points belong; NaN if not known.
+
+        Args:
+            weights: (N, J) fraction of each tactile point that belongs to each region; 0 or 1 for the taxels.
+        """
         from scipy.sparse import csr_array  # takes a moment, and few need the loads of points
 
         check_shape("weights", weights, (self.patch_points, None))

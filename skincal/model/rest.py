@@ -106,6 +106,10 @@ def half_scatter(readings: FloatArray, finest: float) -> float:
 
     Readings (n,) above the lowest one are modelled as a mixture of a half normal distribution (noise) and a uniform
     one (signals), fitted by expectation-maximisation; ``finest`` bounds the standard deviation from below [counts].
+
+    Args:
+        readings: (n,) readings of one taxel [counts].
+        finest: lower bound of the standard deviation [counts].
     """
     above = readings[readings > readings.min()] - readings.min()
     on_bound, top = len(readings) - len(above), float(above.max(initial=0.0))

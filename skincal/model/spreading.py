@@ -17,6 +17,10 @@ def spread_weights(patch: Patch, variance_m2: float) -> FloatArray:
 
     The weights are extrapolated from no spreading and one Gaussian of fixed width; a negative variance sharpens.
 
+    Args:
+        patch: the tactile points.
+        variance_m2: variance along each axis [m²].
+
     Raises:
         ValueError: the patch lacks the coordinates of its points.
     """

@@ -104,6 +104,9 @@ def file_format(path: str | Path) -> str:
 def read_ranges(path: str | Path) -> Ranges:
     """Read ranges (contract ``skincal-ranges/1``) from a ``.toml``, ``.json``, ``.yaml`` or ``.yml`` file.
 
+    Args:
+        path: a ``.toml``, ``.json``, ``.yaml`` or ``.yml`` file.
+
     Raises:
         InputError: the file cannot be read, or anything in it is wrong; every violation is listed.
     """
@@ -124,6 +127,11 @@ def read_ranges(path: str | Path) -> Ranges:
 
 def write_ranges(ranges: Ranges, path: str | Path, *, force: bool = False) -> None:
     """Write ranges in the format of the suffix; the file appears complete or not at all.
+
+    Args:
+        ranges: the ranges.
+        path: file to write; its suffix decides the format.
+        force: whether to replace an existing file.
 
     Raises:
         InputError: unknown suffix, or the file exists and ``force`` is not given.

@@ -15,7 +15,13 @@ from skincal.report.taxel_map import draw_outlines
 
 @styled
 def deploy_figure(found: Deployed, layout: TaxelLayout, *, felt_m: FloatArray | None = None) -> Figure:
-    """Draw desired, estimated (``felt_m``, (T, 2) [m]) and true path, the normal force, and the policy's period."""
+    """Draw desired, estimated (``felt_m``, (T, 2) [m]) and true path, the normal force, and the policy's period.
+
+    Args:
+        found: the run.
+        layout: of the taxels.
+        felt_m: (T, 2) position of the object as estimated from the tactile images, at every state [m].
+    """
     figure = new_figure(10.0, 4.2)
     way, force, clock = figure.subplots(1, 3, width_ratios=(1.1, 1.0, 1.0))
     _draw_path(way, found, layout, felt_m)

@@ -39,7 +39,15 @@ def near_patch(uv: NDArray[np.floating[Any]], bounds: FloatArray) -> BoolArray:
 def draw_taxels(
     axes: Axes, layout: TaxelLayout, values: NDArray[np.floating[Any]], norm: Normalize, colours: str
 ) -> PolyCollection:
-    """Draw taxels as boxes [mm] with the colours of their values (J,), light grey for NaN; write few values on them."""
+    """Draw taxels as boxes [mm] with the colours of their values (J,), light grey for NaN; write few values on them.
+
+    Args:
+        axes: axes to draw on.
+        layout: layout of the taxels.
+        values: (J,) NaN without a value, which is light grey.
+        norm: normalisation of the colours.
+        colours: name of the colour map.
+    """
     centres, half = 1e3 * layout.centres_m, 1e3 * layout.sizes_m / 2
     corners = centres[:, None] + half[:, None] * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     cmap = mpl.colormaps[colours].with_extremes(bad=LIGHT)

@@ -161,7 +161,11 @@ FIX = "Correct it; if the hand really bears that, allow it with --beyond-limits.
 
 
 def check_limits(description: HandDescription, *, beyond: bool = False) -> None:
-    """Refuse limits and gains that no finger has, unless ``beyond`` allows them; all are reported."""
+    """Refuse limits and gains that no finger has, unless ``beyond`` allows them; all are reported.
+
+    Raises:
+        InputError: some limits or gains are above their bounds; all are reported.
+    """
     limits, gains, give = description.limits, description.gains, description.compliance_rad_per_nm
     give = np.zeros(1) if give is None else give
     turn = np.maximum(np.abs(limits.lower_rad), np.abs(limits.upper_rad))

@@ -127,7 +127,14 @@ class _File(Description):
 
 
 def read_hand(path: str | Path) -> HandDescription:
-    """Read the description of a hand from ``hand.toml``, or the folder that holds it; all violations are reported."""
+    """Read the description of a hand from ``hand.toml``, or the folder that holds it; all violations are reported.
+
+    Args:
+        path: ``hand.toml``, or the folder that holds it.
+
+    Raises:
+        InputError: the file has violations; all are reported.
+    """
     path = Path(path)
     path = real(path / "hand.toml" if path.is_dir() else path)
     findings = Findings()
@@ -215,7 +222,11 @@ DEFAULT_HAND = "dlr_hand_2"
 
 
 def bundled_hand(name: str = DEFAULT_HAND) -> HandDescription:
-    """Return the description of a bundled hand."""
+    """Return the description of a bundled hand.
+
+    Raises:
+        InputError: there is no bundled hand of that name.
+    """
     folder = Path(__file__).parent / "hands"
     known = sorted(path.parent.name for path in folder.glob("*/hand.toml"))
     if name not in known:
@@ -224,6 +235,10 @@ def bundled_hand(name: str = DEFAULT_HAND) -> HandDescription:
 
 
 def hand_named(hand: str | Path = DEFAULT_HAND) -> HandDescription:
-    """Return the description of a hand: a bundled one by name, or a ``hand.toml``, or its folder."""
+    """Return the description of a hand: a bundled one by name, or a ``hand.toml``, or its folder.
+
+    Raises:
+        InputError: there is no hand of that name, or the file is invalid.
+    """
     path = Path(hand).expanduser()
     return read_hand(path) if path.exists() or path.suffix or len(path.parts) > 1 else bundled_hand(str(hand))

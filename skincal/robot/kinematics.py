@@ -86,7 +86,11 @@ class Kinematics:
         return tau
 
     def angles(self, values: ArrayLike) -> FloatArray:
-        """Return values (K, n) or (n,) as (K, n); raise a ``ValueError`` for another number of joints."""
+        """Return values (K, n) or (n,) as (K, n); raise a ``ValueError`` for another number of joints.
+
+        Raises:
+            ValueError: another number of joints.
+        """
         # A copy: the compiled routine is compiled for arrays that can be written to, row by row.
         rows = np.array(values, dtype=np.float64, order="C", ndmin=2)
         count = len(self.description.joints)

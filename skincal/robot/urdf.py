@@ -115,7 +115,13 @@ def _check_named_files(robot: ElementTree.Element, path: Path, within: Path, fin
 
 
 def urdf_with_sphere(path: Path, link: str, radius_m: float) -> bytes:
-    """Return a URDF in which a link collides as a sphere about its origin; it may be written to any folder."""
+    """Return a URDF in which a link collides as a sphere about its origin; it may be written to any folder.
+
+    Args:
+        path: a URDF that has been read before.
+        link: the link.
+        radius_m: radius of the sphere [m].
+    """
     robot = parse_xml(read_text(path))
     for element in robot.findall("link"):
         if element.get("name") == link:

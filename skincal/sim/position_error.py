@@ -37,7 +37,11 @@ class PositionError:
 
 
 def position_error(kinematics: Kinematics, truth: Truth) -> PositionError:
-    """Return the position error caused by joint offsets, waves and the drives' true stiffness."""
+    """Return the position error caused by joint offsets, waves and the drives' true stiffness.
+
+    Raises:
+        WorkError: no point of the grid can be reached from the home pose.
+    """
     errors = [
         error
         for place in zip(*_places(kinematics), strict=True)

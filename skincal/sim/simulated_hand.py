@@ -29,6 +29,14 @@ class SimulatedHand:
 
     Drifts of a session that starts at ``start_s`` continue, and new contacts are added to the skin's memory.
 
+    Args:
+        description: the hand.
+        truth: true parameters of its skin and joints.
+        rng: generator of all noise.
+        options: options of the physics.
+        start_s: start of the hand's clock [s]: drifts of a resumed session continue.
+        memory: contact history of the skin, to which new contacts are added; None: none.
+
     Attributes:
         image_contact: the true contact at the latest image.
     """
@@ -76,7 +84,11 @@ class SimulatedHand:
         return self._steps / self._options.physics_hz
 
     def command(self, q_desired_rad: ArrayLike) -> None:
-        """Set the finite target angles (n,) [rad], as the joint sensors measure them."""
+        """Set the finite target angles (n,) [rad], as the joint sensors measure them.
+
+        Raises:
+            WorkError: the number of angles is wrong, or one is not finite.
+        """
         desired = np.array(q_desired_rad, dtype=np.float64)
         if desired.shape != self._desired.shape or not np.isfinite(desired).all():
             expected = f"{len(self._desired)} finite angles"

@@ -51,7 +51,14 @@ class TrueContact:
 def true_contact(
     kinematics: Kinematics, time_s: float, q_rad: FloatArray, force_root_n: FloatArray
 ) -> TrueContact:
-    """Return the contact at true angles of the links (n,) [rad], with a force on the skin (3,), root frame [N]."""
+    """Return the contact at true angles of the links (n,) [rad], with a force on the skin (3,), root frame [N].
+
+    Args:
+        kinematics: the hand.
+        time_s: its clock [s].
+        q_rad: (n,) true angles [rad].
+        force_root_n: (3,) force on the skin, root frame [N].
+    """
     row = contact_rows(kinematics, q_rad[None], np.zeros((1, len(q_rad))))[0][0]
     normal = row[3:6]
     x, y, z = (force_root_n @ kinematics.skin_frames(q_rad).rotations[0]).tolist()

@@ -96,7 +96,11 @@ class Truth:
         options: TruthOptions | None = None,
         effects: Mapping[str, float] | None = None,
     ) -> Truth:
-        """Draw a truth, with effects of some strengths by name."""
+        """Draw a truth, with effects of some strengths by name.
+
+        Raises:
+            InputError: an unknown effect, or an invalid strength.
+        """
         options = options or TruthOptions()
         pose = _pose(rng, description, options.mount_share)
         low, high = (math.log(e) for e in options.elasticity_pa_per_m)
@@ -112,7 +116,11 @@ class Truth:
         return replace(truth, strengths=strengths, effects=_effects(rng, description, strengths))
 
     def with_skin(self, calibration: Calibration, description: HandDescription) -> Truth:
-        """Return the same joints and noise with the skin of a calibration of this sensor; its effects are added."""
+        """Return the same joints and noise with the skin of a calibration of this sensor; its effects are added.
+
+        Raises:
+            InputError: the calibration has another sensor, or an effect that was drawn as well.
+        """
         meta, place = description.meta, f"hand {description.name}"
         layout = layout_of(meta.sensor, None)
         problems = sensor_differences(calibration, meta.sensor, layout, meta.surface, {}, place=place)

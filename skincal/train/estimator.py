@@ -61,7 +61,11 @@ class Estimator:
     quality: Quality
 
     def __call__(self, images_counts: ArrayLike) -> FloatArray:
-        """Return contact positions (..., 2) [m] for images (..., J) above the level at rest; NaN counts as 0."""
+        """Return contact positions (..., 2) [m] for images (..., J) above the level at rest; NaN counts as 0.
+
+        Args:
+            images_counts: (..., J) counts above the level at rest; NaN counts as 0.
+        """
         images = np.asarray(images_counts, dtype=np.float64)
         flat = self.network(features(images.reshape(-1, images.shape[-1])))
         return SPAN_M * flat.astype(np.float64).reshape(*images.shape[:-1], 2)

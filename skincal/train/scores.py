@@ -145,7 +145,12 @@ def score(runs: Runs, rng: np.random.Generator) -> Score:
 
 
 def mean_error_m(error_m: FloatArray, weights: NDArray[np.integer] | FloatArray) -> FloatArray:
-    """Return the mean (B, T) of errors (N, T) over the episodes still going, weighted by (B, N); NaN where none is."""
+    """Return the mean (B, T) of errors (N, T) over the episodes still going, weighted by (B, N); NaN where none is.
+
+    Args:
+        error_m: shape (N, T), NaN after an episode's end.
+        weights: how often each episode counts, shape (B, N).
+    """
     going = np.isfinite(error_m)
     number = weights @ going.astype(np.float64)
     total = weights @ np.where(going, error_m, 0.0)
@@ -179,6 +184,10 @@ def direction_right(object_m: FloatArray, target_m: FloatArray) -> bool:
     The way is what the place of the object gains while the target goes ahead, by regression; it must point along the
     target's line to within :data:`RIGHT_WITHIN_RAD` and be no less than :data:`RIGHT_SHARE` of it. Positions have
     the shape (T, 2); those of the object are NaN after the end.
+
+    Args:
+        object_m: places of the object, shape (T, 2) [m]; NaN after the end.
+        target_m: places of the target, on a line, shape (T, 2) [m].
     """
     going = np.isfinite(object_m).all(axis=1) & np.isfinite(target_m).all(axis=1)
     if going.sum() < 3:
@@ -231,7 +240,11 @@ class Fare:
 
 
 def fare(runs: Runs) -> Fare:
-    """Predict from runs, each on another hand; the error is NaN if none of them held until 2 s."""
+    """Predict from runs, each on another hand; the error is NaN if none of them held until 2 s.
+
+    Args:
+        runs: at least one of them held until 2 s or longer, or the error is NaN.
+    """
     from scipy.stats import binomtest  # takes a moment, and few evaluations predict
 
     errors = np.sort(settled_m(runs))

@@ -20,6 +20,10 @@ def corner_normals(mesh: TriangleMesh, crease_rad: float) -> FloatArray:
     The average is over the faces at the vertex whose normals differ from the corner's own face by less than
     ``crease_rad``, weighted by their angles at the vertex. Linear interpolation over a face then gives normals whose
     error falls with the square of the edge length; sharp edges stay sharp. The mesh must have consistent winding.
+
+    Args:
+        mesh: a mesh with consistent winding.
+        crease_rad: smallest angle between faces at a sharp edge [rad].
     """
     vertex, weight = mesh.faces.ravel(), _corner_angles(mesh).ravel()
     first, second = _corner_pairs(vertex)
@@ -155,7 +159,12 @@ class Walker:
             here = there
 
     def step(self, here: Stand, length_m: float | FloatArray) -> Stand:
-        """Take one step of a length [m], one or (W,), along the heading; NaN where there is no mesh below its end."""
+        """Take one step of a length [m], one or (W,), along the heading; NaN where there is no mesh below its end.
+
+        Args:
+            here: W positions.
+            length_m: length of the step in the tangent plane [m], one or (W,).
+        """
         ahead = np.broadcast_to(np.asarray(length_m, dtype=np.float64), (len(here.points_m),))[:, None]
         clear = _REACH * self.step_m
         above = here.points_m + ahead * here.heading + clear * here.normals
