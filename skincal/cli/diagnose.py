@@ -91,7 +91,7 @@ def diagnose(
         data = settled.dataset
     with stage_shown() as show_stage, mapper(workers) as spread:
         # Workers import while this process begins.
-        modules = ("skincal.inference.search", "skincal.report.diagnosis")[: 1 + report]
+        modules = ["skincal.inference.search", *(["skincal.report.diagnosis"] if report else [])]
         spread(import_modules, [modules] * available_cores())
         if settled is None:
             found = find_missing(data, cal, seed, show_stage, sessions, mapper=spread)

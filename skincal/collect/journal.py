@@ -40,7 +40,7 @@ _OURS = re.compile(
 
 
 class Journal:
-    """The journal of one session, in a folder; its head describes the session in JSON values.
+    """The journal of one session, in a folder.
 
     Args:
         head: description of the session: all that must be equal to resume it. JSON values only.
@@ -80,7 +80,7 @@ class Journal:
 
     @classmethod
     def find(cls, folder: Path) -> Self | None:
-        """Return the session in a folder; None if there is none. Anything else in it is an ``InputError``.
+        """Return the session in a folder; None if there is none.
 
         Raises:
             InputError: the folder exists, but holds no session.
@@ -195,7 +195,7 @@ def journal_lock(out: Path) -> Path:
 
 
 def discard_session(out: Path) -> None:
-    """Remove what an interrupted session with output ``out`` left, unless it is at work or others use its folder.
+    """Remove what an interrupted session with output ``out`` left.
 
     Raises:
         InputError: the session is at work, or its folder holds something else.

@@ -143,8 +143,6 @@ def read_plan(path: Path, mount: Mount) -> Plan:
 def write_plan(plan: Plan, path: Path, *, force: bool = False) -> None:
     """Write a plan, TOML or CSV by the suffix; numbers are read back exactly.
 
-    A CSV file holds no angles of poses. An existing file is an ``InputError``, unless ``force`` is given.
-
     Args:
         plan: the plan.
         path: the file, ``.toml`` or ``.csv``. A CSV file holds no angles of poses.

@@ -29,7 +29,7 @@ PLAN_MARGIN_RAD = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Reserve of a pose: smallest distance of a commanded angle from its limits, largest torque over its limit.
+    """Quality of a pose: how much reserve its presses leave.
 
     Attributes:
         margin_rad: smallest distance of a commanded angle from its limits [rad].
@@ -41,7 +41,7 @@ class Reach:
 
 
 def with_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> Plan:
-    """Return the plan with angles for all its poses, in which every press has been checked to be within reach.
+    """Return the plan with angles for all its poses.
 
     Raises:
         InputError: angles of the plan do not fit the hand, or a press is out of reach.
@@ -58,7 +58,7 @@ def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tu
     """Return as many poses as the plan has, for the sites at the border of its field and its largest force.
 
     The first is the pose with the largest reserve. Each further one is the most different from those before it, among
-    poses with enough reserve. Too few poses are a ``WorkError``.
+    poses with enough reserve.
 
     Raises:
         WorkError: there are too few poses.
@@ -93,7 +93,7 @@ def find_poses(plan: Plan, fingers: Fingers, options: CollectOptions) -> list[tu
 
 
 def check_reach(plan: Plan, fingers: Fingers, options: CollectOptions) -> None:
-    """Refuse a plan with presses that cannot be made, before anything moves; all are reported.
+    """Check that every press of a plan can be made, before anything moves.
 
     Raises:
         InputError: some presses cannot be made; all are reported.

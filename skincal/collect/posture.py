@@ -48,7 +48,7 @@ class Mount:
         return self.surface.wrap(self.pose, np.reshape(np.asarray(uv_m, dtype=np.float64), (-1, 2)))
 
     def site_at(self, across: float, y_m: float) -> tuple[float, float]:
-        """Return the site (u, v) [m] at a position, ``across`` being beta [rad] or on a plane x [m]; NaN for NaN.
+        """Return the site (u, v) [m] at a position on the surface; NaN for NaN.
 
         Args:
             across: beta [rad], on a plane x [m].
@@ -100,8 +100,6 @@ class Posture:
 
     def command(self, height_m: float, force_n: FloatArray) -> FloatArray:
         """Return the commanded angles (n,) [rad] at which a hand without friction presses with a force at a height.
-
-        The force (3,) is normal to the skin, along u and along v [N].
 
         Args:
             height_m: height of the indenter above the skin [m].

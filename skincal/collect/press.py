@@ -18,8 +18,7 @@ class Regulator:
     """Proportional-integral controller of the force, for fingers with stick friction in their joints.
 
     The command is the force that the fingers would give by their stiffness alone. Stick friction takes some of it, more
-    when the motion reverses, and lets shear grow; both show in the measured torques and are regulated to zero. The
-    force lags behind the command by ``lag_s``, before its low-pass.
+    when the motion reverses, and lets shear grow; both show in the measured torques and are regulated to zero.
 
     Args:
         period_s: time between two steps [s].

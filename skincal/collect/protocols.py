@@ -71,7 +71,7 @@ class FullProtocol:
 
 
 def paper_plan(rng: np.random.Generator, layout: TaxelLayout, options: PaperProtocol | None = None) -> Plan:
-    """Draw a session of the paper's protocol; the patch must be large enough for its sites.
+    """Draw a session of the paper's protocol.
 
     Raises:
         InputError: the patch is too small for this number of sites.
@@ -97,8 +97,6 @@ def full_plan(
     second_indenter_m: float | None = None,
 ) -> Plan:
     """Draw a session in which no effect is confounded with another.
-
-    Its last presses are with a second sphere of a radius ``second_indenter_m`` [m]; None: with the same one.
 
     Args:
         rng: generator of all randomness.
@@ -134,15 +132,16 @@ def patch_grid(layout: TaxelLayout) -> FloatArray:
 def spread_sites(
     rng: np.random.Generator, layout: TaxelLayout, count: int, *, without: Site | None = None
 ) -> list[Site]:
-    """Return sites on the grid, in random order, that cover the patch evenly; more than the grid has repeat.
-
-    Each is the farthest of some random candidates from earlier sites, and none is ``without`` [m].
+    """Return sites on the grid that cover the patch evenly: the farthest of some random candidates from earlier sites.
 
     Args:
         rng: generator of all randomness.
         layout: the taxels.
         count: number of sites; beyond the size of the grid they repeat.
         without: a site that is not drawn [m].
+
+    Returns:
+        Sites [m], in random order.
     """
     places = patch_grid(layout)
     if without is not None:

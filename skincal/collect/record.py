@@ -76,9 +76,6 @@ def press_tables(
 ) -> tuple[dict[str, Any], Arrays]:
     """Return all that is stored of a press: its row and its frames, by column.
 
-    The samples are all since the press before, ``tare_nm`` the torques at rest (n,) [N m], and ``lost`` says whether
-    contact was lost in the hold.
-
     Args:
         session: the session.
         number: number of the press.

@@ -43,7 +43,7 @@ class Rounds:
     def of(
         cls, out: Path, dataset: Dataset, rig: Rig, collect: Callable[[Plan, Path, str, float], object]
     ) -> Rounds:
-        """Find what an interrupted run has left; refuse another run, and a rig that is not that of the dataset.
+        """Find what an interrupted run has left.
 
         Raises:
             InputError: the driver is no hand, a simulated hand is not the one of the dataset, presses of the hand

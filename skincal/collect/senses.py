@@ -83,7 +83,7 @@ class Senses:
         return contact_from_joints(self._kinematics, state.q_rad, torque_nm, indenter_radius_m=self._radius_m)
 
     def take_tare(self, samples: list[Sample]) -> None:
-        """Use the mean torques of samples without contact as the torques at rest, unless no offset explains them.
+        """Use the mean torques of samples without contact as the torques at rest.
 
         Raises:
             WorkError: they correspond to a force that no offset explains.

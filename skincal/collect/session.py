@@ -46,12 +46,15 @@ class Session:
         return Need(max(self.last_frame_s, 0.0), indenter_radius_m, len(self.journal.connections()))
 
     def connect(self, rig_s: float) -> float:
-        """Record a connection, before the rig moves; return the session's clock less the rig's, which is now ``rig_s``.
+        """Record a connection, before the rig moves.
 
-        The session's clock goes on with the rig's if that ran on, else a moment after the last frame [s].
+        The session's clock goes on with the rig's if that ran on, else a moment after the last frame.
 
         Args:
             rig_s: the rig's clock now [s].
+
+        Returns:
+            Difference of the session's clock from the rig's [s].
         """
         shift_s = -rig_s
         if np.isfinite(self.last_frame_s):
@@ -64,9 +67,7 @@ class Session:
     def press_row(
         self, number: int, target_m: FloatArray, moments: Moments, means: Mapping[str, float]
     ) -> dict[str, Any]:
-        """Return what the row of a press with a planned contact point (3,) [m] holds on every rig, by column.
-
-        The means are those over the steady part of the hold, by column; among them ``force_n``.
+        """Return what the row of a press holds on every rig, by column.
 
         Args:
             number: number of the press.

@@ -73,7 +73,7 @@ def way_over_skin(
 def way_through_joints(
     fingers: Fingers, start_rad: FloatArray, end_rad: FloatArray, radius_m: float, least_m: float
 ) -> FloatArray:
-    """Return a straight path (W, n) of the joints [rad] if the indenter stays off the skin, else one that rises.
+    """Return a straight path (W, n) [rad] of the joints if the indenter stays off the skin; else one that first rises.
 
     Raises:
         WorkError: both paths lead through the finger.

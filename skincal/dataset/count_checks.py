@@ -27,9 +27,7 @@ MOST_LOST = 0.05
 def check_counts(
     reader: ColumnReader, sensor: SensorSpec, columns: Iterable[FloatArray], *, whole: bool
 ) -> None:
-    """Report problems of the counts (rows,) in the taxel ``columns`` that are present.
-
-    ``whole`` is True for single readings (frames), which must be whole numbers if the converter rounds.
+    """Report problems of the counts in the taxel columns that are present.
 
     Args:
         reader: the table.

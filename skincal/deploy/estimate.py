@@ -31,9 +31,7 @@ _PRIOR_M = 2e-3
 
 
 def estimate_positions(record: Record, estimator: Estimator, pinch: Pinch, width_m: float) -> FloatArray:
-    """Estimate the position (T, 2) of an object of a width [m] at every state, in patch coordinates [m].
-
-    It is NaN without contact. The sensor is assumed at the pose of the hand's description.
+    """Estimate the object's position (T, 2) at every state of a run, in patch coordinates [m]; NaN without contact.
 
     Args:
         record: record of the run.

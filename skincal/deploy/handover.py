@@ -70,7 +70,16 @@ def _force(jacobian: FloatArray, torque_nm: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Handover:
-    """Motions that take an object of a width from a person and release it."""
+    """Motions that take an object of a width from a person and release it.
+
+    Attributes:
+        motion: the hand.
+        description: of the hand.
+        postures: joint angles over the distance of the fingertips.
+        forces: estimator of the fingers' forces.
+        width_m: width of the object [m].
+        options: speeds and forces.
+    """
 
     motion: Motion
     description: HandDescription
@@ -82,7 +91,8 @@ class Handover:
     def take(self) -> FloatArray:
         """Open the fingers, close them on an object until both touch it, and squeeze.
 
-        Return the commanded angles (n,) that hold the object [rad]. Without an object, raise a ``WorkError``.
+        Returns:
+            (n,) commanded angles that hold the object [rad].
 
         Raises:
             WorkError: the fingers closed without touching an object.

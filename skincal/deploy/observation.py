@@ -43,7 +43,7 @@ class PolicyObservation:
         return any(name == "image" for name, _ in self._order)
 
     def next(self, values: Mapping[str, ArrayLike]) -> NDArray[np.float32]:
-        """Return the next observation, from present quantities by name, 0 for NaN; at first they also fill the past.
+        """Return the next observation. At the first step, the present values also fill the past.
 
         Args:
             values: present quantities by name; NaN is replaced by 0.

@@ -72,7 +72,7 @@ class Record:
 def write_record(
     record: Record, description: HandDescription, path: Path, *, radius_m: float, source: str
 ) -> None:
-    """Write a run with an object of a radius [m] as a dataset with one press, which lasts while the policy acts.
+    """Write a run as a dataset with one press, which lasts while the policy acts.
 
     Contact points are the centroids of the images at the sensor's nominal pose, and are listed as assumed. Forces come
     from the joint torques.

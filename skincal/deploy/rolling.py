@@ -41,9 +41,7 @@ def recorded_sensitivity(folder: Path, run: RunFile) -> Sensitivity:
 def simulated_sensitivities(
     calibration: Calibration, run: RunFile, hands: int, seed: int, progress: Callable[[str, int, int], None]
 ) -> list[Sensitivity]:
-    """Repeat a run on hands drawn from a calibration before wear; return the sensitivity of those that hold the object.
-
-    The arguments of ``progress`` are the stage, and how many hands of how many are done.
+    """Repeat a run on hands drawn from a calibration; return the sensitivity of those that hold the object.
 
     Args:
         calibration: calibration of the hand before wear.

@@ -71,7 +71,7 @@ class RunFile(Table, unknown="keep"):
 
 
 def read_run_file(folder: Path) -> RunFile:
-    """Read ``deploy.json`` of a run's folder; its trajectory must lie in the working folder.
+    """Read ``deploy.json`` of a run's folder.
 
     Raises:
         InputError: the file is not an output of `deploy`, or the trajectory lies outside the working folder.

@@ -55,9 +55,7 @@ def targets_of(
 
 
 def marble_targets(trajectory: str | ArrayLike, duration_s: float) -> FloatArray:
-    """Return targets of the marble (T + 1, 2) at 10 Hz for a duration [s] [m].
-
-    The trajectory is ``circle``, ``still``, or targets (N, 2) [m], of which the last one is held.
+    """Return targets of the marble (T + 1, 2) at 10 Hz [m].
 
     Args:
         trajectory: ``circle``, ``still``, or targets (N, 2) [m], of which the last one is held.
@@ -78,7 +76,7 @@ def letters(
 ) -> FloatArray:
     """Return targets (N, 2) at 10 Hz that write a text, each letter centred on the sensor [m].
 
-    Only letters A to Z are drawn. A letter is one stroke; from its end the marble moves straight to the next one.
+    A letter is one stroke; from its end the marble moves straight to the start of the next.
 
     Args:
         text: the text; only letters A to Z are drawn.

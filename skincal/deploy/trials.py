@@ -22,7 +22,7 @@ from skincal.train.scores import Runs
 
 
 def check_trial(trial: Trial) -> None:
-    """Refuse a trial of another task than the marble, or with options that reference hands do not have.
+    """Check that a trial can run on reference hands.
 
     Raises:
         InputError: the task is not the marble, or the trial sets options that a reference hand does not have.
@@ -66,8 +66,7 @@ def reference_runs(
 ) -> Runs:
     """Run a policy for the marble on reference hands, one run per hand.
 
-    All parameters but the object's radius are drawn. A run that a fault stops counts as a drop. ``progress`` is called
-    with the number of finished runs.
+    All parameters but the object's radius are drawn. A run that a fault stops counts as a drop.
 
     Args:
         policy: the policy.

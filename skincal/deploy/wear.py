@@ -70,9 +70,7 @@ class Wear:
 
 
 def measure_sensitivity(images_counts: FloatArray, force_n: FloatArray) -> Sensitivity:
-    """Return the sensitivity of the skin from images above rest (T, J) [counts] and normal forces (T,) [N].
-
-    Negative counts and NaN count as 0. Raise a ``WorkError`` if there are too few images under force.
+    """Return the sensitivity of the skin in a run.
 
     Args:
         images_counts: (T, J) images above rest [counts]; negative values and NaN count as 0.
@@ -97,7 +95,7 @@ def measure_sensitivity(images_counts: FloatArray, force_n: FloatArray) -> Sensi
 
 
 def estimate_wear(hand: Sensitivity, simulated: Sequence[Sensitivity]) -> Wear:
-    """Estimate the wear of a hand by comparison with n simulated ones, at least three.
+    """Estimate the wear of a hand by comparison with n simulated ones.
 
     Raises:
         WorkError: there are fewer than three simulated hands.

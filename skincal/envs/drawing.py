@@ -66,14 +66,15 @@ class Drawer:
         randomize: Sequence[str] | None = None,
         given: Mapping[str, ArrayLike] | None = None,
     ) -> tuple[Values, Draws]:
-        """Return all values of an episode, nominal ones for what is drawn per step, and the draws that steps need.
-
-        Names or tables in ``randomize`` are drawn (None: all), the rest is nominal; ``given`` replaces draws.
+        """Return values of an episode.
 
         Args:
             rng: advanced by the draws.
             randomize: names, or tables, that are drawn, the rest being nominal; None: all.
             given: values that take the place of draws.
+
+        Returns:
+            All values, those drawn per step being nominal ones; and the draws themselves, which the steps need.
         """
         sample = self._draw(rng, "episode")
         drawn = {path: v for path, v in sample.items() if path in self.nominal and is_chosen(path, randomize)}

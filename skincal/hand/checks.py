@@ -54,7 +54,7 @@ class StateCheck:
         self._taxels = TaxelCheck(description.meta.sensor, options, raw=driver.follows_commands)
 
     def __call__(self, state: HandState, now_s: float, waited_s: float = 0.0) -> None:
-        """Check a state that arrived at ``now_s`` on our clock, after the driver took ``waited_s`` for it [s].
+        """Check a state.
 
         Args:
             state: state from the driver.
@@ -145,7 +145,7 @@ class TaxelCheck:
         self._answered_s = math.nan
 
     def __call__(self, values: FloatArray, age_s: FloatArray, time_s: float) -> None:
-        """Check at a time of the rig's clock that existing values (J,) are finite, of the converter and fresh [s].
+        """Check that existing values (J,) are finite, of the converter and fresh, and that some exist.
 
         Args:
             values: taxel values (J,).
@@ -153,7 +153,7 @@ class TaxelCheck:
             time_s: the rig's clock [s].
 
         Raises:
-            HandError: a violation, or no value has existed for too long.
+            HandError: a violation.
         """
         if age_s.min() >= -self._options.taxel_ahead_s and age_s.max() <= self._options.taxel_age_s:
             # NaN fails the comparisons, and is treated below.

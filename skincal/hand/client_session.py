@@ -32,8 +32,6 @@ LONGEST_END_S = 3.0
 class Session:
     """Executor of one client's requests, in a separate thread, so that a stop gets through at any time.
 
-    The thread sends replies, each after its client's name, on the socket ``wire`` to the server's loop.
-
     Args:
         contact_force: computes the contact force; None: not checked.
         wire: socket to the server's loop, on which the session's thread sends replies, each after its client's name.

@@ -22,8 +22,7 @@ class ClockCheck:
     """Checker of the time of each state, one after the other.
 
     The lag is a leaky sum: the advance of our clock between two states less that of the hand's, never below zero. So it
-    is the lag behind the earliest state, and clocks that differ by `DRIFT` do not add up over a long session. States of
-    a recording may have gaps.
+    is the lag behind the earliest state, and clocks that differ by `DRIFT` do not add up over a long session.
 
     Args:
         options: limits.
@@ -44,7 +43,7 @@ class ClockCheck:
         self._behind_s = self._ahead_s = 0.0
 
     def __call__(self, time_s: float, now_s: float, waited_s: float) -> None:
-        """Check the hand's clock in a state that arrived at ``now_s`` on ours, after a wait for the driver [s].
+        """Check a state's time.
 
         Args:
             time_s: the hand's clock [s].

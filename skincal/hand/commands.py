@@ -39,7 +39,7 @@ class StepCheck(ABC, Generic[State, Command]):
     No command is allowed on the strength of states that are frozen. A driver that gives old values with new stamps
     hides angles, torques and forces from every other check. Only values that are the same to the last bit count as
     frozen, and only while commands move the rig: one at rest whose encoders and torque sensors are coarse may well give
-    the same values for long. Values have to change once commands have moved a joint or axis by more than ``moved``.
+    the same values for long.
 
     Args:
         driver: the rig.

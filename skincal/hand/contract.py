@@ -116,7 +116,7 @@ def run_contract(
 def run_checks(
     name: str, checks: Sequence[Check], attempt: Callable[[Check, bool], Outcome], progress: Progress
 ) -> ContractReport:
-    """Run checks one after the other; ``attempt`` is also given whether the rig could always be stopped so far.
+    """Run checks one after the other.
 
     Args:
         name: the driver's name, for the report.
@@ -137,7 +137,7 @@ def run_checks(
 
 
 def outcome(run: Callable[[], str | None], limit_s: float) -> Outcome:
-    """Run a check whose calls last ``limit_s`` [s] at most; return its outcome.
+    """Run a check; return its outcome.
 
     Args:
         run: the check; it returns what was measured, or raises.

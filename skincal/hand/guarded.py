@@ -210,7 +210,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
             raise HandError(f"{self.name}: {trouble}", "driver", stopped=False)
 
     def close(self) -> None:
-        """Release the rig; a ``HandError`` says that the driver's ``close`` failed. May be called twice.
+        """Release the rig. May be called twice.
 
         Raises:
             HandError: the driver's ``close`` raised, or did not return; the rig is stopped.
@@ -229,7 +229,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stop the rig, whatever happened, and release it; note the stop on the exception, or raise that it failed.
+        """Stop the rig, whatever happened, and release it. Add a note to the exception that the rig was stopped.
 
         Raises:
             HandError: the rig could not be stopped.

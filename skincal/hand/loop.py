@@ -14,12 +14,16 @@ Sample = TypeVar("Sample")
 
 
 class ControlLoop(ABC, Generic[Rig, Sample]):
-    """Control loop of a connected rig.
+    """Control loop of a rig.
+
+    Args:
+        rig: the rig, connected.
+        watch: callback with every sample and what the rig is doing.
 
     Attributes:
         samples: the samples of the observed states, in order.
         command: the last command.
-        doing: what the rig is doing, for the callback ``watch`` with every sample.
+        doing: what the rig is doing.
     """
 
     def __init__(self, rig: Rig, watch: Callable[[Sample, str], None] | None = None) -> None:

@@ -65,7 +65,7 @@ class MessageError(ValueError):
 
 @dataclass(frozen=True)
 class Message:
-    """One message: its kind, the field ``id``, its session, and the fields of its kind.
+    """One message.
 
     Attributes:
         kind: one of ``REQUESTS`` or ``REPLIES``.
@@ -87,7 +87,7 @@ def encode(message: Message) -> bytes:
 
 
 def decode(data: bytes, kinds: tuple[str, ...]) -> Message:
-    """Return bytes as a message of one of some kinds; raise a ``MessageError`` if they are none.
+    """Return bytes as a message of one of some kinds.
 
     Raises:
         MessageError: the bytes are not such a message.
@@ -121,7 +121,7 @@ def state_body(state: HandState) -> dict[str, Any]:
 
 
 def state_of(message: Message) -> HandState:
-    """Return the state of a ``state`` message, of numbers; the guard checks its shapes.
+    """Return the state of a ``state`` message; the guard checks its shapes.
 
     Raises:
         MessageError: a field is missing or not a number.

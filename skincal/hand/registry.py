@@ -31,7 +31,7 @@ GROUP = "skincal.drivers"
 
 @dataclass(frozen=True)
 class DriverOption:
-    """An option of a driver: its annotation, its default (``inspect.Parameter.empty``: none) and its help text.
+    """An option of a driver.
 
     Attributes:
         name: its name.

@@ -33,7 +33,7 @@ MOST_SILENCE_S = 60.0
 
 
 class RemoteDriver(HandDriver):
-    """The hand at an address; its description must be that of the server.
+    """The hand at an address.
 
     Args:
         address: address of the server.

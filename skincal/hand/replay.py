@@ -64,7 +64,7 @@ class ReplayDriver(HandDriver):
         self._connected = True
 
     def observe(self) -> HandState:
-        """Return the next frame; after the last one, raise a ``HandError`` of kind ``end``.
+        """Return the next frame.
 
         Raises:
             HandError: the recording has ended (kind ``end``), or is not connected.

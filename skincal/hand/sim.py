@@ -33,11 +33,7 @@ class SimDriver(SimulatedDriver):
     """A simulated hand with a reference skin whose true parameters are drawn by the seed.
 
     Its clock runs as fast as the computer allows: a call of :meth:`observe` advances it by one period. The same seed,
-    hand, effects and commands give the same states, bit for bit. Without a calibration pose, E and S are drawn.
-
-    The truth is written when the hand is connected, and again at the end of the session. A session that starts later
-    has new noise, and its drifts continue. If there is a contact history, the skin remembers its contacts, and the
-    clock continues after them. Another sphere on the cap does not change the description.
+    hand, effects and commands give the same states, bit for bit.
 
     Args:
         seed: seed of the truth and of all noise.

@@ -18,8 +18,6 @@ from skincal.hand.driver import HandDriver
 class SimulatedDriver(HandDriver):
     """A simulated hand; one that has been stopped holds its motors until it is connected again.
 
-    The rate of states and commands must divide that of the physics.
-
     Args:
         rate_hz: rate of states and commands [Hz].
         physics_hz: rate of the physics [Hz].

@@ -32,7 +32,7 @@ INSTALL = "pip install 'skincal[remote]'"
 
 
 def zmq_module() -> Any:
-    """Return the module ``zmq``; raise a ``WorkError`` if pyzmq is not installed.
+    """Return the module ``zmq``.
 
     Raises:
         WorkError: pyzmq is not installed.
@@ -47,7 +47,7 @@ def zmq_module() -> Any:
 
 @dataclass(frozen=True)
 class Keys:
-    """Own keys of one side; at a client the public key of the hand, at the hand those of the clients.
+    """Keys of one side, and those that it trusts.
 
     Attributes:
         public: own public key.
@@ -67,7 +67,7 @@ class Keys:
 
 
 def make_keys(folder: Path, *, force: bool = False) -> None:
-    """Write a key pair for a hand and one for a client that it trusts into a new folder.
+    """Write a key pair for a hand and one for a client that it trusts.
 
     Raises:
         InputError: the folder exists.

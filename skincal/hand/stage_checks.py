@@ -79,7 +79,7 @@ def run_stage_checks(
     guard: GuardOptions | None = None,
     progress: Progress = lambda result: None,
 ) -> ContractReport:
-    """Run every check against a new driver of a stage, which is not moved if ``move`` is false or a stop failed.
+    """Run every check against a driver of a stage.
 
     Args:
         name: the driver's name, for the report.

@@ -43,7 +43,7 @@ class GuardedStage(Guarded[StageDescription, StageState, FloatArray]):
 
 
 def check_stage(rig: StageDescription, *, beyond: bool = False) -> None:
-    """Refuse limits that are invalid, or unless ``beyond`` allows it larger than those of any bench.
+    """Refuse limits that are invalid, or beyond those of any bench.
 
     Args:
         rig: the stage.

@@ -77,7 +77,7 @@ class Trial(GuardedHand):
 
 
 def created(make: Callable[[], Rig], timeout_s: float | None = None) -> Rig:
-    """Create a driver, which may hang; errors are those of :func:`~skincal.hand.worker.call_and_leave`.
+    """Create a driver, which may hang.
 
     Raises:
         CallTimeoutError: it was not created in time.

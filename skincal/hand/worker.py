@@ -85,7 +85,7 @@ class Worker:
 
 
 def call_and_leave(work: Callable[[], Value], timeout_s: float, name: str) -> Value:
-    """Make one call in a separate thread, and abandon it as :meth:`Worker.call` does.
+    """Make one call in a separate thread, and abandon it if it does not return in time.
 
     Raises:
         CallTimeoutError: the call did not return within ``timeout_s``.

@@ -134,13 +134,15 @@ class Noise:
             spread = C.image * np.abs(level - self.rest) if spread is None else spread
             near = (level > x[0]) & (level < x[-1]) & (np.hypot(self.frame, spread) < C.smooth * self.step)
             wide = np.where(spread > self.frame / _FINE, spread, 0.0)[near]
-            mean[near], slope[near], each[near], shared[near] = _on_stairs(
+            mean[near], slope[near], each[near], shared[near] = _moments_on_stairs(
                 x, means, slopes, variances, level[near], wide
             )
         else:
             for end in (e for e in (self.low, self.high) if np.isfinite(e)):
                 near = np.abs(level - end) < _NEAR * float(np.hypot(self._sd(np.array(end)), self.step))
-                mean[near], slope[near], each[near] = _near_bound(x, means, slopes, variances, level[near])
+                mean[near], slope[near], each[near] = _moments_near_bound(
+                    x, means, slopes, variances, level[near]
+                )
         return mean, np.maximum(slope, C.least_slope), np.maximum(each, C.least_variance * plain), shared
 
     def rounded(self, value: FloatArray) -> FloatArray:
@@ -171,7 +173,7 @@ class Noise:
 
 
 @allocating
-def _on_stairs(x, mean, slope, variance, level, spread):
+def _moments_on_stairs(x, mean, slope, variance, level, spread):
     """Average mean, slope and variance of a reading over the spread (m,) of each level (m,), by tables over uniform x.
 
     Returns:
@@ -181,26 +183,21 @@ def _on_stairs(x, mean, slope, variance, level, spread):
     out, last = np.zeros((4, len(level))), len(x) - 1.001
     for i in range(len(level)):
         square = 0.0
-        for z, w in zip(_NODES, _WEIGHTS):  # noqa: B905 - numba knows no `strict`
-            if spread[i] == 0.0:
-                z, w = 0.0, 1.0
-            place = min(max((level[i] + z * spread[i] - x[0]) / (x[1] - x[0]), 0.0), last)
+        for n in range(len(_NODES)):
+            place = min(max((level[i] + _NODES[n] * spread[i] - x[0]) / (x[1] - x[0]), 0.0), last)
             k = int(place)
             t = place - k
             one = mean[k] + t * (mean[k + 1] - mean[k])
-            out[0, i] += w * one
-            out[1, i] += w * (slope[k] + t * (slope[k + 1] - slope[k]))
-            out[2, i] += w * (variance[k] + t * (variance[k + 1] - variance[k]))
-            square += w * (one - level[i]) ** 2
-            if spread[i] == 0.0:
-                square = (out[0, i] - level[i]) ** 2
-                break
+            out[0, i] += _WEIGHTS[n] * one
+            out[1, i] += _WEIGHTS[n] * (slope[k] + t * (slope[k + 1] - slope[k]))
+            out[2, i] += _WEIGHTS[n] * (variance[k] + t * (variance[k + 1] - variance[k]))
+            square += _WEIGHTS[n] * (one - level[i]) ** 2
         out[3, i] = max(square - (out[0, i] - level[i]) ** 2 - (out[1, i] * spread[i]) ** 2, 0.0)
     return out
 
 
 @allocating
-def _near_bound(x, mean, slope, variance, level):
+def _moments_near_bound(x, mean, slope, variance, level):
     """Interpolate mean, slope and variance (3, m) of a frame at levels (m,), by tables over ascending x."""
     out = np.empty((3, len(level)))
     for i in range(len(level)):

@@ -16,7 +16,7 @@ _Item = TypeVar("_Item", bound=np.generic)
 
 
 def floats(name: str, value: ArrayLike, shape: Sequence[int | None], *, finite: bool = True) -> FloatArray:
-    """Return a read-only copy as a float array of the given shape; ``None`` stands for any length.
+    """Return a read-only float array of the given shape, a copy.
 
     Args:
         name: what the array is called, for the error.
@@ -25,7 +25,7 @@ def floats(name: str, value: ArrayLike, shape: Sequence[int | None], *, finite: 
         finite: refuse NaN and infinity.
 
     Raises:
-        ValueError: the shape differs, or a value is not finite although ``finite`` is true.
+        ValueError: the shape differs, or a value is not finite.
     """
     array = np.array(value, dtype=np.float64)
     check_shape(name, array, shape)

@@ -46,7 +46,7 @@ class TaxelLayout:
 
     @classmethod
     def grid(cls, rows: int, cols: int, *, taxel_size_m: Pair, pitch_m: Pair) -> TaxelLayout:
-        """Return a regular grid, centred on the patch; the pitch is the distance of neighbouring centres.
+        """Return a regular grid, centred on the patch.
 
         Args:
             rows: number of rows.

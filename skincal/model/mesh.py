@@ -41,7 +41,7 @@ class RayScene:
         return scene
 
     def first(self, origins: FloatArray, directions: FloatArray) -> IntArray:
-        """Return the first triangle (N,) on each ray from origins (N, 3) along unit vectors (N, 3) or (3,), else -1.
+        """Return the first triangle (N,) on each ray, -1 where there is none.
 
         Args:
             origins: (N, 3) where the rays start.
@@ -117,11 +117,14 @@ class TriangleMesh:
         self.rays = RayScene(vertices - self.centre_m, self.faces)
 
     def first_hit(self, origins_m: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the first triangle (N,) on each ray (-1: it misses) and the distance along it (N,) [m] (or inf).
+        """Return the first triangle on each ray.
 
         Args:
             origins_m: (N, 3) where the rays start [m].
             directions: (N, 3) unit vectors.
+
+        Returns:
+            Triangle (N,), -1 where the ray misses, and distance along the ray (N,) [m], inf where it misses.
         """
         if len(origins_m) == 0:
             return np.zeros(0, dtype=np.int64), np.zeros(0)

@@ -53,7 +53,7 @@ class SkinResponse:
 
 
 def refuse(indenter: Indenter, contacts: Contacts, info: FloatArray, *statuses: Status) -> None:
-    """Raise ``InvalidPressError`` if a press has a given status; ``info`` is that of ``skincal.model.press.call``.
+    """Raise an error if a press has one of the given statuses.
 
     Args:
         indenter: the indenter.
@@ -98,7 +98,7 @@ class Pressures:
         return len(self.known)
 
     def loads(self, weights: FloatArray) -> FloatArray:
-        """Return loads (K, J) [N] on regions to which fractions (N, J) of the points belong; NaN if not known.
+        """Return loads on regions (K, J) [N]; NaN where a contact is not known.
 
         Args:
             weights: (N, J) fraction of each tactile point that belongs to each region; 0 or 1 for the taxels.

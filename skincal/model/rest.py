@@ -104,8 +104,8 @@ def levels_from_presses(counts: ArrayLike) -> RestLevels:
 def half_scatter(readings: FloatArray, finest: float) -> float:
     """Return the standard deviation of noise whose lower half is clipped; 0 if low readings are not clipped noise.
 
-    Readings (n,) above the lowest one are modelled as a mixture of a half normal distribution (noise) and a uniform
-    one (signals), fitted by expectation-maximisation; ``finest`` bounds the standard deviation from below [counts].
+    Readings above the lowest one are modelled as a mixture of a half normal distribution (noise) and a uniform one
+    (signals), fitted by expectation-maximisation.
 
     Args:
         readings: (n,) readings of one taxel [counts].

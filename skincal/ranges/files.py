@@ -102,7 +102,7 @@ def file_format(path: str | Path) -> str:
 
 
 def read_ranges(path: str | Path) -> Ranges:
-    """Read ranges (contract ``skincal-ranges/1``) from a ``.toml``, ``.json``, ``.yaml`` or ``.yml`` file.
+    """Read ranges (contract ``skincal-ranges/1``).
 
     Args:
         path: a ``.toml``, ``.json``, ``.yaml`` or ``.yml`` file.
@@ -126,7 +126,7 @@ def read_ranges(path: str | Path) -> Ranges:
 
 
 def write_ranges(ranges: Ranges, path: str | Path, *, force: bool = False) -> None:
-    """Write ranges in the format of the suffix; the file appears complete or not at all.
+    """Write ranges; the file appears complete or not at all.
 
     Args:
         ranges: the ranges.

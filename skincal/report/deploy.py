@@ -15,7 +15,7 @@ from skincal.report.taxel_map import draw_outlines
 
 @styled
 def deploy_figure(found: Deployed, layout: TaxelLayout, *, felt_m: FloatArray | None = None) -> Figure:
-    """Draw desired, estimated (``felt_m``, (T, 2) [m]) and true path, the normal force, and the policy's period.
+    """Draw desired and true path over the taxels, the normal force over time, and the policy's period.
 
     Args:
         found: the run.

@@ -81,8 +81,6 @@ def write_page(
 def rendered(template: str, unit: str | None = None, **values: Any) -> str:
     """Return a text from a template of ``skincal/report/templates``; all its variables must be given.
 
-    ``unit`` is that of the taxel values, which replaces counts in values that are texts; None: counts.
-
     Args:
         template: name of the template.
         unit: unit of the taxel values, which replaces counts in values that are texts; None: counts.

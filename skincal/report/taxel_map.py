@@ -39,7 +39,7 @@ def near_patch(uv: NDArray[np.floating[Any]], bounds: FloatArray) -> BoolArray:
 def draw_taxels(
     axes: Axes, layout: TaxelLayout, values: NDArray[np.floating[Any]], norm: Normalize, colours: str
 ) -> PolyCollection:
-    """Draw taxels as boxes [mm] with the colours of their values (J,), light grey for NaN; write few values on them.
+    """Draw taxels as coloured boxes [mm], with their values where there are not too many.
 
     Args:
         axes: axes to draw on.

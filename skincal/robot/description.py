@@ -161,7 +161,7 @@ FIX = "Correct it; if the hand really bears that, allow it with --beyond-limits.
 
 
 def check_limits(description: HandDescription, *, beyond: bool = False) -> None:
-    """Refuse limits and gains that no finger has, unless ``beyond`` allows them; all are reported.
+    """Refuse limits and gains that no finger has.
 
     Raises:
         InputError: some limits or gains are above their bounds; all are reported.

@@ -127,7 +127,7 @@ class _File(Description):
 
 
 def read_hand(path: str | Path) -> HandDescription:
-    """Read the description of a hand from ``hand.toml``, or the folder that holds it; all violations are reported.
+    """Read the description of a hand.
 
     Args:
         path: ``hand.toml``, or the folder that holds it.

@@ -86,7 +86,7 @@ class Kinematics:
         return tau
 
     def angles(self, values: ArrayLike) -> FloatArray:
-        """Return values (K, n) or (n,) as (K, n); raise a ``ValueError`` for another number of joints.
+        """Return values (K, n) or (n,) as (K, n).
 
         Raises:
             ValueError: another number of joints.

@@ -27,8 +27,6 @@ _TOUCH_N = 0.3
 class SimulatedHand:
     """A hand in its own PyBullet client, independent of others.
 
-    Drifts of a session that starts at ``start_s`` continue, and new contacts are added to the skin's memory.
-
     Args:
         description: the hand.
         truth: true parameters of its skin and joints.
@@ -84,7 +82,7 @@ class SimulatedHand:
         return self._steps / self._options.physics_hz
 
     def command(self, q_desired_rad: ArrayLike) -> None:
-        """Set the finite target angles (n,) [rad], as the joint sensors measure them.
+        """Set the target angles (n,) [rad], as the joint sensors measure them.
 
         Raises:
             WorkError: the number of angles is wrong, or one is not finite.

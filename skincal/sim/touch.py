@@ -51,7 +51,7 @@ class TrueContact:
 def true_contact(
     kinematics: Kinematics, time_s: float, q_rad: FloatArray, force_root_n: FloatArray
 ) -> TrueContact:
-    """Return the contact at true angles of the links (n,) [rad], with a force on the skin (3,), root frame [N].
+    """Return the contact at true angles of the links.
 
     Args:
         kinematics: the hand.

@@ -96,7 +96,7 @@ class Truth:
         options: TruthOptions | None = None,
         effects: Mapping[str, float] | None = None,
     ) -> Truth:
-        """Draw a truth, with effects of some strengths by name.
+        """Draw a truth.
 
         Raises:
             InputError: an unknown effect, or an invalid strength.
@@ -116,7 +116,7 @@ class Truth:
         return replace(truth, strengths=strengths, effects=_effects(rng, description, strengths))
 
     def with_skin(self, calibration: Calibration, description: HandDescription) -> Truth:
-        """Return the same joints and noise with the skin of a calibration of this sensor; its effects are added.
+        """Return the same joints and noise with the skin of a calibration; its effects join those that were drawn.
 
         Raises:
             InputError: the calibration has another sensor, or an effect that was drawn as well.

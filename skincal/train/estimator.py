@@ -61,7 +61,7 @@ class Estimator:
     quality: Quality
 
     def __call__(self, images_counts: ArrayLike) -> FloatArray:
-        """Return contact positions (..., 2) [m] for images (..., J) above the level at rest; NaN counts as 0.
+        """Return places (..., 2) of the contact in patch coordinates [m].
 
         Args:
             images_counts: (..., J) counts above the level at rest; NaN counts as 0.

@@ -145,7 +145,7 @@ def score(runs: Runs, rng: np.random.Generator) -> Score:
 
 
 def mean_error_m(error_m: FloatArray, weights: NDArray[np.integer] | FloatArray) -> FloatArray:
-    """Return the mean (B, T) of errors (N, T) over the episodes still going, weighted by (B, N); NaN where none is.
+    """Return the mean (B, T) over the episodes still going; NaN where none goes on.
 
     Args:
         error_m: shape (N, T), NaN after an episode's end.
@@ -182,8 +182,7 @@ def direction_right(object_m: FloatArray, target_m: FloatArray) -> bool:
     """Return whether an object moves the way its target moves.
 
     The way is what the place of the object gains while the target goes ahead, by regression; it must point along the
-    target's line to within :data:`RIGHT_WITHIN_RAD` and be no less than :data:`RIGHT_SHARE` of it. Positions have
-    the shape (T, 2); those of the object are NaN after the end.
+    target's line to within :data:`RIGHT_WITHIN_RAD` and be no less than :data:`RIGHT_SHARE` of it.
 
     Args:
         object_m: places of the object, shape (T, 2) [m]; NaN after the end.
@@ -240,7 +239,7 @@ class Fare:
 
 
 def fare(runs: Runs) -> Fare:
-    """Predict from runs, each on another hand; the error is NaN if none of them held until 2 s.
+    """Predict from runs, each on another hand.
 
     Args:
         runs: at least one of them held until 2 s or longer, or the error is NaN.

@@ -131,24 +131,28 @@ class Surface(ABC):
         """
 
     def cell_areas(self, pose: SensorPose, uv_m: ArrayLike, size_m: ArrayLike) -> FloatArray:
-        """Return the areas (N,) [m²] on the surface of cells with centres (N, 2) and edge lengths (N, 2) [m].
-
-        A developable surface preserves areas; others override this method.
+        """Return the areas of the patch's cells on the surface.
 
         Args:
             pose: pose of the patch.
             uv_m: (N, 2) centres of the cells [m].
             size_m: (N, 2) edge lengths of the cells along u and v [m].
+
+        Returns:
+            (N,) areas [m²]. A developable surface preserves areas; others override this method.
         """
         return floats("size_m", size_m, (None, 2)).prod(axis=1)
 
 
 def turned(pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Rotate patch coordinates (N, 2) to arc lengths across (N,) and along the finger (N,) from the centre [m].
+    """Rotate patch coordinates to arc lengths across and along the finger: (u cos a - v sin a, u sin a + v cos a).
 
     Args:
         pose: pose of the patch; only ``alpha_rad`` is used.
         uv_m: (N, 2) patch coordinates [m].
+
+    Returns:
+        Across (N,) and along (N,) [m], from the patch's centre.
     """
     u, v = floats("uv_m", uv_m, (None, 2)).T
     cos, sin = np.cos(pose.alpha_rad), np.sin(pose.alpha_rad)

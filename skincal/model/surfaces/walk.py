@@ -19,7 +19,7 @@ def corner_normals(mesh: TriangleMesh, crease_rad: float) -> FloatArray:
 
     The average is over the faces at the vertex whose normals differ from the corner's own face by less than
     ``crease_rad``, weighted by their angles at the vertex. Linear interpolation over a face then gives normals whose
-    error falls with the square of the edge length; sharp edges stay sharp. The mesh must have consistent winding.
+    error falls with the square of the edge length; sharp edges stay sharp.
 
     Args:
         mesh: a mesh with consistent winding.
@@ -159,7 +159,7 @@ class Walker:
             here = there
 
     def step(self, here: Stand, length_m: float | FloatArray) -> Stand:
-        """Take one step of a length [m], one or (W,), along the heading; NaN where there is no mesh below its end.
+        """Take one step along the heading; NaN where there is no mesh below its end.
 
         Args:
             here: W positions.
