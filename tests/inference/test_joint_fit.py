@@ -222,6 +222,10 @@ def test_presses_kept_for_the_end_are_placed_where_they_fit():
     # From where another model has them they come to places that are no worse, but for tables made elsewhere.
     far = replace(state, move=np.full_like(state.move, 3e-4))
     assert (misfit(whole, place_presses(whole, state, rows, [far]))[rows] <= left + 5.0).all()
+    # A placement that goes on from an earlier one loses nothing, wherever the state has its presses.
+    lost = replace(state, move=state.move + whole.priors.slack_m * np.array([0.6, 0.6, 0.0]))
+    again = place_presses(whole, lost, rows, placed=own)
+    assert (misfit(whole, replace(own, move=again.move))[rows] <= left + 0.1).all()
 
 
 def misfit(fitter: Fitter, state) -> np.ndarray:  # type: ignore[no-untyped-def]
