@@ -186,16 +186,17 @@ def _moments_on_stairs(x, mean, slope, variance, level, spread):
     """
     out, last = np.zeros((4, len(level))), len(x) - 1.001
     for i in range(len(level)):
-        square = 0.0
-        for n in range(len(_NODES)):
+        square, known = 0.0, spread[i] == 0.0
+        for n in range(1 if known else len(_NODES)):
+            weight = 1.0 if known else _WEIGHTS[n]
             place = min(max((level[i] + _NODES[n] * spread[i] - x[0]) / (x[1] - x[0]), 0.0), last)
             k = int(place)
             t = place - k
             one = mean[k] + t * (mean[k + 1] - mean[k])
-            out[0, i] += _WEIGHTS[n] * one
-            out[1, i] += _WEIGHTS[n] * (slope[k] + t * (slope[k + 1] - slope[k]))
-            out[2, i] += _WEIGHTS[n] * (variance[k] + t * (variance[k + 1] - variance[k]))
-            square += _WEIGHTS[n] * (one - level[i]) ** 2
+            out[0, i] += weight * one
+            out[1, i] += weight * (slope[k] + t * (slope[k + 1] - slope[k]))
+            out[2, i] += weight * (variance[k] + t * (variance[k + 1] - variance[k]))
+            square += weight * (one - level[i]) ** 2
         out[3, i] = max(square - (out[0, i] - level[i]) ** 2 - (out[1, i] * spread[i]) ** 2, 0.0)
     return out
 
