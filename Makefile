@@ -55,7 +55,8 @@ types: $(VENV)/.lint-stamp ## static types, strict in the core
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 docs: $(VENV)/.docs-stamp ## the documentation, notebooks executed, warnings as errors
-	$(BIN)/python -m sphinx -j auto -W --keep-going -b html docs docs/_build/html
+	@# Sphinx divides the pages into parts, of which one has the notebooks: all begin at once.
+	$(BIN)/python -m sphinx -j 4 -W --keep-going -b html docs docs/_build/html
 
 bench: $(VENV)/.test-stamp ## speed of everything, for docs/performance.md (about eight minutes)
 	$(BIN)/python -m benchmarks.bench

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
@@ -60,18 +59,23 @@ def search_for_order(dataset: Dataset, mapper: Mapper = map) -> Callable[[], Fin
     Returns:
         A function that waits for the result: the finding ``taxel_order``, or None.
     """
-    asked: list[tuple[FitProblem, SearchBox]] = []
-    if not (uniform_pressure(dataset) or is_corrupted(findings_of_check(dataset))):
-        with suppress(WorkError):
-            problem = fit_problem(dataset, FitOptions(), choose_way(dataset, "auto"))
-            asked.append((problem, search_box(dataset)))
-    found = mapper(search_order_task, asked)
+    found = iter(mapper(_find_order, [dataset]))
 
     def wait() -> Finding | None:
-        order = next(iter(found), None)
+        order = next(found)
         return None if order is None else order_finding(order, dataset.layout())
 
     return wait
+
+
+def _find_order(dataset: Dataset) -> TaxelOrder | None:
+    if uniform_pressure(dataset) or is_corrupted(findings_of_check(dataset)):
+        return None
+    try:
+        problem = fit_problem(dataset, FitOptions(), choose_way(dataset, "auto"))
+    except WorkError:
+        return None
+    return search_order_task((problem, search_box(dataset)))
 
 
 def search_order_task(asked: tuple[FitProblem, SearchBox]) -> TaxelOrder | None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from operator import call
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from skincal.calibrate.data_findings import findings_of_check, is_corrupted, sea
 from skincal.calibration import Calibration
 from skincal.calibration.matching import check_same_sensor
 from skincal.dataset import Dataset
-from skincal.diagnosis.audit import audit_session
+from skincal.diagnosis.audit import AuditReport, audit_session
 from skincal.diagnosis.diagnosis import Diagnosis, NamedEffect, Verdict
 from skincal.diagnosis.gap import Gap, measure_gap, place_presses
 from skincal.diagnosis.next_presses import MOST, next_presses
@@ -91,9 +92,10 @@ def diagnose(
     order = wait_for_order()
     is_wrong = corrupted or order is not None
     report_stage("visible effects")
-    audit = audit_session(
-        observed.fitter, base.state, observed.floor, rng_audit, calibrated=True, planned=False
+    audit_task = partial(
+        audit_session, observed.fitter, base.state, observed.floor, rng_audit, calibrated=True, planned=False
     )
+    audits = iter(mapper(call, [audit_task]))  # in the background: the search does not need it
     report_stage("missing effects")
 
     def search(session: Observed, base: Fitted, rng: np.random.Generator) -> SearchResult:
@@ -115,16 +117,18 @@ def diagnose(
             if second.excess.max() < found.excess.max():
                 observed, found = repaired, second
     report_stage("gap on the test presses")
-    last_checks = (
+    # Side by side; in a single process each runs only when it is needed.
+    last_checks: Sequence[Callable[[], Any]] = (
         partial(measure_gap, observed, found.base.state, found.final.state, rng_gap),
         partial(_confirm_contact_law, observed, found.final, rng_law),
+        partial(_fit_all_presses, observed, found.final),
     )
-    gaps = iter(mapper(call, last_checks))
-    gap: Gap = next(gaps)
+    checks = iter(mapper(call, last_checks))
+    gap: Gap = next(checks)
     verdict, taken_back = _judge(found, gap, is_wrong=is_wrong)
     unexplained = (found.is_incomplete or is_wrong) and verdict != "none"
     report_stage("calibration")
-    law_gap: Gap | None = None if verdict == "unknown" else next(gaps)
+    law_gap: Gap | None = None if verdict == "unknown" else next(checks)
     has_law = law_gap is not None
     if law_gap is not None and verdict == "none" and calibration.contact_law is None:
         gap = law_gap
@@ -132,7 +136,7 @@ def diagnose(
         verdict, unexplained = "unknown", True
     final, effects = calibration, ()
     if verdict == "effects" or has_law:
-        last, covariance, outliers = _fit_all_presses(observed, found)
+        last, covariance, outliers = next(checks)
         effects = _describe_effects(found, observed, last, covariance) if verdict == "effects" else ()
         final = update_calibration(
             calibration, observed, last, covariance, rng_draws, outliers, unexplained=unexplained, law=has_law
@@ -146,6 +150,7 @@ def diagnose(
         findings = tuple(finding for finding in findings if finding.severity == "info")
     findings = (*checked, *([] if order is None else [order]), *findings)
     report_stage("next presses")
+    audit: AuditReport = next(audits)
     words, plan = CORRUPTED_FIRST if corrupted else ORDER_FIRST, None
     if not is_wrong:
         rivals = [(n.name, found.final, other, fit) for n in found.selected for other, fit in n.rivals]
@@ -216,13 +221,13 @@ def _excess(residual: FloatArray) -> float:
     return float(np.nansum(residual**2 - 1))
 
 
-def _fit_all_presses(observed: Observed, found: SearchResult) -> tuple[Fitted, FloatArray, IntArray]:
+def _fit_all_presses(observed: Observed, final: Fitted) -> tuple[Fitted, FloatArray, IntArray]:
     """Fit base model and effects to all presses, outliers left out; return fit, covariance and rows of the outliers."""
-    fitter, state = observed.fitter_of_all(), found.final.state
+    fitter, state = observed.fitter_of_all(), final.state
     state = place_presses(fitter, state, np.flatnonzero(observed.is_test))
     outliers = outlier_presses(fitter, state)
     fitter = with_image_error(without_presses(fitter, outliers), state)
-    fit = fitter.solve(state, found.final.free, steps=C.joint_steps)
+    fit = fitter.solve(state, final.free, steps=C.joint_steps)
     return fit, posterior_covariance(observed.dataset, fitter, fit), outliers
 
 

@@ -70,10 +70,11 @@ class CandidateScorer:
         """Gains and misfits of null sessions, simulated about the base model."""
         self.progress("null sessions")
         base, fitter = self.base, self.smooth
+        wait_for_laws = law_residuals(fitter, base, self.mapper)
         found, w, errors = self._linearised(base)
-        laws = law_residuals(fitter, base, self.mapper)
-        others = np.reshape([*laws.values()], (len(laws), *fitter.counts.shape))
         draws = draw_noise(fitter, base, self.rng, self.null_sessions)
+        laws = wait_for_laws()
+        others = np.reshape([*laws.values()], (len(laws), *fitter.counts.shape))
         w = replace(w, columns=Slopes.joined([w.columns, Slopes.of(np.moveaxis(others, 0, 2))]))
         linear = fitter.linearised(base.prediction, base.free, w, errors, draws=draws, rng=self.rng)
         names = [FOUNDATION, *laws]

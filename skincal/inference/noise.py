@@ -126,24 +126,28 @@ class Noise:
             _, slope, each, shared = self._as_line.moments(level)
             each = np.maximum(each - kept, C.least_variance * each)
             return self.stairs.moments(level, spread)[0], slope, each, shared + kept
-        x, means, slopes, variances = self._table
-        plain = self._sd(level) ** 2 + self.step**2 / 12 - kept
-        mean, shared = np.clip(level, self.low, self.high), np.full_like(level, kept)
-        slope, each = (mean == level).astype(np.float64), plain.copy()
+        rounding = self.step**2 / 12 - kept
+        flat = np.ascontiguousarray(level, dtype=np.float64).reshape(-1)
+        bounds = np.array([[e, self._reach(e)] for e in (self.low, self.high)])
+        mean, slope, each, least = _moments_between_bounds(
+            self._table, flat, bounds, (self.frame, self.grows, self.rest, rounding)
+        )
+        shared = np.full_like(flat, kept)
         if self.coarse:
-            spread = C.image * np.abs(level - self.rest) if spread is None else spread
-            near = (level > x[0]) & (level < x[-1]) & (np.hypot(self.frame, spread) < C.smooth * self.step)
+            x = self._table[0]
+            spread = (C.image * np.abs(level - self.rest) if spread is None else spread).reshape(-1)
+            near = (flat > x[0]) & (flat < x[-1]) & (np.hypot(self.frame, spread) < C.smooth * self.step)
             wide = np.where(spread > self.frame / _FINE, spread, 0.0)[near]
             mean[near], slope[near], each[near], shared[near] = _moments_on_stairs(
-                x, means, slopes, variances, level[near], wide
+                *self._table, flat[near], wide
             )
-        else:
-            for end in (e for e in (self.low, self.high) if np.isfinite(e)):
-                near = np.abs(level - end) < _NEAR * float(np.hypot(self._sd(np.array(end)), self.step))
-                mean[near], slope[near], each[near] = _moments_near_bound(
-                    x, means, slopes, variances, level[near]
-                )
-        return mean, np.maximum(slope, C.least_slope), np.maximum(each, C.least_variance * plain), shared
+        each = np.maximum(each, C.least_variance * least)
+        return tuple(v.reshape(level.shape) for v in (mean, np.maximum(slope, C.least_slope), each, shared))
+
+    def _reach(self, end: float) -> float:
+        """Return the distance from a bound within which readings are clipped [counts]; 0 where the staircase holds."""
+        far = self.coarse or not np.isfinite(end)
+        return 0.0 if far else _NEAR * float(np.hypot(self._sd(np.array(end)), self.step))
 
     def rounded(self, value: FloatArray) -> FloatArray:
         """Round and clip values of any shape as the converter does [counts]."""
@@ -182,25 +186,40 @@ def _moments_on_stairs(x, mean, slope, variance, level, spread):
     """
     out, last = np.zeros((4, len(level))), len(x) - 1.001
     for i in range(len(level)):
-        square = 0.0
-        for n in range(len(_NODES)):
+        square, known = 0.0, spread[i] == 0.0
+        for n in range(1 if known else len(_NODES)):
+            weight = 1.0 if known else _WEIGHTS[n]
             place = min(max((level[i] + _NODES[n] * spread[i] - x[0]) / (x[1] - x[0]), 0.0), last)
             k = int(place)
             t = place - k
             one = mean[k] + t * (mean[k + 1] - mean[k])
-            out[0, i] += _WEIGHTS[n] * one
-            out[1, i] += _WEIGHTS[n] * (slope[k] + t * (slope[k + 1] - slope[k]))
-            out[2, i] += _WEIGHTS[n] * (variance[k] + t * (variance[k + 1] - variance[k]))
-            square += _WEIGHTS[n] * (one - level[i]) ** 2
+            out[0, i] += weight * one
+            out[1, i] += weight * (slope[k] + t * (slope[k + 1] - slope[k]))
+            out[2, i] += weight * (variance[k] + t * (variance[k + 1] - variance[k]))
+            square += weight * (one - level[i]) ** 2
         out[3, i] = max(square - (out[0, i] - level[i]) ** 2 - (out[1, i] * spread[i]) ** 2, 0.0)
     return out
 
 
 @allocating
-def _moments_near_bound(x, mean, slope, variance, level):
-    """Interpolate mean, slope and variance (3, m) of a frame at levels (m,), by tables over ascending x."""
-    out = np.empty((3, len(level)))
+def _moments_between_bounds(table, level, bounds, noise):
+    """Compute mean, slope and variance of a frame at levels (m,), and the variance without bounds: (4, m).
+
+    Args:
+        table: ascending levels near the bounds, with mean, slope and variance of a frame there.
+        level: (m,).
+        bounds: (2, 2) lower and upper bound, and the distance from each within which the table holds.
+        noise: noise at rest, its growth, the level at rest, and the variance of rounding.
+    """
+    (x, mean, slope, variance), (frame, grows, rest, rounding) = table, noise
+    out = np.empty((4, len(level)))
     for i in range(len(level)):
+        more = grows * max(level[i] - rest, 0.0)
+        out[0, i] = min(max(level[i], bounds[0, 0]), bounds[1, 0])
+        out[1, i] = 1.0 if out[0, i] == level[i] else 0.0
+        out[2, i] = out[3, i] = frame * frame + more * more + rounding
+        if not (abs(level[i] - bounds[0, 0]) < bounds[0, 1] or abs(level[i] - bounds[1, 0]) < bounds[1, 1]):
+            continue
         k, end = 0, len(x) - 1
         while end - k > 1:
             middle = (k + end) // 2

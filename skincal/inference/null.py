@@ -9,6 +9,7 @@ session costs milliseconds.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,19 +62,29 @@ class Null:
         return (1 + float((self.gains.get(name, np.zeros(0)) >= gain).sum())) / (1 + len(self.laws))
 
 
-def law_residuals(fitter: Fitter, base: Fitted, mapper: Mapper = map) -> dict[str, FloatArray]:
-    """Compute the residual (N, J) of the base model's fit under each other contact law, whitened and weighted."""
-    out = dict[str, FloatArray]()
-    for law, numbers in LAWS.items():
-        residuals = mapper(_twin_residual, [(fitter, base.state, law, number) for number in numbers])
-        out |= {
-            law_name(law, number): x * _weights(fitter)
-            for number, x in zip(numbers, residuals, strict=True)
-            if x is not None
-        }
-        if out:
-            break
-    return out
+def law_residuals(fitter: Fitter, base: Fitted, mapper: Mapper = map) -> Callable[[], dict[str, FloatArray]]:
+    """Start to compute the residual (N, J) of the base model's fit under each other contact law.
+
+    Returns:
+        A function that waits for the residuals, whitened and weighted, by the name of the law: those of the first
+        family of laws that applies.
+    """
+
+    def start(law: str) -> Iterable[FloatArray | None]:
+        return mapper(_twin_residual, [(fitter, base.state, law, number) for number in LAWS[law]])
+
+    first, *others = LAWS
+    begun = start(first)
+
+    def wait() -> dict[str, FloatArray]:
+        for law in (first, *others):
+            found = zip(LAWS[law], begun if law == first else start(law), strict=True)
+            out = {law_name(law, number): x * _weights(fitter) for number, x in found if x is not None}
+            if out:
+                return out
+        return {}
+
+    return wait
 
 
 def _twin_residual(twin: tuple[Fitter, State, str, float]) -> FloatArray | None:
@@ -161,12 +172,16 @@ def _on_stairs(fitter: Fitter, base: Fitted, rng: np.random.Generator, times: Fl
     group = np.where(session.held(), session.press, session.presses + np.arange(len(session)))
     _, group = np.unique(group, return_inverse=True)
     sessions = len(times)
-    off = spread[..., None] * rng.standard_normal((group.max() + 1, level.shape[1], sessions))[group]
+    off = (
+        spread[..., None]
+        * rng.standard_normal((group.max() + 1, level.shape[1], sessions), dtype=np.float32)[group]
+    )
     frames, total = np.maximum(np.rint(fitter.frames), 1), np.zeros_like(off)
     sd = np.hypot(noise.sigma, noise.grows * np.maximum(level - noise.rest, 0.0))[..., None] * times
     for k in range(int(frames.max())):
         rows = frames > k
         shape = (int(rows.sum()), *off.shape[1:])
-        total[rows] += noise.rounded(level[rows, :, None] + off[rows] + sd[rows] * rng.standard_normal(shape))
+        drawn = sd[rows] * rng.standard_normal(shape, dtype=np.float32)
+        total[rows] += noise.rounded(level[rows, :, None] + off[rows] + drawn)
     left = total / frames[:, None, None] - mean[..., None] - slope[..., None] * off
     return left / np.sqrt(fitter.expected(base.prediction)[2])[..., None]

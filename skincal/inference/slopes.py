@@ -75,7 +75,9 @@ class Slopes:
     def times(self, multiples: FloatArray) -> FloatArray:
         """Return the sum (K, J) of columns times multiples (n,)."""
         out = self.dense @ multiples[self.taxel < 0]
-        np.add.at(out.T, self.own, (self.single * multiples[self.taxel >= 0]).T)
+        single, own = multiples[self.taxel >= 0], self.own
+        for j in np.unique(own):
+            out[:, j] += self.single[:, own == j] @ single[own == j]
         return out
 
     def array(self) -> FloatArray:

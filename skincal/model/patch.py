@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Literal
 
@@ -130,10 +130,9 @@ class Patch:
         Raises:
             ValueError: a length is out of range, or a taxel lies beyond the surface.
         """
-        uv, size = patch_cells(layout, resolution_m, margin_m, rule)
+        uv, size, taxel, columns = _cells(layout, resolution_m, margin_m, rule)
         points, normals = surface.wrap(pose, uv)
         areas = surface.cell_areas(pose, uv, size)
-        taxel = layout.taxel_at(uv)
         on = np.isfinite(points).all(axis=1) & np.isfinite(areas)
         lost = np.unique(taxel[~on & (taxel >= 0)])
         if lost.size:
@@ -141,7 +140,7 @@ class Patch:
                 f"patch: expected every taxel to lie on the surface; got {lost.size} taxels beyond its edge or "
                 f"wrapped around by more than half a turn (first: {lost[0]}). Check the pose and the pitch"
             )
-        border = _border(on, columns=len(np.unique(uv[:, 0])))
+        border = _border(on, columns)
         return cls(points[on], normals[on], areas[on], taxel[on], layout, border[on], uv[on], surface.depth_m)
 
 
@@ -177,6 +176,15 @@ def patch_cells(
     points = np.stack(np.meshgrid(point_u, point_v), axis=-1).reshape(-1, 2)
     sizes = np.stack(np.meshgrid(size_u, size_v), axis=-1).reshape(-1, 2)
     return points, sizes
+
+
+@lru_cache(maxsize=16)
+def _cells(
+    layout: TaxelLayout, resolution_m: float, margin_m: float, rule: Rule
+) -> tuple[FloatArray, FloatArray, IntArray, int]:
+    """Return what patches at all poses share: cells, the taxel of each (N,), and the number of columns."""
+    uv, size = patch_cells(layout, resolution_m, margin_m, rule)
+    return frozen(uv), frozen(size), frozen(layout.taxel_at(uv)), len(np.unique(uv[:, 0]))
 
 
 def _border(placed: BoolArray, columns: int) -> BoolArray:

@@ -74,4 +74,7 @@ class Cylinder(Surface):
 
 def _radial(beta: FloatArray) -> FloatArray:
     """Return outward normals (N, 3) at angles (N,) around the axis [rad]."""
-    return np.column_stack([np.sin(beta), np.zeros_like(beta), np.cos(beta)])
+    out = np.zeros((len(beta), 3))
+    np.sin(beta, out=out[:, 0])
+    np.cos(beta, out=out[:, 2])
+    return out
