@@ -1,4 +1,4 @@
-"""Tasks, observations, engines and backends by name, and what is published of them; nothing that help waits for."""
+"""Tasks, observations, engines, backends and protocols by name, and what is published; nothing that help waits for."""
 
 from __future__ import annotations
 
@@ -46,6 +46,13 @@ ENVIRONMENT_IDS: Final = {
 
 PresetName = Literal["iros24", "icra26"]
 """Published works whose randomization comes along as a preset."""
+
+PROTOCOLS: Final = {
+    "full": "presses that can show every effect except tangential force and, without --second-indenter-mm, the "
+    "indenter's size",
+    "paper": "60 static ones",
+}
+"""What each protocol of ``skincal collect`` draws, as its help says; the functions are in ``collect/protocols.py``."""
 
 PUBLISHED_STEPS: Final = {Task.marble: 800_000, Task.bolt: 600_000, Task.pellets: 8_000_000}
 """Length of a training run [environment steps], Kasolowsky & Bäuml, IROS 2024, section V-E; pellets: ICRA 2026."""
