@@ -44,8 +44,21 @@ ENVIRONMENT_IDS: Final = {
 }
 """What gymnasium makes a task by."""
 
+ObjectName = Literal["marble", "bolt"]
+"""Objects of ranges, ``object.NAME``."""
+
+OBJECTS: Final[dict[Task, ObjectName]] = {Task.marble: "marble", Task.bolt: "bolt", Task.pellets: "marble"}
+"""Object of each task; pellets are small marbles."""
+
 PresetName = Literal["iros24", "icra26"]
 """Published works whose randomization comes along as a preset."""
+
+TASK_PRESETS: Final[dict[Task, PresetName]] = {
+    Task.marble: "iros24",
+    Task.bolt: "iros24",
+    Task.pellets: "icra26",
+}
+"""Preset that a task is trained on where no ranges are given."""
 
 PROTOCOLS: Final = {
     "full": "presses that can show every effect except tangential force and, without --second-indenter-mm, the "
