@@ -133,7 +133,7 @@ def test_the_trust_page_says_what_a_p_value_is_made_of() -> None:
     assert f"With {CONSTANTS.null_sessions} such sessions" in text
     assert f"1/{CONSTANTS.null_sessions + 1} (`--thorough`: 1/{5 * CONSTANTS.null_sessions + 1})" in text
     assert f"the null's {100 * CONSTANTS.null_quantile:g} % quantile by a quarter" in text
-    assert CONSTANTS.slack == 1.25
+    assert CONSTANTS.limit_factor == 1.25
     assert f"gain {CONSTANTS.least_gain:g} nats" in text
     layers = [f"{1e3 * thick:g}" for thick in LAWS["layer"]]
     assert f"elastic layers of {layers[0]}, {layers[1]} and {layers[2]} mm" in text
