@@ -99,8 +99,8 @@ def find_faults(
         session: the session, test presses included.
         fitter: fitter of the session.
         state: state of the fit.
-        state_is_calibrated: whether the state is that of a calibration. Then only taxels that are stuck away from their level at
-            rest are detected.
+        state_is_calibrated: whether the state is that of a calibration. Then only taxels that are stuck away from
+            their level at rest are detected.
     """
     forward = fitter.forward
     assert session.counts is not None
