@@ -145,3 +145,8 @@ def test_architecture_names_files_that_exist() -> None:
     assert len(named) > 100
     missing = [f for f in named if not ((ROOT / "skincal" / f).exists() or (ROOT / f).exists())]
     assert not missing
+    places = re.findall(r"`(\w+)` (?:of|in) `([a-z_]+(?:/[a-z_]+)*\.py)`", text)
+    assert len(places) > 20
+    files = {f: ROOT / "skincal" / f if (ROOT / "skincal" / f).exists() else ROOT / f for _, f in places}
+    gone = [(name, f) for name, f in places if not re.search(rf"\b{name}\b", files[f].read_text("utf-8"))]
+    assert not gone
