@@ -35,7 +35,7 @@ from benchmarks.coverage_store import SCHEDULER, Store, finished
 from benchmarks.coverage_tables import wilson
 from benchmarks.interval_coverage import COARSE, strict_json
 from skincal.calibrate import calibrate
-from skincal.collect import PROTOCOLS, Collected, Mount, Need, Progress, collect, full_plan, paper_plan
+from skincal.collect import PROTOCOLS, Collected, Mount, Need, Progress, collect
 from skincal.dataset import Dataset, active_taxels
 from skincal.dataset.rest import active_threshold
 from skincal.errors import SkincalError
@@ -107,8 +107,7 @@ def session(protocol: str, seed: int, folder: Path) -> Seen:
 
     description = SimDriver(seed=seed).description
     layout = Mount.of(description.meta).layout
-    rng = np.random.default_rng([seed, len(protocol)])
-    plan = (paper_plan if protocol == "paper" else full_plan)(rng, layout)
+    plan = PROTOCOLS[protocol](np.random.default_rng([seed, len(protocol)]), layout)
     collected = collect(plan, description, make, folder / "run", watch=watch)
     seconds = time.perf_counter() - start
     times, force, *point = np.array(truth).T

@@ -80,8 +80,7 @@ class Truth:
         y_m: position of the sensor's centre along the axis [m].
         beta_deg: the same round it [°].
         alpha_deg: turn [°].
-        elasticity_pa_per_m: E [Pa/m]; of a layer M/h, its stiffness under even pressure, which is no more than
-            an equivalent.
+        elasticity_pa_per_m: E [Pa/m]; of a layer, which is no foundation, M/h, its stiffness under even pressure.
         scale_per_n: S [1/N].
         position_sigma_m: random error of measured positions along each direction [m].
         constant_arc_m: constant error of measured positions round the surface [m].

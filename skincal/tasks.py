@@ -1,4 +1,4 @@
-"""Tasks, observations, engines and backends by name, and what is published of them; nothing that help waits for."""
+"""Tasks, observations, engines, backends and protocols by name, and what is published; nothing that help waits for."""
 
 from __future__ import annotations
 
@@ -44,8 +44,28 @@ ENVIRONMENT_IDS: Final = {
 }
 """What gymnasium makes a task by."""
 
+ObjectName = Literal["marble", "bolt"]
+"""Objects of ranges, ``object.NAME``."""
+
+OBJECTS: Final[dict[Task, ObjectName]] = {Task.marble: "marble", Task.bolt: "bolt", Task.pellets: "marble"}
+"""Object of each task; pellets are small marbles."""
+
 PresetName = Literal["iros24", "icra26"]
 """Published works whose randomization comes along as a preset."""
+
+TASK_PRESETS: Final[dict[Task, PresetName]] = {
+    Task.marble: "iros24",
+    Task.bolt: "iros24",
+    Task.pellets: "icra26",
+}
+"""Preset that a task is trained on where no ranges are given."""
+
+PROTOCOLS: Final = {
+    "full": "presses that can show every effect except tangential force and, without --second-indenter-mm, the "
+    "indenter's size",
+    "paper": "60 static ones",
+}
+"""What each protocol of ``skincal collect`` draws, as its help says; the functions are in ``collect/protocols.py``."""
 
 PUBLISHED_STEPS: Final = {Task.marble: 800_000, Task.bolt: 600_000, Task.pellets: 8_000_000}
 """Length of a training run [environment steps], Kasolowsky & Bäuml, IROS 2024, section V-E; pellets: ICRA 2026."""

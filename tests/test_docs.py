@@ -133,7 +133,7 @@ def test_the_trust_page_says_what_a_p_value_is_made_of() -> None:
     assert f"With {CONSTANTS.null_sessions} such sessions" in text
     assert f"1/{CONSTANTS.null_sessions + 1} (`--thorough`: 1/{5 * CONSTANTS.null_sessions + 1})" in text
     assert f"the null's {100 * CONSTANTS.null_quantile:g} % quantile by a quarter" in text
-    assert CONSTANTS.slack == 1.25
+    assert CONSTANTS.limit_factor == 1.25
     assert f"gain {CONSTANTS.least_gain:g} nats" in text
     layers = [f"{1e3 * thick:g}" for thick in LAWS["layer"]]
     assert f"elastic layers of {layers[0]}, {layers[1]} and {layers[2]} mm" in text
@@ -145,3 +145,8 @@ def test_architecture_names_files_that_exist() -> None:
     assert len(named) > 100
     missing = [f for f in named if not ((ROOT / "skincal" / f).exists() or (ROOT / f).exists())]
     assert not missing
+    places = re.findall(r"`(\w+)` (?:of|in) `([a-z_]+(?:/[a-z_]+)*\.py)`", text)
+    assert len(places) > 20
+    files = {f: ROOT / "skincal" / f if (ROOT / "skincal" / f).exists() else ROOT / f for _, f in places}
+    gone = [(name, f) for name, f in places if not re.search(rf"\b{name}\b", files[f].read_text("utf-8"))]
+    assert not gone

@@ -27,7 +27,7 @@ Record = dict[str, Any]
 def quick_calibration(dataset: Dataset) -> Calibration:
     """The base model as the engine fits it from the nominal pose; its intervals are none."""
     observed = observe(dataset, None, np.random.default_rng(0), keep=False)
-    s, meta = fit_base(observed.fitter, known=False).state, dataset.meta
+    s, meta = fit_base(observed.fitter, start_is_calibrated=False).state, dataset.meta
     model = ModelParameters(
         s.pose.y_m, float(np.degrees(s.pose.alpha_rad)), float(np.exp(s.log_e)), float(np.exp(s.log_s)),
         beta_deg=float(np.degrees(s.pose.beta_rad)),

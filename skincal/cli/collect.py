@@ -13,6 +13,7 @@ from skincal.cli.interrupt import AGAIN, moving
 from skincal.cli.options import example, numbers_by_name, option
 from skincal.cli.terminal import answer, say, warn
 from skincal.errors import input_error
+from skincal.tasks import PROTOCOLS
 
 if TYPE_CHECKING:
     from skincal.collect import Collected, Plan
@@ -25,10 +26,7 @@ EPILOG = example(
     "skincal collect --driver sim --effect hysteresis=1 --truth truth.json --out run --json",
 )
 
-PROTOCOL = (
-    "`full`: presses that can show every effect except tangential force and, without --second-indenter-mm, the "
-    "indenter's size; `paper`: 60 static ones."
-)
+PROTOCOL = "; ".join(f"`{name}`: {drawn}" for name, drawn in PROTOCOLS.items()) + "."
 PLAN_ONLY = "Move nothing; write the plan and its picture, as OUT-plan.toml and .png."
 SECOND = (
     "Radius of a second sphere: the full protocol ends with presses with it; you are asked to change the cap."
@@ -165,24 +163,23 @@ def plan_of(
     """Return the plan of a file, or of a protocol drawn by the seed (``full`` by default)."""
     import numpy as np
 
-    from skincal.collect import PROTOCOLS, Mount, full_plan, paper_plan, read_plan
+    from skincal.collect import PROTOCOLS, Mount, read_plan
 
     mount = Mount.of(description.meta)
     if path is not None and protocol is not None:
         got = f"--protocol {protocol} and --plan {path}"
         fix = "A plan lists all presses; leave one of the two options out."
         raise input_error("--protocol", "a protocol or a plan of your own", got, fix)
-    protocol = protocol or "full"
-    if second_mm is not None and (path is not None or protocol != "full"):
-        raise input_error("--second-indenter-mm", "the full protocol", path or f"--protocol {protocol}")
     if path is not None:
+        if second_mm is not None:
+            raise input_error("--second-indenter-mm", "the full protocol", path)
         return read_plan(path, mount)
+    protocol = protocol or "full"
     if protocol not in PROTOCOLS:
         raise input_error("--protocol", f"one of {', '.join(PROTOCOLS)}", f'"{protocol}"')
     rng = np.random.default_rng([seed, len(protocol)])
-    if protocol == "paper":
-        return paper_plan(rng, mount.layout)
-    return full_plan(rng, mount.layout, second_indenter_m=None if second_mm is None else second_mm * 1e-3)
+    second_m = None if second_mm is None else second_mm * 1e-3
+    return PROTOCOLS[protocol](rng, mount.layout, second_indenter_m=second_m)
 
 
 def _show_plan(

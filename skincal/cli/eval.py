@@ -6,14 +6,14 @@ import json
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from skincal.cli import options
 from skincal.cli.options import argument, example, numbers_by_name, option
 from skincal.cli.terminal import answer, picked, plain, table, warn
 from skincal.errors import input_error
 from skincal.progress import stage_bars
-from skincal.tasks import JOINT_OFFSETS, Task
+from skincal.tasks import JOINT_OFFSETS, OBJECTS, Task
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -140,16 +140,15 @@ def _ranges(task: Task, ranges: Path | None, calibration: Path | None) -> Ranges
     """Return the ranges of a file, or of a calibration with its posterior draws where it has some."""
     from skincal.envs.needed import check_ranges, ranges_for
 
-    kind: Literal["marble", "bolt"] = "bolt" if task is Task.bolt else "marble"  # pellets are small spheres
     if calibration is None:
-        return None if ranges is None else ranges_for(kind, ranges)
+        return None if ranges is None else ranges_for(OBJECTS[task], ranges)
     from skincal.calibration import read_calibration
     from skincal.ranges import from_calibration
 
     known = read_calibration(calibration)
     found = from_calibration(known, joint=known.draws is not None)
     warn((*known.warnings, *found.warnings))
-    check_ranges(found, kind, str(calibration))
+    check_ranges(found, OBJECTS[task], str(calibration))
     return found
 
 

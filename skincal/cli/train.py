@@ -11,7 +11,7 @@ from skincal.cli.interrupt import resumable
 from skincal.cli.options import argument, example, option
 from skincal.cli.terminal import answer, picked, say
 from skincal.errors import InputError, Problem, input_error
-from skincal.tasks import PUBLISHED_STEPS, BackendName, Engine, PolicyKind, Task
+from skincal.tasks import OBJECTS, PUBLISHED_STEPS, TASK_PRESETS, BackendName, Engine, PolicyKind, Task
 
 if TYPE_CHECKING:
     from skincal.ranges import Ranges
@@ -144,9 +144,7 @@ def _check_like(run: Path, work: Work, before: Work) -> None:
 def _ranges(task: Task, file: Path | None) -> Ranges:
     from skincal.envs.needed import ranges_for
 
-    if task is Task.pellets:
-        return ranges_for("marble", file or "icra26")
-    return ranges_for(task.value, file)
+    return ranges_for(OBJECTS[task], file or TASK_PRESETS[task])
 
 
 def _check_same(out: Path, task: Task, given: dict[str, Any], work: Work, used: Ranges) -> None:

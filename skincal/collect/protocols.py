@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Final
 
 import numpy as np
 
@@ -11,9 +12,6 @@ from skincal.collect.plan import Kind, Plan, PlannedPress, Site
 from skincal.errors import input_error
 from skincal.model import TaxelLayout
 from skincal.model.arrays import FloatArray
-
-Protocol = Literal["paper", "full"]
-PROTOCOLS: tuple[Protocol, ...] = get_args(Protocol)
 
 GRID_M = 1e-3
 """Spacing of the grid from which sites are drawn [m] (paper, section III)."""
@@ -70,12 +68,19 @@ class FullProtocol:
     second_indenter: int = 20
 
 
-def paper_plan(rng: np.random.Generator, layout: TaxelLayout, options: PaperProtocol | None = None) -> Plan:
+def paper_plan(
+    rng: np.random.Generator,
+    layout: TaxelLayout,
+    options: PaperProtocol | None = None,
+    second_indenter_m: float | None = None,
+) -> Plan:
     """Draw a session of the paper's protocol.
 
     Raises:
-        InputError: the patch is too small for this number of sites.
+        InputError: the patch is too small for this number of sites, or a second indenter is given.
     """
+    if second_indenter_m is not None:
+        raise input_error("--second-indenter-mm", "the full protocol", "--protocol paper")
     options = options or PaperProtocol()
     places = patch_grid(layout)
     if options.presses > len(places):
@@ -117,6 +122,10 @@ def full_plan(
         other = [replace(p, pose=options.poses[0]) for p in _regular(rng, sites, options)]
         presses += [replace(p, indenter_radius_m=second_indenter_m) for p in other]
     return Plan("full", tuple(presses))
+
+
+PROTOCOLS: Final[Mapping[str, Callable[..., Plan]]] = {"paper": paper_plan, "full": full_plan}
+"""Function of each protocol, called with a generator, a layout and ``second_indenter_m``; help is in ``tasks.py``."""
 
 
 def patch_grid(layout: TaxelLayout) -> FloatArray:

@@ -143,7 +143,7 @@ def audit_dataset(dataset: Dataset, calibration: Calibration | None, rng: np.ran
         observed.fitter.priors.start,
         observed.floor,
         rng,
-        calibrated=calibration is not None,
+        state_is_calibrated=calibration is not None,
         planned=False,
     )
     return replace(report, left_out=left_out)
@@ -227,7 +227,12 @@ def audit_planned(
         1.0, (0.5, 2.0), "assumed", mean, (mean / 2, 2 * mean), "assumed", 0.0, step, measured=False
     )
     return audit_session(
-        Fitter(forward, counts, before), start, floor, rng, calibrated=calibration is not None, planned=True
+        Fitter(forward, counts, before),
+        start,
+        floor,
+        rng,
+        state_is_calibrated=calibration is not None,
+        planned=True,
     )
 
 
@@ -237,7 +242,7 @@ def audit_session(
     floor: NoiseFloor,
     rng: np.random.Generator,
     *,
-    calibrated: bool,
+    state_is_calibrated: bool,
     planned: bool,
 ) -> AuditReport:
     """Audit a session by the Fisher information of a typical case of each effect, nuisance parameters eliminated.
@@ -247,7 +252,7 @@ def audit_session(
         state: state of the sensor.
         floor: noise floor.
         rng: draws the typical cases that vary from taxel to taxel.
-        calibrated: whether the state is that of a calibration.
+        state_is_calibrated: whether the state is that of a calibration.
         planned: whether there are no data yet.
     """
     forward, session = fitter.forward, fitter.forward.session
@@ -309,7 +314,7 @@ def audit_session(
         len(session),
         seen.values.shape[1],
         session.has_frames,
-        calibrated,
+        state_is_calibrated,
         planned,
         options,
     )

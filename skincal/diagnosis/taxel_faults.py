@@ -91,7 +91,7 @@ def remove_faults(session: GapSession, faults: Sequence[TaxelFault]) -> GapSessi
 
 
 def find_faults(
-    session: GapSession, fitter: Fitter, state: State, *, calibrated: bool = False
+    session: GapSession, fitter: Fitter, state: State, *, state_is_calibrated: bool = False
 ) -> tuple[TaxelFault, ...]:
     """Detect the temporary faults of a session relative to a fit.
 
@@ -99,14 +99,14 @@ def find_faults(
         session: the session, test presses included.
         fitter: fitter of the session.
         state: state of the fit.
-        calibrated: whether the state is that of a calibration. Then only taxels that are stuck away from their level at
-            rest are detected.
+        state_is_calibrated: whether the state is that of a calibration. Then only taxels that are stuck away from
+            their level at rest are detected.
     """
     forward = fitter.forward
     assert session.counts is not None
     # Use the measured forces: the fitted ones absorb a part of the faults.
     state = replace(state, move=state.move * np.array([1.0, 1.0, 0.0]))
-    if calibrated:
+    if state_is_calibrated:
         # A calibration may have taken a stuck taxel for a dead one and given it almost no scale.
         state = replace(state, log_s=np.maximum(state.log_s, np.median(state.log_s)))
     level = forward.predict(state).values + state.rest
@@ -116,7 +116,9 @@ def find_faults(
     # Without effects of the converter: the curve of each taxel contains them, and in the fit they may follow a step.
     others = {n: v for n, v in state.effects.items() if effect(n).stage < Stage.CONVERTER}
     bare = forward.mean @ forward.predict(replace(state, effects=others)).values
-    return detect_faults(session, session.counts, expected, variance, bare, ends, calibrated=calibrated)
+    return detect_faults(
+        session, session.counts, expected, variance, bare, ends, calibrated=state_is_calibrated
+    )
 
 
 def detect_faults(
@@ -138,7 +140,7 @@ def detect_faults(
         variance: (N, J) variances of the noise [counts²].
         bare: (N, J) predictions above rest without effects of single values [counts].
         ends: ends of the converter's range [counts].
-        calibrated: as of :func:`find_faults`.
+        calibrated: whether the predictions are those of a calibration, as in :func:`find_faults`.
     """
     keys = block_keys(session.press)
     starts = np.flatnonzero(np.diff(keys, prepend=keys[0] - 1))

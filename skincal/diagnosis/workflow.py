@@ -86,33 +86,34 @@ def diagnose(
     observed = observe(dataset, calibration, rng_split)
     if not corrupted:
         fitter = observed.fitter
-        stuck = find_faults(observed.session, fitter, fitter.priors.start, calibrated=True)
+        stuck = find_faults(observed.session, fitter, fitter.priors.start, state_is_calibrated=True)
         observed = observed.without(stuck) if stuck else observed
-    base = fit_base(observed.fitter, mapper, known=True)
+    base = fit_base(observed.fitter, mapper, start_is_calibrated=True)
     order = wait_for_order()
-    is_wrong = corrupted or order is not None
+    images_are_wrong = corrupted or order is not None
     report_stage("visible effects")
+    floor = observed.floor
     audit_task = partial(
-        audit_session, observed.fitter, base.state, observed.floor, rng_audit, calibrated=True, planned=False
+        audit_session, observed.fitter, base.state, floor, rng_audit, state_is_calibrated=True, planned=False
     )
     audits = iter(mapper(call, [audit_task]))  # in the background: the search does not need it
     report_stage("missing effects")
 
     def search(session: Observed, base: Fitted, rng: np.random.Generator) -> SearchResult:
         # Images that are read wrongly say nothing about the skin, so no effect is searched for in them.
-        names, covariates = () if is_wrong else session.names, session.covariates
+        names, covariates = () if images_are_wrong else session.names, session.covariates
         return search_effects(
             session.fitter, base, names, covariates, rng,
             progress=report_stage, null_sessions=null_sessions, mapper=mapper,
         )  # fmt: skip
 
     found = search(observed, base, rng_search)
-    if not is_wrong and (found.is_incomplete or found.is_doubtful):
+    if not images_are_wrong and (found.is_incomplete or found.is_doubtful):
         # Relative to the best model: relative to the base model, an effect can look like a step of single taxels.
         faults = find_faults(observed.session, observed.fitter, found.final.state)
         if faults:
             repaired = observed.without(faults)
-            second = search(repaired, fit_base(repaired.fitter, mapper, known=True), rng_second)
+            second = search(repaired, fit_base(repaired.fitter, mapper, start_is_calibrated=True), rng_second)
             # Keep the removal only if it reduces the remaining excess.
             if second.excess.max() < found.excess.max():
                 observed, found = repaired, second
@@ -125,8 +126,8 @@ def diagnose(
     )
     checks = iter(mapper(call, last_checks))
     gap: Gap = next(checks)
-    verdict, taken_back = _judge(found, gap, is_wrong=is_wrong)
-    unexplained = (found.is_incomplete or is_wrong) and verdict != "none"
+    verdict, taken_back = _judge(found, gap, images_are_wrong=images_are_wrong)
+    unexplained = (found.is_incomplete or images_are_wrong) and verdict != "none"
     report_stage("calibration")
     law_gap: Gap | None = None if verdict == "unknown" else next(checks)
     has_law = law_gap is not None
@@ -145,14 +146,14 @@ def diagnose(
     depends = residual_shares(residual, observed.session)
     shown = found.final if effects else found.base
     findings = collect_findings(observed, calibration, final, found.base, shown, effects, gap)
-    if is_wrong:
+    if images_are_wrong:
         # Warnings about wrong images follow from the wrong images alone.
         findings = tuple(finding for finding in findings if finding.severity == "info")
     findings = (*checked, *([] if order is None else [order]), *findings)
     report_stage("next presses")
     audit: AuditReport = next(audits)
     words, plan = CORRUPTED_FIRST if corrupted else ORDER_FIRST, None
-    if not is_wrong:
+    if not images_are_wrong:
         rivals = [(n.name, found.final, other, fit) for n in found.selected for other, fit in n.rivals]
         words, plan = next_presses(
             observed, audit, depends, rivals if effects else [], rng_presses,
@@ -178,7 +179,7 @@ def diagnose(
     )
 
 
-def _judge(found: SearchResult, gap: Gap, *, is_wrong: bool) -> tuple[Verdict, tuple[str, ...]]:
+def _judge(found: SearchResult, gap: Gap, *, images_are_wrong: bool) -> tuple[Verdict, tuple[str, ...]]:
     """Return the verdict of a search, and the names of effects that are taken back.
 
     Effects are taken back if the test presses refute them, if too much of the gap remains, or if the search itself
@@ -188,7 +189,7 @@ def _judge(found: SearchResult, gap: Gap, *, is_wrong: bool) -> tuple[Verdict, t
     is_doubtful = gap.is_refuted or (gap.is_unexplained and not only_positions) or found.is_doubtful
     if found.selected and is_doubtful:
         return "unknown", tuple(n.name for n in found.selected)
-    if is_wrong or (found.is_incomplete and not found.selected):
+    if images_are_wrong or (found.is_incomplete and not found.selected):
         return "unknown", ()
     return "effects" if found.selected else "none", ()
 
@@ -286,7 +287,7 @@ def refitted_effects(
     rng, rng_draws = np.random.default_rng(seed).spawn(2)
     observed = observe(dataset, both, rng, keep=False)
     fitter = observed.fitter
-    state = fit_base(fitter, known=True).state
+    state = fit_base(fitter, start_is_calibrated=True).state
     taxels = dataset.layout().taxels
     effects = {n: EFFECTS[n].checked(v, taxels) for n, v in state.effects.items()}
     free = [

@@ -24,7 +24,7 @@ class BaselineDrift(SignalEffect):
     stage = Stage.CONVERTER
     zero_error = 0.0
     errs_over = "session"
-    meaning = "the level at rest moves over the session"
+    meaning = "the level at rest moves over the session (warm-up, temperature)"
     parameters = (
         per_taxel(
             "slope_counts_per_s",

@@ -1,4 +1,4 @@
-"""The sensitivity moves over the session (wear, temperature).
+"""The sensitivity moves over the session (wear, warm-up, temperature).
 
     y = x exp(r t + b (1 - exp(-t / tau)) + k (T - 25 °C))
 
@@ -24,12 +24,14 @@ class GainDrift(SignalEffect):
     name = "gain_drift"
     stage = Stage.TRANSFER
     errs_over = "session"
-    meaning = "the sensitivity moves over the session (wear, temperature)"
+    meaning = "the sensitivity moves over the session (wear, warm-up, temperature)"
     parameters = (
         strength(
             "rate_per_s", "1/s", 0.0, -2e-2, 2e-2, "r: change each second", typical=-5e-4, needs=("time",)
         ),
-        strength("settling", "-", 0.0, -1.0, 1.0, "b: relative change while settling", needs=("time",)),
+        strength(
+            "settling", "-", 0.0, -1.0, 1.0, "b: relative change while settling (warm-up)", needs=("time",)
+        ),
         form("settling_time_s", "s", 100.0, 5.0, 5000.0, "tau: time of settling", scale="log"),
         strength("temperature_per_k", "1/K", 0.0, -0.2, 0.2, "k: change each kelvin", needs=("temperature",)),
     )

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from skincal.envs.drawing import Values, number
-from skincal.envs.needed import ObjectName
 from skincal.model import Contacts, Indenter, MeshIndenter, Sphere
 from skincal.model.arrays import FloatArray
+from skincal.tasks import ObjectName
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ class BoltRollEnv(RollEnv):
     after the grasp, rotated by 90°.
     """
 
-    object_name = "bolt"
+    task = Task.bolt
     target_size = 1
 
     @classmethod

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.effects import EFFECTS
-from skincal.envs.needed import ObjectName
 from skincal.envs.pinch import Pinch
 from skincal.errors import InputError, Problem, input_error
 from skincal.model.arrays import FloatArray
@@ -17,6 +16,7 @@ from skincal.ranges import NAMES, PRESETS, Ranges
 from skincal.ranges.names import EFFECTS_PREFIX, find
 from skincal.ranges.parameter import Mode
 from skincal.ranges.sampling import Draw, Draws
+from skincal.tasks import ObjectName
 
 Value = Draw
 Values = dict[str, Value]

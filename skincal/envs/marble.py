@@ -5,12 +5,13 @@ from __future__ import annotations
 from skincal.envs.roll import RollEnv
 from skincal.envs.trajectories import ROUND_S, TO_SIDE_S, planned, wander
 from skincal.model.arrays import FloatArray
+from skincal.tasks import Task
 
 
 class MarbleRollEnv(RollEnv):
     """``skincal/MarbleRoll-v0``: see :class:`RollEnv`. The target is a place on the sensor, in patch coordinates."""
 
-    object_name = "marble"
+    task = Task.marble
     target_size = 2
 
     def _follows(self, name: str) -> bool:

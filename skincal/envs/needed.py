@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 from skincal.errors import InputError, Problem
 from skincal.ranges import NAMES, PRESETS, Ranges, preset, read_ranges
-
-ObjectName = Literal["marble", "bolt"]
+from skincal.tasks import ObjectName
 
 _ALTERNATIVES: Final = {"skin.y_offset_m": ("skin.y_m",), "skin.x_offset_m": ("skin.beta_deg",)}
 """Alternatives to a preset's parameter: a calibrated centre for an offset from the nominal one."""

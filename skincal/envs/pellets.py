@@ -19,6 +19,7 @@ from skincal.envs.tactile import SkinContact
 from skincal.errors import input_error
 from skincal.model import Contacts
 from skincal.model.arrays import FloatArray
+from skincal.tasks import Task
 
 MASS_KG: Final = 0.9e-3
 """A ball of steel of 6 mm; assumed [kg]."""
@@ -38,12 +39,11 @@ class PelletSeparateEnv(RollEnv):
     one. Each step in which it holds that many is rewarded; when it holds fewer, the episode ends.
     """
 
-    object_name = "marble"
+    task = Task.pellets
     target_size = 1
     target_limit = 10.0
     objects = 3
     own_size = 13
-    preset = "icra26"
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)

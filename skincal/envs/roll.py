@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from skincal.envs.bodies import Body, body_of
 from skincal.envs.bullet_scene import BulletScene
 from skincal.envs.drawing import Value, Values, array, is_chosen
-from skincal.envs.needed import ObjectName, ranges_for
+from skincal.envs.needed import ranges_for
 from skincal.envs.observations import KINDS, Observation, ObservationStack, state_values
 from skincal.envs.picture import Board, Picture, PictureState, display_there, picture
 from skincal.envs.pinch import Pinch, read_pinch
@@ -29,7 +29,7 @@ from skincal.envs.world import World
 from skincal.errors import input_error
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
-from skincal.tasks import PolicyKind
+from skincal.tasks import OBJECTS, TASK_PRESETS, ObjectName, PolicyKind, Task
 
 AHEAD: tuple[int, ...] = (5, 10)
 """The critic sees the targets so many steps ahead."""
@@ -54,7 +54,7 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": POLICY_HZ}  # noqa: RUF012
-    object_name: ClassVar[ObjectName]
+    task: ClassVar[Task]
     target_size: ClassVar[int]
     target_limit: ClassVar[float] = 0.05
     """Beyond this a target is cut off."""
@@ -62,8 +62,6 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
     """Most objects that there can be."""
     own_size: ClassVar[int] = 0
     """How many numbers the critic sees that a task alone has."""
-    preset: ClassVar[str] = "iros24"
-    """Ranges where none are given."""
 
     def __init__(
         self,
@@ -89,10 +87,11 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         own = options or self.default_options()
         self.options = read_options(TaskOptions, {**vars(own), **single}, "environment")
         self.render_mode = render_mode
-        self.ranges = ranges_for(self.object_name, self.preset if ranges is None else ranges)
+        self._object: ObjectName = OBJECTS[self.task]
+        self.ranges = ranges_for(self._object, TASK_PRESETS[self.task] if ranges is None else ranges)
         self.pinch: Pinch = read_pinch(hand)
         self.world = World(
-            self.pinch, self.object_name, self.ranges, self.options.grasp, self.options.resolution_m
+            self.pinch, self._object, self.ranges, self.options.grasp, self.options.resolution_m
         )
         self.skin = self.world.skin
         n = self.pinch.joints
@@ -116,11 +115,11 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def _body(self, values: Values) -> Body:
         """Return the object of an episode."""
-        return body_of(self.object_name, values)
+        return body_of(self._object, values)
 
     def _initial_positions_m(self, values: Values) -> list[FloatArray]:
         """Return the initial position of each object (3,), from the middle between the tips, fingertip frame [m]."""
-        return [array(values, f"object.{self.object_name}.position_m")]
+        return [array(values, f"object.{self._object}.position_m")]
 
     def _initial_rotation(self, values: Values) -> FloatArray:
         """Return the object's initial rotation (3, 3) in the fingertip's frame."""

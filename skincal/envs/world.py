@@ -7,13 +7,13 @@ import numpy as np
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import Drawer, Value, Values, array
 from skincal.envs.grasp import Grasp, GraspOptions
-from skincal.envs.needed import ObjectName
 from skincal.envs.pinch import Pinch
 from skincal.envs.scene import Scene
 from skincal.envs.sensing import Sensor, View
 from skincal.envs.tactile import RESOLUTION_M, SkinContact, TactileSkin
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
+from skincal.tasks import ObjectName
 
 
 class World:

@@ -14,7 +14,7 @@ from skincal.fitting.law import LawSpread
 from skincal.fitting.posterior import Peak
 from skincal.fitting.presses import PressModel
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.response import Bend
+from skincal.fitting.response import Nonlinearity
 from skincal.fitting.result import PARAMETERS, FitResult, GridResult, PressFit, Sigmas
 from skincal.fitting.sampling import Draws
 from skincal.fitting.types import Bools, Floats
@@ -30,7 +30,7 @@ def conclude(
     kept: Bools,
     dead: Bools,
     law: LawSpread,
-    bend: Bend,
+    nonlinearity: Nonlinearity,
     box: SearchBox,
     options: FitOptions,
     rng: np.random.Generator,
@@ -45,7 +45,7 @@ def conclude(
         kept: (K,) presses of the grid that were kept.
         dead: (J,) taxels left out.
         law: uncertainty of the contact law.
-        bend: nonlinearity of the response.
+        nonlinearity: of the response.
         box: ranges that were searched.
         options: settings.
         rng: only source of randomness.
@@ -77,7 +77,7 @@ def conclude(
         sigmas=Sigmas(*sigmas.tolist()),
         law_spread_m=law.best_m,
         law_rise=law.rise,
-        bend=bend,
+        nonlinearity=nonlinearity,
         effective_draws=draws.effective,
         force_low=float(np.exp(np.quantile(chosen[:, 6], 0.025))),
         misfit_low=float(np.exp(np.quantile(chosen[:, 8], 0.025))),

@@ -40,7 +40,7 @@ MISFIT_PART = 0.05
 above; set by eye. In six blind sessions with nothing hidden it is 0.2 % at most, and 3 % where noise grows by
 3 % of the signal; 3 to 15 % where two effects are hidden, or one that the catalogue does not have."""
 
-BENT_NATS = 8.0
+NONLINEAR_NATS = 8.0
 """Log evidence over the linear response from which a nonlinear one is reported: odds of 1 to 600, with five
 candidates. With a linear response it was 3.2 at most in 41 sessions of the foundation, and 6.8 in 18 on
 elastic layers."""
@@ -175,13 +175,14 @@ def _check_rig(result: FitResult) -> Iterator[FitFinding]:
             "rig is further off than the bound allows, and the intervals of the pose are too narrow.",
             "Raise [position] slack_m to three times what the rig can be off, a constant error included.",
         )
-    if result.bend.rise > BENT_NATS:
-        bends = "less" if result.bend.grows > 1 else "more"
+    response = result.nonlinearity
+    if response.rise > NONLINEAR_NATS:
+        bends = "less" if response.grows > 1 else "more"
         yield _warn(
             "response_bends",
             "Images do not grow with the force as they should: with readings straightened, so that the largest one is "
-            f"{result.bend.grows:.1f} times as large beside typical ones, presses at all places and forces agree "
-            f"better (log evidence {result.bend.rise:.0f}). The sensor seems to answer {bends} the more it is pressed; "
+            f"{response.grows:.1f} times as large beside typical ones, presses at all places and forces agree "
+            f"better (log evidence {response.rise:.0f}). The sensor seems to answer {bends} the more it is pressed; "
             "E and S may lie outside of their intervals.",
             "Check the converter's range and the zero of the force, and run `skincal diagnose`: it tells such causes "
             "apart.",

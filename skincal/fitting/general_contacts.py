@@ -50,7 +50,7 @@ class ContactMap:
     skin_on_grid: bool = False
 
     @property
-    def on_grid(self) -> LocalPlaces | None:
+    def local_on_grid(self) -> LocalPlaces | None:
         """The presses on the local surface if the grid uses it; None if the grid uses the skin model itself."""
         return None if self.skin_on_grid else self.local
 

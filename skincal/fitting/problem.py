@@ -192,7 +192,7 @@ class FitProblem:
         return np.asarray(self.active[self.rows] < COORDINATES, dtype=np.bool_)
 
     @property
-    def on_grid(self) -> FitProblem:
+    def for_grid(self) -> FitProblem:
         """The presses that the grid uses: those with two active taxels or more; all if there are too few of these."""
         enough = ~self.has_one_taxel
         return self.subset(enough, "one active taxel") if enough.sum() >= _PARAMETERS else self

@@ -27,7 +27,7 @@ CEILINGS = ((1.15, 4.0), (1.5, 2.0))
 
 
 @dataclass(frozen=True)
-class Bend:
+class Nonlinearity:
     """Nonlinearity of the response.
 
     Attributes:
@@ -49,13 +49,13 @@ def candidate_responses(problem: FitProblem) -> tuple[Response, ...]:
     """
     readings, largest = problem.observation, float(problem.values.max())
 
-    def bent(lost: float, knee: float, sharpness: float) -> Response:
+    def response(lost: float, knee: float, sharpness: float) -> Response:
         # Keep typical readings unchanged, so that a climb starts near its optimum.
         beyond = (readings.typical_counts / knee) ** sharpness
         return Response(lost, knee, sharpness, float((1.0 + beyond) ** (lost / sharpness)))
 
-    powers = (bent(lost, readings.noise_counts, 1.0) for lost in POWERS)
-    return STRAIGHT, *powers, *(bent(1.0, part * largest, sharpness) for part, sharpness in CEILINGS)
+    powers = (response(lost, readings.noise_counts, 1.0) for lost in POWERS)
+    return STRAIGHT, *powers, *(response(1.0, part * largest, sharpness) for part, sharpness in CEILINGS)
 
 
 def with_response(problem: FitProblem, response: Response) -> FitProblem:
@@ -70,9 +70,9 @@ def invert_response(response: Response, counts: float) -> float:
     return float(brentq(lambda signal: response.of(signal) - counts, 0.0, 1e3 * counts))
 
 
-def weigh_bends(
+def weigh_responses(
     problem: FitProblem, plain: Sequence[Peak], tried: Sequence[Response], peaks: Sequence[Peak]
-) -> Bend:
+) -> Nonlinearity:
     """Return the response that explains the presses best.
 
     Args:
@@ -82,10 +82,10 @@ def weigh_bends(
         tried: the responses that were fitted.
         peaks: the peak of each.
     """
-    found, least = [Bend()], float(np.nanmax([one.log_evidence for one in plain]))
+    found, least = [Nonlinearity()], float(np.nanmax([one.log_evidence for one in plain]))
     largest = float(problem.values.max())
     for response, one in zip(tried, peaks, strict=True):
         rise = one.log_evidence - least
         if np.isfinite(rise) and np.isfinite(one.macro).all():
-            found.append(Bend(invert_response(response, largest) / largest, float(rise)))
-    return max(found, key=lambda bend: bend.rise)
+            found.append(Nonlinearity(invert_response(response, largest) / largest, float(rise)))
+    return max(found, key=lambda one: one.rise)

@@ -9,7 +9,7 @@ from typing import Literal
 from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.response import Bend
+from skincal.fitting.response import Nonlinearity
 from skincal.fitting.types import Bools, Floats
 
 PARAMETERS = ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m", "scale_per_n")
@@ -110,7 +110,7 @@ class FitResult:
         sigmas: estimated scatter of positions, forces and images.
         law_spread_m: sideways spread of the contact law that fits best [m]; the model itself has none.
         law_rise: log evidence of the widest spread considered over that of none; 0 unless it is the best.
-        bend: nonlinear response that explains the presses better, if any does.
+        nonlinearity: nonlinear response that explains the presses better, if any does.
         effective_draws: effective sample size of the weighted draws.
         force_low: 2.5 % quantile of the scatter of forces.
         misfit_low: 2.5 % quantile of the misfit.
@@ -134,7 +134,7 @@ class FitResult:
     sigmas: Sigmas
     law_spread_m: float
     law_rise: float
-    bend: Bend
+    nonlinearity: Nonlinearity
     effective_draws: float
     force_low: float
     misfit_low: float

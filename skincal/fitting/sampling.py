@@ -75,7 +75,7 @@ def sample(
     size: int,
     rounds: tuple[int, int],
     enough_draws: float,
-    missing_term: Density | None = None,
+    expensive_term: Density | None = None,
     term_points: int = 0,
     on_round: Callable[[int], None] = lambda _done: None,
 ) -> tuple[Draws, Density]:
@@ -89,8 +89,8 @@ def sample(
         size: draws in each round; after each round the proposal is fitted to all draws so far.
         rounds: fewest and most.
         enough_draws: effective sample size at which sampling stops.
-        missing_term: a smooth, expensive term that the density lacks. It is fitted and added before the last
-            of the fewest rounds, and fitted again if the draws then move elsewhere.
+        expensive_term: a smooth, expensive term that the density lacks. When one round is left of the fewest, a
+            function is fitted to it and added; it is fitted again if the draws then move elsewhere.
         term_points: number of points at which the term is evaluated.
         on_round: callback with the number of finished rounds.
 
@@ -111,7 +111,7 @@ def sample(
     points, plain, mixture = np.empty((0, len(covariance))), np.empty(0), np.empty(0)
     fewest, most = rounds
     term: Density | None = None
-    stale, left, about = missing_term is not None, MOST_TERM_FITS, points
+    stale, left, about = expensive_term is not None, MOST_TERM_FITS, points
     while True:
         fresh = proposals[-1].draw(rng, size)
         found = density(fresh)
@@ -131,12 +131,12 @@ def sample(
             term is not None and left > 0 and bool((np.abs(draws.mean - about[0]) > DRIFT * about[1]).any())
         )
         if (
-            missing_term is not None
+            expensive_term is not None
             and stale
             and (done >= most or (done >= fewest - 1 and draws.effective >= TERM_DRAWS))
         ):
             about, left, stale = np.stack([draws.mean, draws.spread]), left - 1, False
-            term = smooth_term(draws, missing_term, term_points, rng)
+            term = smooth_term(draws, expensive_term, term_points, rng)
             draws = _weigh_draws(points, plain, term, mixture)
         on_round(done)
         if done >= most or (done >= fewest and draws.effective >= enough_draws and not stale):
@@ -155,7 +155,7 @@ def _weigh_draws(points: Floats, plain: Floats, term: Density | None, mixture: F
     return Draws(points, weight / weight.sum())
 
 
-def smooth_term(draws: Draws, missing_term: Density, count: int, rng: np.random.Generator) -> Density:
+def smooth_term(draws: Draws, expensive_term: Density, count: int, rng: np.random.Generator) -> Density:
     """Fit a smooth term of a log density near the draws, from its values at ``count`` points.
 
     The fit is linear in all variables and quadratic in log E and log S. It is a robust least-squares fit with
@@ -170,7 +170,7 @@ def smooth_term(draws: Draws, missing_term: Density, count: int, rng: np.random.
         return np.column_stack([np.ones(len(z)), z, z[:, 3] ** 2, z[:, 4] ** 2, z[:, 3] * z[:, 4]])
 
     points = some.resampled(rng, count)
-    rise = missing_term(points)
+    rise = expensive_term(points)
     known = np.isfinite(rise)
     x, y = parts(points[known]), rise[known]
     keep, found = np.ones(len(y), dtype=bool), np.zeros(x.shape[1])

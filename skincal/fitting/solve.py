@@ -27,7 +27,7 @@ from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import COORDINATES, FEW_PRESSES, FitError, FitProblem
-from skincal.fitting.response import Bend, candidate_responses, weigh_bends, with_response
+from skincal.fitting.response import Nonlinearity, candidate_responses, weigh_responses, with_response
 from skincal.fitting.result import FitResult, GridResult
 from skincal.fitting.robust import (
     find_dead_taxels,
@@ -41,7 +41,7 @@ from skincal.fitting.tasks import (
     Neighbourhood,
     climb_near,
     evaluate_density,
-    evaluate_missing_terms,
+    evaluate_expensive_terms,
     evaluate_slab,
 )
 from skincal.fitting.types import Bools, Floats
@@ -64,15 +64,16 @@ LONE_ROUNDS = 4
 sample size is still too small then, the density is rough, and more rounds do not help."""
 
 TERM_POINTS_LONE, TERM_POINTS = 120, 60
-"""Number of draws at which :func:`skincal.fitting.tasks.evaluate_missing_terms` is evaluated: with presses of
-one active taxel, where the term is rough, and without."""
+"""Number of draws at which :func:`skincal.fitting.tasks.evaluate_expensive_terms` evaluates what is too expensive for
+every draw: with presses of one active taxel, where this is rough, and without."""
 
 POLISH_CLIMBS = 2
 """Number of climbs that follow the removal of outliers. Each takes the noise of the readings from the simulated
 images of the last peak, and starts from its shared errors."""
 RIVAL_NATS, MOST_RIVALS = 30.0, 2
-"""Peaks of the local surface whose log evidence is within ``RIVAL_NATS`` of the best are refined with the skin
-model; at most ``MOST_RIVALS``."""
+"""In the general way, climbs first take the skin around the sensor to look the same everywhere
+(:mod:`skincal.fitting.general_local`). Peaks found so, with a log evidence within ``RIVAL_NATS`` of the best, are
+refined with the skin model; at most ``MOST_RIVALS``."""
 
 MOST_STARTS = 4
 """Most grid points from which the continuous part of a fit starts (multistart)."""
@@ -104,7 +105,7 @@ def default_steps(problem: FitProblem) -> GridSteps:
     """Return the default steps of the macro grid for the method of the fit."""
     if problem.contacts is None:
         return STEPS["fast"]
-    return STEPS["nlopt" if problem.contacts.on_grid is None else "general"]
+    return STEPS["nlopt" if problem.contacts.local_on_grid is None else "general"]
 
 
 def plan_grid(problem: FitProblem, box: SearchBox, options: FitOptions) -> MacroGrid:
@@ -193,20 +194,20 @@ class _Fit:
 
     def solve(self, problem: FitProblem, grid: MacroGrid, slabs: dict[int, GridSlab]) -> FitResult:
         """Run all stages; see :func:`solve`."""
-        settings, on_grid = micro_settings(problem), problem.on_grid
-        in_order = self._evaluate_grid(on_grid, grid, settings, slabs)
-        problem, kept, dead, peak, around = self._refine(problem, _choose_starts(on_grid, grid, in_order))
+        settings, for_grid = micro_settings(problem), problem.for_grid
+        in_order = self._evaluate_grid(for_grid, grid, settings, slabs)
+        problem, kept, dead, peak, around = self._refine(problem, _choose_starts(for_grid, grid, in_order))
         problem, peak, draws = self._draw_posterior(problem, peak, around)
-        law, bend = self._weigh_laws_and_responses(problem, peak, around)
+        law, nonlinearity = self._weigh_laws_and_responses(problem, peak, around)
         at = MacroGrid(*draws.mean[:4, None])  # none of the grid's values
-        at_best = float(evaluate_slab(on_grid, at, 0, settings).mse_counts2[0, 0, 0])
+        at_best = float(evaluate_slab(for_grid, at, 0, settings).mse_counts2[0, 0, 0])
         mse, scale, slack = (np.stack(arrays) for arrays in zip(*in_order, strict=True))
         fixed = self.options.bound_counts2
         inside = np.zeros(mse.shape, dtype=bool) if fixed is None else mse <= fixed
         evaluated = GridResult(grid, mse, scale, slack, inside, at_best)
         return conclude(
-            around.model(problem), peak, draws, evaluated, kept=kept, dead=dead, law=law, bend=bend,
-            box=self.box, options=self.options, rng=self.rng,
+            around.model(problem), peak, draws, evaluated, kept=kept, dead=dead, law=law,
+            nonlinearity=nonlinearity, box=self.box, options=self.options, rng=self.rng,
         )  # fmt: skip
 
     def _map(self, function: Callable[..., Any], arguments: Iterable[Sequence[Any]]) -> Iterable[Any]:
@@ -290,7 +291,7 @@ class _Fit:
     def _local_peaks(self, problem: FitProblem, starts: list[Floats]) -> list[Floats]:
         """Climb on the uniform local surface; return the best peak and near rivals (macro variables)."""
         assert problem.contacts is not None
-        local = problem.contacts.on_grid
+        local = problem.contacts.local_on_grid
         if local is None:
             return starts
         # Arc lengths may put the centre slightly outside the box; clip it.
@@ -370,14 +371,14 @@ class _Fit:
             size=self.options.round_size,
             rounds=(fewest, min(most, LONE_ROUNDS * fewest) if lone else most),
             enough_draws=self.options.enough_draws,
-            missing_term=lambda points: in_two_parts(evaluate_missing_terms, points.mean(axis=0), points),
+            expensive_term=lambda points: in_two_parts(evaluate_expensive_terms, points.mean(axis=0), points),
             term_points=TERM_POINTS_LONE if lone else TERM_POINTS,
             on_round=lambda done: self.progress("draws", min(done, fewest), fewest),
         )
 
     def _weigh_laws_and_responses(
         self, problem: FitProblem, peak: Peak, around: Neighbourhood
-    ) -> tuple[LawSpread, Bend]:
+    ) -> tuple[LawSpread, Nonlinearity]:
         """Weigh contact laws and nonlinear responses by their evidence; every climb restarts from the peak."""
         spreads = self.options.law_spreads_m
         self.progress("contact law", 0, 1)
@@ -415,13 +416,13 @@ class _Fit:
         laws[0] = max(peak, response_peaks[0], key=lambda one: one.log_evidence)
         comparable = laws + (unprojected_peaks if len(unprojected_tasks) == 1 else [])
         # Run these in a worker, which has already imported SciPy for the search of the taxel order.
-        [bend] = self._map(weigh_bends, [(problem, comparable, candidates, response_peaks)])
+        [nonlinearity] = self._map(weigh_responses, [(problem, comparable, candidates, response_peaks)])
         [law] = self._map(weigh_laws, [(np.array(spreads), laws)])
         if unprojected_tasks:
             law = law.with_unprojected(
                 laws[0] if len(unprojected_tasks) == 1 else unprojected_peaks[0], unprojected_peaks[-1]
             )
-        return law, bend
+        return law, nonlinearity
 
 
 def _choose_starts(problem: FitProblem, grid: MacroGrid, slabs: Sequence[GridSlab]) -> list[Floats]:

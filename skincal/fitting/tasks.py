@@ -44,7 +44,7 @@ def evaluate_slab(problem: FitProblem, macro_grid: MacroGrid, turn: int, setting
     """Evaluate one turn of the grid, by kernel tables or with the skin model."""
     if problem.contacts is None:
         return grid.evaluate_slab(problem, macro_grid, turn, settings)
-    local = problem.contacts.on_grid
+    local = problem.contacts.local_on_grid
     if local is None:
         return general.evaluate_slab(problem, macro_grid, turn, settings)
     return grid.evaluate_slab(local.problem(problem), local.grid(macro_grid), turn, settings)
@@ -139,10 +139,10 @@ def evaluate_density(
     return np.concatenate([log_posterior(model, places, bounds, block) for block in blocks])
 
 
-def evaluate_missing_terms(
+def evaluate_expensive_terms(
     problem: FitProblem, around: Neighbourhood, places: Places, centre: Floats, points: Floats
 ) -> Floats:
-    """Return the terms (W,) that the log posterior lacks at points (W, 11), up to a constant.
+    """Return the terms (W,) of the log posterior that ``log_posterior`` omits, at points (W, 11), up to a constant.
 
     These are the selection of presses, and the error of the Laplace approximation. The latter is evaluated
     only for presses of one active taxel, by narrow slack priors found at ``centre`` (11,); for other presses

@@ -9,12 +9,12 @@ from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 
 from skincal.errors import quoted
-from skincal.hand.checks import ContactForce
 from skincal.hand.driver import HandCommand, HandDriver
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
 from skincal.hand.messages import Message, MessageError, encode, number, numbers, refusal_body, state_body
 from skincal.hand.sockets import zmq_module
+from skincal.hand.state_checks import ContactForce
 
 if TYPE_CHECKING:
     import zmq

@@ -13,12 +13,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from skincal.errors import quoted
-from skincal.hand.checks import ContactForce
 from skincal.hand.contract_checks import CHECKS, Check
 from skincal.hand.driver import HandDriver
 from skincal.hand.errors import HandError
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.halt import HURRY_S, STOPPED
+from skincal.hand.state_checks import ContactForce
 from skincal.hand.trial import FailedCheckError, SkippedCheckError, Trial
 from skincal.hand.worker import CallTimeoutError, raised_by
 from skincal.robot import HandDescription, joint_contact_force

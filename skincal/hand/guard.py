@@ -1,4 +1,4 @@
-"""The guard of a hand: what stands between a hand and whoever moves it (:mod:`skincal.hand.guarded`)."""
+"""The guard of a hand: what stands between a hand and whoever moves it (:mod:`skincal.hand.guard_calls`)."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from collections.abc import Callable
 import numpy as np
 
 from skincal.errors import shown
-from skincal.hand.checks import ContactForce, StateCheck
-from skincal.hand.commands import CommandCheck
+from skincal.hand.command_checks import CommandCheck
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
+from skincal.hand.guard_calls import Guarded
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.guarded import Guarded
+from skincal.hand.state_checks import ContactForce, StateCheck
 from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription, check_limits
 
 
 class GuardedHand(Guarded[HandDescription, HandState, HandCommand]):
-    """A hand that is safe to move; arguments are those of :class:`~skincal.hand.guarded.Guarded`.
+    """A hand that is safe to move; arguments are those of :class:`~skincal.hand.guard_calls.Guarded`.
 
     Args:
         contact_force: the contact force of a state [N], from its joint angles and torques; None: not checked.

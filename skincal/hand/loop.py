@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
-from skincal.hand.guarded import Guarded
+from skincal.hand.guard_calls import Guarded
 from skincal.model.arrays import FloatArray
 
 Rig = TypeVar("Rig", bound=Guarded[Any, Any, Any])

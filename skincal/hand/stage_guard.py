@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from skincal.errors import InputError, Problem, shown
-from skincal.hand.checks import TaxelCheck, check_numbers
 from skincal.hand.clock import ClockCheck
-from skincal.hand.commands import StepCheck
+from skincal.hand.command_checks import StepCheck
 from skincal.hand.errors import HandError, HandErrorKind
+from skincal.hand.guard_calls import Guarded
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.guarded import Guarded
 from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState
+from skincal.hand.state_checks import TaxelCheck, check_numbers
 
 ROUNDING_M = 1e-9
 """Tolerance of a command's limits, for rounding [m]."""
@@ -28,7 +28,7 @@ moves next to a person (0.25 m/s, ISO 10218-1), and ten times the force that a s
 
 
 class GuardedStage(Guarded[StageDescription, StageState, FloatArray]):
-    """A stage that is safe to move; arguments are those of :class:`~skincal.hand.guarded.Guarded`."""
+    """A stage that is safe to move; arguments are those of :class:`~skincal.hand.guard_calls.Guarded`."""
 
     rig = "stage"
 

@@ -170,7 +170,7 @@ class CandidateScorer:
 
 
 def smooth_fitter(fitter: Fitter) -> Fitter:
-    """Return a fitter whose slopes hold over finite steps: on a staircase of counts those at a point do not."""
+    """Return a fitter without the steps of a coarse converter: its slopes hold over finite changes, as a line's do."""
     if not fitter.forward.noise.coarse:
         return fitter
     forward = copy(fitter.forward)

@@ -34,7 +34,7 @@ class Constants:
     few: int = 3  # T  best presses without which a gain must exceed its limit, unless significant
     null_sessions: int = 120  # T  simulated sessions with nothing hidden
     null_quantile: float = 0.99  # T  quantile of their gains that is an effect's limit
-    slack: float = 1.25  # M  factor on limits, for laws and errors that the null lacks
+    limit_factor: float = 1.25  # M  factor on limits, for laws and errors that the null lacks
     few_steps: int = 3  # T  steps of a rough fit
     noise: float = 0.02  # P  relative error of the noise variance, tolerated in a misfit
     joint_steps: int = 5  # T  steps of a joint fit

@@ -35,7 +35,7 @@ def gains(
         blocks: of the model's columns, then those of the candidates one after the other.
         b: (B, n, S) slopes of S sessions.
         prior: (m,) precisions of the model's columns.
-        pull: (m,) slope of their prior.
+        pull: (m,) gradient of their prior at the fit: precision times the distance from its mean.
         sigma: prior standard deviations of the columns of each candidate.
         folds: (B,) fold of each block.
     """

@@ -36,26 +36,28 @@ class Null:
         laws: name of the contact law of each session.
         gains: by effect, (S,) the greatest gain of any of its starts [nats].
         misfit: (S, 3) misfit of the base model in each (:func:`skincal.inference.check.misfit`).
-        level: of the quantile that sets a limit.
+        probability: of the quantile that sets a limit.
     """
 
     laws: tuple[str, ...]
     gains: dict[str, FloatArray]
     misfit: FloatArray
-    level: float = C.null_quantile
+    probability: float = C.null_quantile
 
     def quantile(self, name: str) -> float:
         """Return the null quantile of the gain of an effect [nats]."""
         own = self.gains.get(name)
-        return 0.0 if own is None else float(np.quantile(own, self.level))
+        return 0.0 if own is None else float(np.quantile(own, self.probability))
 
     def limit(self, name: str) -> float:
         """Return the gain that an effect must exceed to be selected [nats]."""
-        return max(C.least_gain, C.slack * self.quantile(name))
+        return max(C.least_gain, C.limit_factor * self.quantile(name))
 
     def misfit_limits(self) -> FloatArray:
         """Return the misfit (3,) that a model may have: the null quantile and a margin."""
-        return 1 + C.slack * np.maximum(np.quantile(self.misfit, self.level, axis=0) - 1, C.noise)
+        return 1 + C.limit_factor * np.maximum(
+            np.quantile(self.misfit, self.probability, axis=0) - 1, C.noise
+        )
 
     def p_value(self, name: str, gain: float) -> float:
         """Return the part of null sessions in which an effect gains as much."""
@@ -127,7 +129,7 @@ def law_parts(
     Args:
         blocks: of the columns of the base model, those of candidates, and those of L laws last.
         prior: (m,) precisions of the base model's columns.
-        pull: (m,) slope of their prior.
+        pull: (m,) gradient of their prior at the fit: precision times the distance from its mean.
         sigma: of the candidates' columns beforehand.
         laws: L.
     """
@@ -137,9 +139,9 @@ def law_parts(
         h, b = whole(blocks, np.append(np.arange(n), every + np.arange(laws)))
         cross = h[:n, n:]
         step = full_step(h[:n, :n], b[:n], prior[:n], pull[:n])
-        follow = full_step(h[:n, :n], cross, prior[:n], np.zeros_like(cross))
-        # A prior of 1 about 0 keeps the error finite where a law leaves no residual.
-        curve = 1 + np.diag(h[n:, n:]) - (cross * follow).sum(axis=0)
+        absorbed = full_step(h[:n, :n], cross, prior[:n], np.zeros_like(cross))
+        # The multiple has the prior N(0, 1), so that its error stays finite where a law leaves no residual.
+        curve = 1 + np.diag(h[n:, n:]) - (cross * absorbed).sum(axis=0)
         part = (b[n:] - cross.T @ step) / curve
         most = np.maximum(most, part + C.alike / np.sqrt(curve))
     return np.minimum(most, 1.0)

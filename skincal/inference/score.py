@@ -40,7 +40,7 @@ def held_out(
         h: (B, n, n) curvatures.
         b: (B, n, S) slopes, of S sessions with the same columns.
         prior: (n,) precisions.
-        pull: (n,) slope of the prior.
+        pull: (n,) gradient of the prior at the fit: precision times the distance from its mean.
         folds: (B,) fold of each block.
 
     Returns:
@@ -52,10 +52,10 @@ def held_out(
     h, b, prior, pull = h * np.outer(unit, unit), b * unit[:, None], prior * unit**2, pull * unit
     total_h, total_b = h.sum(axis=0) + np.diag(prior), b.sum(axis=0) - pull[:, None]
     for fold in range(C.folds):
-        test = folds == fold
-        others = total_h - h[test].sum(axis=0)
-        c = np.linalg.solve(others, total_b - b[test].sum(axis=0))
-        out[test] = log_predictive(others, c, h[test], b[test])
+        held = folds == fold
+        others = total_h - h[held].sum(axis=0)
+        c = np.linalg.solve(others, total_b - b[held].sum(axis=0))
+        out[held] = log_predictive(others, c, h[held], b[held])
     return out
 
 

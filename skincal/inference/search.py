@@ -55,9 +55,9 @@ def search_effects(
         null_sessions: how many are simulated.
         mapper: runs independent fits side by side.
     """
-    folds, smooth = folds_of(base.blocks, rng), smooth_fitter(fitter)
-    scorer = CandidateScorer(fitter, smooth, base, names, folds, rng, null_sessions, mapper, progress)
-    fits = CandidateFits(fitter, smooth, folds, covariates, frozenset(base.state.effects), mapper)
+    folds, without_steps = folds_of(base.blocks, rng), smooth_fitter(fitter)
+    scorer = CandidateScorer(fitter, without_steps, base, names, folds, rng, null_sessions, mapper, progress)
+    fits = CandidateFits(fitter, without_steps, folds, covariates, frozenset(base.state.effects), mapper)
     return Search(base, scorer, fits).run()
 
 
@@ -140,8 +140,8 @@ class Search:
     def _best_path(self, finished: Sequence[SearchPath]) -> SearchPath:
         """Return the path that predicts best.
 
-        A path with more effects must gain the limit of each additional one, and what the equation errors of the
-        effects that it does without can cost the other path.
+        A path with more effects must gain the limit of each additional one. It must also gain what errors of their
+        equations may have cost the effects that only the shorter path has (:func:`equation_loss`).
         """
         best, *others = sorted(finished, key=lambda p: (len(p.selected), -self._total(p)))
         for path in others:

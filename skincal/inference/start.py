@@ -55,20 +55,21 @@ def run_fit(task: FitTask) -> Fitted:
     return refit_placed(fitter, fit) if task.to_end else fit
 
 
-def fit_base(fitter: Fitter, mapper: Mapper = map, *, known: bool) -> Fitted:
+def fit_base(fitter: Fitter, mapper: Mapper = map, *, start_is_calibrated: bool) -> Fitted:
     """Fit the base model; leaves its robust weights and scatter of places in the fitter.
 
     Args:
         fitter: of the session.
         mapper: runs independent fits side by side.
-        known: True if the start is a calibration's, which is near the truth.
+        start_is_calibrated: whether the fit starts from a calibration, which is near the truth; else it tries several
+            turns of the sensor.
     """
     begin = fitter.priors.start
     part = fitter.forward.of_holds()
     assert part.session.counts is not None
     before = replace(fitter.priors, weights=np.ones(part.session.counts.shape))
     best: tuple[float, Fitted] | None = None
-    for turn in (0.0,) if known else _TURNS:
+    for turn in (0.0,) if start_is_calibrated else _TURNS:
         rough = Fitter(part, part.session.counts, before)
         rough.foundation = True
         state = replace(begin, pose=replace(begin.pose, alpha_rad=begin.pose.alpha_rad + turn))

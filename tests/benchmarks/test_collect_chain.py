@@ -24,7 +24,7 @@ def short_plan(rng: np.random.Generator, layout: object) -> Plan:
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> Seen:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(collect_chain, "paper_plan", short_plan)
+        patch.setitem(collect_chain.PROTOCOLS, "paper", short_plan)
         return collect_chain.session("paper", 7, tmp_path_factory.mktemp("chain"))
 
 
@@ -48,7 +48,7 @@ def test_mean_contact_error_is_part_of_the_true_pose(seen: Seen):
 
 
 def test_a_study_resumes_and_grows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(collect_chain, "paper_plan", short_plan)
+    monkeypatch.setitem(collect_chain.PROTOCOLS, "paper", short_plan)
     out = tmp_path / "chain.json"
     command = ["--protocol", "paper", "--workers", "1", "--out", str(out)]
     assert main([*command, "--seeds", "1"]) == 0
@@ -63,7 +63,7 @@ def test_a_study_resumes_and_grows(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def test_a_session_that_fails_is_counted(monkeypatch: pytest.MonkeyPatch):
     far = Plan("far", (PlannedPress(0.03, 0.03, 2.0, 0.04, 0.3),), {"A": (0.0, 0.25, 0.83)})
-    monkeypatch.setattr(collect_chain, "paper_plan", lambda rng, layout: far)
+    monkeypatch.setitem(collect_chain.PROTOCOLS, "paper", lambda rng, layout: far)
     record = run_job(Job("paper", 1, False, False))
     assert "press 0" in record["failed"]
     assert summary([record])["paper"] == {"sessions": 1, "failed": 1}

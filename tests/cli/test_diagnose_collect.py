@@ -120,7 +120,7 @@ def test_rounds_end_with_the_budget_and_are_one_session(tmp_path: Path, monkeypa
         source=SOURCE,
     ).dataset
     fitter = observe(data, None, np.random.default_rng(0), keep=False).fitter
-    meta, state = data.meta, fit_base(fitter, known=False).state
+    meta, state = data.meta, fit_base(fitter, start_is_calibrated=False).state
     blank = make_calibration(
         sensor=meta.sensor, surface=meta.surface, indenter=meta.indenter, mount=meta.mount
     )

@@ -11,12 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from published import LAYOUT
 
-from skincal.collect import FullProtocol, PaperProtocol, Plan, PlannedPress, full_plan, paper_plan
+from skincal import tasks
+from skincal.collect import PROTOCOLS, FullProtocol, PaperProtocol, Plan, PlannedPress, full_plan, paper_plan
 from skincal.collect.protocols import patch_grid
 from skincal.errors import InputError
 from skincal.model import TaxelLayout
 
 SEEDS = st.integers(0, 2**32 - 1)
+
+
+def test_every_protocol_has_its_line_of_help():
+    assert set(PROTOCOLS) == set(tasks.PROTOCOLS)
 
 
 def full(seed: int, **changes: float | None) -> Plan:

@@ -153,4 +153,4 @@ def test_full_plan_shows_all_but_shear():
     assert report.cannot_see == ("shear",)
     assert "plan" in report.reasons["shear"] and report.planned
     figure = audit_figure(report)
-    assert len(figure.axes) == 3 and "21 of 22" in figure.get_suptitle()
+    assert len(figure.axes) == 3 and f"{len(EFFECTS) - 1} of {len(EFFECTS)}" in figure.get_suptitle()

@@ -70,7 +70,7 @@ def test_disconnected_board_is_left_out(tmp_path: Path, taxels: int):
     wrong = replace(truth, model=replace(truth.model, scale_per_taxel_per_n=tuple(scale)))
     data = replace(data, presses=replace(presses, counts=means), frames=replace(frames, counts=counts))
     one = observe(data, wrong, np.random.default_rng(0))
-    stuck = find_faults(one.session, one.fitter, one.fitter.priors.start, calibrated=True)
+    stuck = find_faults(one.session, one.fitter, one.fitter.priors.start, state_is_calibrated=True)
     assert sorted(s.taxel for s in stuck) == list(range(taxels)) and all(s.counts > 250 for s in stuck)
     left = one.without(stuck)
     assert left.session.counts is not None and not (left.session.counts > 250).any()

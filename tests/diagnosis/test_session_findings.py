@@ -21,7 +21,7 @@ def observed(data: Dataset) -> Observed:
 
 def findings_of(data: Dataset) -> list[Finding]:
     session = observed(data)
-    return list(far_readings(session, fit_base(session.fitter, known=True)))
+    return list(far_readings(session, fit_base(session.fitter, start_is_calibrated=True)))
 
 
 def test_outlier_at_one_taxel_is_reported():

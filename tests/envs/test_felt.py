@@ -11,6 +11,7 @@ from making import BOLT, make
 from published import FINGER, LAYOUT
 
 from skincal.envs.bodies import Bolt
+from skincal.envs.observations import STACKED
 from skincal.envs.pinch import read_pinch
 from skincal.envs.tactile import TactileSkin
 from skincal.model import Contacts, Converter, MeshIndenter, Patch, SensorPose, Skin, SkinParameters, Sphere
@@ -21,7 +22,9 @@ STILL = np.zeros(6)
 
 def image(observation: dict[str, np.ndarray]) -> np.ndarray:
     """The newest tactile image in what a policy sees."""
-    return observation["policy"][4 * 22 : 4 * 22 + 16]
+    policy = observation["policy"]
+    now = len(policy) // STACKED  # the target at the end has fewer numbers than there are stacked steps
+    return policy[(STACKED - 1) * now :][: LAYOUT.taxels]
 
 
 def direct(env: Any, info: dict[str, Any]) -> np.ndarray:

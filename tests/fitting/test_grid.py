@@ -131,7 +131,7 @@ def test_presses_of_one_taxel_are_taken_where_others_are_few(truth: Truth) -> No
     presses, _ = make_session(truth, presses=18)
     problem, paper = build_problem(rig(), presses), build_problem(rig(), presses, min_active=2)
     assert 5 <= len(paper) < 16
-    assert len(problem) > len(paper) == len(problem.on_grid)
+    assert len(problem) > len(paper) == len(problem.for_grid)
 
 
 def test_presses_of_one_taxel_leave_identifiability_open(truth: Truth) -> None:

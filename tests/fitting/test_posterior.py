@@ -263,7 +263,7 @@ def test_importance_sampling_finds_a_known_density(problem: FitProblem, peak: Pe
         size=400,
         rounds=(8, 8),
         enough_draws=400,
-        missing_term=rising,
+        expensive_term=rising,
         term_points=60,
     )
     assert moved.effective > 500

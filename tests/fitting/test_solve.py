@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skincal.fitting.fit_findings import BENT_NATS, _check_rig, add_findings
+from skincal.fitting.fit_findings import NONLINEAR_NATS, _check_rig, add_findings
 from skincal.fitting.fit_options import GridSteps, SearchBox
 from skincal.fitting.law import LawSpread
 from skincal.fitting.problem import FitError, FitProblem, build_problem
-from skincal.fitting.response import Bend
+from skincal.fitting.response import Nonlinearity
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.solve import plan_grid, solve
 from skincal.fitting.valley import OPEN, POSE, at_one_place
@@ -197,13 +197,15 @@ def test_forces_whose_errors_go_with_the_force(fitted: FitResult, power: float, 
 
 
 def test_a_straightened_response_is_reported_from_a_bound_on(fitted: FitResult) -> None:
-    assert fitted.bend.rise < BENT_NATS
-    found = add_findings(replace(fitted, bend=Bend(2.0, BENT_NATS + 1), force_low=0.05), dropped=0)
+    assert fitted.nonlinearity.rise < NONLINEAR_NATS
+    found = add_findings(
+        replace(fitted, nonlinearity=Nonlinearity(2.0, NONLINEAR_NATS + 1), force_low=0.05), dropped=0
+    )
     [told] = [f for f in found.findings if f.code in ("response_bends", "force_scatter")]
     assert told.code == "response_bends"
     assert "2.0 times as large" in told.text and "answer less" in told.text
     assert "response_bends" not in _codes(
-        add_findings(replace(fitted, bend=Bend(1.3, BENT_NATS - 1)), dropped=0)
+        add_findings(replace(fitted, nonlinearity=Nonlinearity(1.3, NONLINEAR_NATS - 1)), dropped=0)
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skincal.errors import InputError
-from skincal.ranges import JointDraws, Parameter, Ranges, preset
+from skincal.ranges import PRESETS, JointDraws, Parameter, Ranges, preset
 
 U = Parameter.uniform
 
@@ -94,7 +94,7 @@ def test_what_is_wrong_with_an_effect_is_said(path, parameter, words):
 def test_it_is_a_mapping_that_cannot_be_changed():
     ranges = preset("iros24")
     assert ranges["skin.scale_per_n"] == U(61.0, 76.0)
-    assert len(ranges) == len(list(ranges)) == 30
+    assert len(ranges) == len(list(ranges)) == len(PRESETS["iros24"])
     assert ranges.table("object.bolt")["radius_m"].value == 0.006
     with pytest.raises(AttributeError):
         ranges.joint = None

@@ -81,8 +81,8 @@ def test_every_effect_can_be_carried_and_shows(name: str) -> None:
     session = [*ramp(), *ramp(4.0), *ramp(8.0, y_m=0.0255)][::2]
     if name in ("baseline_drift", "gain_drift"):
         session = [replace(c, time_s=200 * c.time_s) for c in session]
-    if name in ("force_bias", "contact_offset"):
-        # Poses make them visible; the second half is in another one.
+    if any(parameter.shape == "per-pose" for parameter in EFFECTS[name].parameters):
+        # Poses make it visible; the second half is in another one.
         session = [replace(c, q_rad=c.q_rad + 0.2 * (i >= len(session) // 2)) for i, c in enumerate(session)]
     with_effect = images(skin(**{name: 1.0}), session)
     assert np.isfinite(with_effect).all() or name == "dead_taxel"

@@ -86,7 +86,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     @abstractmethod
     def _checks(self) -> tuple[Any, Any]:
-        """Return the checks of states and of commands of the connected rig (:mod:`skincal.hand.checks`)."""
+        """Return the checks of states and of commands of the connected rig (:mod:`skincal.hand.state_checks`)."""
 
     @property
     def description(self) -> Description:

@@ -9,12 +9,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from skincal.fitting.fit_findings import BENT_NATS
+from skincal.fitting.fit_findings import NONLINEAR_NATS
 from skincal.fitting.observe import Readout
 from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import FitProblem, build_problem
 from skincal.fitting.readings import STRAIGHT
-from skincal.fitting.response import Bend, candidate_responses, invert_response, weigh_bends, with_response
+from skincal.fitting.response import (
+    Nonlinearity,
+    candidate_responses,
+    invert_response,
+    weigh_responses,
+    with_response,
+)
 from skincal.fitting.tasks import Neighbourhood, climb_near
 from tests.fitting.conftest import BOX, Truth, make_session, rig
 
@@ -60,8 +66,8 @@ def climbed(name: str) -> tuple[FitProblem, Peak, list[Peak]]:
 @pytest.mark.parametrize("name", CURVES)
 def test_bends_show_in_hold_means(name: str) -> None:
     bends, (problem, peak, peaks) = CURVES[name][1], climbed(name)
-    found = weigh_bends(problem, [peak], candidate_responses(problem), peaks)
-    assert (found.rise > BENT_NATS) == (bends != 0)
+    found = weigh_responses(problem, [peak], candidate_responses(problem), peaks)
+    assert (found.rise > NONLINEAR_NATS) == (bends != 0)
     assert not bends or np.sign(found.grows - 1) == bends
 
 
@@ -78,7 +84,7 @@ def test_a_bend_that_no_peak_likes_better_is_none() -> None:
     peak = type("Peak", (), {"log_evidence": -3.0, "macro": np.zeros(5)})
     lost = type("Peak", (), {"log_evidence": np.nan, "macro": np.zeros(5)})
     tried = candidate_responses(problem)[:2]
-    assert weigh_bends(problem, [peak, lost], tried, [peak, lost]) == Bend()  # type: ignore[list-item]
+    assert weigh_responses(problem, [peak, lost], tried, [peak, lost]) == Nonlinearity()  # type: ignore[list-item]
 
 
 def test_typical_readings_stay() -> None:
