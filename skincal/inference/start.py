@@ -181,29 +181,20 @@ def with_image_error(fitter: Fitter, state: State) -> Fitter:
 
 
 def relocate_presses(fitter: Fitter, state: State) -> State:
-    """Move each press that does not fit to a better place of a lattice, if there is one.
+    """Move each press to a better place of a lattice, if there is one.
 
-    An image may fit at two places with a barrier between them, and presses at the wrong one bend the fit. A press whose
-    image fits within the noise stays where it is.
+    An image may fit at two places with a barrier between them, and presses at the wrong one bend the fit.
     """
     best = here = fitter.profile_presses(state)
     step = fitter.priors.slack_m * (_LATTICE[1] - _LATTICE[0])
-    rows = _misfitting(fitter, here.state)
-    for there in candidate_placements(fitter, state, rows) if len(rows) else []:
+    for there in candidate_placements(fitter, state, np.arange(fitter.forward.presses)):
         # Within a step of the lattice it is the same place.
         other = (np.abs(there.move - here.state.move)[:, :2] > step).any(axis=1)[:, None]
         if other.any():
             there = replace(state, move=np.where(other, there.move, here.state.move))
-            best = better_placement(best, fitter.profile_presses(there, rows=rows))
+            best = better_placement(best, fitter.profile_presses(there))
     gained = (best.loss < here.loss - C.loose)[:-1, None]
     return replace(state, move=np.where(gained, best.state.move, here.state.move)) if gained.any() else state
-
-
-def _misfitting(fitter: Fitter, state: State) -> IntArray:
-    """Return the rows of presses with more squared residuals than noise alone leaves."""
-    _, left = fitter.residual_blocks(state)
-    beyond = left.chi > left.count + C.alike * np.sqrt(2 * left.count)
-    return left.press[beyond & (left.press >= 0)]
 
 
 def better_placement(one: ProfiledState, other: ProfiledState) -> ProfiledState:
