@@ -15,13 +15,14 @@ import shutil
 import signal
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import hypothesis
 import numpy as np
 import pytest
+import typer.main
 from commands import Run, RunJson, captured
 from published import META, RADIUS_M
 
@@ -30,6 +31,9 @@ from skincal.dataset import Dataset, Frames, Presses, write_dataset
 # How long an example takes says how busy the machine is.
 hypothesis.settings.register_profile("skincal", deadline=None)
 hypothesis.settings.load_profile("skincal")
+
+# Each call of the command line builds the commands of all verbs; building them takes longer than reading a line.
+typer.main.get_command = cache(typer.main.get_command)
 
 # A shell has what it runs in the background ignore Ctrl-C and Ctrl-\; tests that send them would then wait for ever.
 for number, own in ((signal.SIGINT, signal.default_int_handler), (signal.SIGQUIT, signal.SIG_DFL)):
