@@ -22,6 +22,7 @@ from typing import Any
 import hypothesis
 import numpy as np
 import pytest
+import sharing
 import typer.main
 from commands import Run, RunJson, captured
 from published import META, RADIUS_M
@@ -48,6 +49,14 @@ def pytest_collection_finish() -> None:
     """
     gc.collect()
     gc.freeze()
+    gc.set_threshold(100_000, 20, 20)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shared_folder_of_workers(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Where the workers of a run find what another has made."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        sharing.folders[:] = [tmp_path_factory.getbasetemp().parent]
 
 
 def make_session(presses: int = 12, *, frames_per_press: int = 8, seed: int = 1) -> Dataset:
