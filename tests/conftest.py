@@ -11,6 +11,7 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import gc
 import json
+import pickle
 import shutil
 import signal
 from collections.abc import Callable
@@ -28,6 +29,7 @@ from commands import Run, RunJson, captured
 from published import META, RADIUS_M
 
 from skincal.dataset import Dataset, Frames, Presses, write_dataset
+from skincal.imports import bag_source, source_table
 
 # How long an example takes says how busy the machine is.
 hypothesis.settings.register_profile("skincal", deadline=None)
@@ -138,6 +140,19 @@ def shared() -> Path:
     if path is None:
         pytest.skip("no folder of practice data beside the project")
     return path
+
+
+def read_here(read: Callable[..., Any], path: Path, *arguments: Any) -> Any:
+    """Read as ``apart`` does, and send what it sends."""
+    read, path, arguments = pickle.loads(pickle.dumps((read, path, arguments)))
+    return pickle.loads(pickle.dumps(read(path, *arguments)))
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read foreign formats in this process; ``test_apart.py`` tests the other one."""
+    for module in (bag_source, source_table):
+        monkeypatch.setattr(module, "apart", read_here)
 
 
 @pytest.fixture

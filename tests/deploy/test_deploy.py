@@ -13,6 +13,7 @@ import numpy as np
 import onnx
 import pytest
 from commands import run
+from matplotlib.figure import Figure
 
 from benchmarks.remote_cost import Clock, Link
 from skincal.dataset import HOLD, read_dataset
@@ -135,6 +136,12 @@ def hold_still(out: Path, *more: str) -> int:
     return run(*command, "--out", out, *more)
 
 
+@pytest.fixture
+def no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawing takes as long as a second of rolling."""
+    monkeypatch.setattr("skincal.report.deploy.deploy_figure", lambda *_, **__: Figure())
+
+
 def test_verb_writes_a_session_that_replays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "rolled"
     assert hold_still(out, "--effect", "hysteresis=1", "--json") == 0
@@ -147,6 +154,7 @@ def test_verb_writes_a_session_that_replays(tmp_path: Path, capsys: pytest.Captu
     assert np.isfinite(replay.observe().q_rad).all()
 
 
+@pytest.mark.usefixtures("no_picture")
 @pytest.mark.parametrize(
     ("act", "status", "said"),
     [
@@ -201,6 +209,7 @@ def test_a_disk_without_room_is_reported_before_the_hand_moves(
     assert not [*tmp_path.iterdir()]
 
 
+@pytest.mark.usefixtures("no_picture")
 def test_a_run_that_finds_the_disk_full_is_kept_elsewhere(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
