@@ -13,7 +13,6 @@ import numpy as np
 import onnx
 import pytest
 from commands import run
-from matplotlib.figure import Figure
 
 from benchmarks.remote_cost import Clock, Link
 from skincal.dataset import HOLD, read_dataset
@@ -134,12 +133,6 @@ def hold_still(out: Path, *more: str) -> int:
     """Runs the command that holds the marble still for a second; returns its exit status."""
     command = ("deploy", "marble", "marble-tactile-1", "--trajectory", "still", "--duration-s", 1)
     return run(*command, "--out", out, *more)
-
-
-@pytest.fixture
-def no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drawing takes as long as a second of rolling."""
-    monkeypatch.setattr("skincal.report.deploy.deploy_figure", lambda *_, **__: Figure())
 
 
 def test_verb_writes_a_session_that_replays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
