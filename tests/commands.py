@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import typer.main
 
-from skincal.cli.main import main
+from skincal.cli.main import app, main
 
 Run = Callable[..., tuple[int, str, str]]
 RunJson = Callable[..., dict[str, Any]]
@@ -54,6 +55,7 @@ class Fork:
 
     def __init__(self, folder: Path, arguments: list[str]) -> None:
         self.returncode: int | None = None
+        typer.main.get_command(app)  # built here, and not in every fork
         self._err, err_end = os.pipe()
         self.pid = os.fork()
         if self.pid:

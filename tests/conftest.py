@@ -11,25 +11,32 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import gc
 import json
+import pickle
 import shutil
 import signal
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import hypothesis
 import numpy as np
 import pytest
+import sharing
+import typer.main
 from commands import Run, RunJson, captured
 from published import META, RADIUS_M
 
 from skincal.dataset import Dataset, Frames, Presses, write_dataset
+from skincal.imports import bag_source, source_table
 
 # How long an example takes says how busy the machine is.
 hypothesis.settings.register_profile("skincal", deadline=None)
 hypothesis.settings.load_profile("skincal")
+
+# Each call of the command line builds the commands of all verbs; building them takes longer than reading a line.
+typer.main.get_command = cache(typer.main.get_command)
 
 # A shell has what it runs in the background ignore Ctrl-C and Ctrl-\; tests that send them would then wait for ever.
 for number, own in ((signal.SIGINT, signal.default_int_handler), (signal.SIGQUIT, signal.SIG_DFL)):
@@ -44,6 +51,14 @@ def pytest_collection_finish() -> None:
     """
     gc.collect()
     gc.freeze()
+    gc.set_threshold(100_000, 20, 20)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shared_folder_of_workers(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Where the workers of a run find what another has made."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        sharing.folders[:] = [tmp_path_factory.getbasetemp().parent]
 
 
 def make_session(presses: int = 12, *, frames_per_press: int = 8, seed: int = 1) -> Dataset:
@@ -125,6 +140,19 @@ def shared() -> Path:
     if path is None:
         pytest.skip("no folder of practice data beside the project")
     return path
+
+
+def read_here(read: Callable[..., Any], path: Path, *arguments: Any) -> Any:
+    """Read as ``apart`` does, and send what it sends."""
+    read, path, arguments = pickle.loads(pickle.dumps((read, path, arguments)))
+    return pickle.loads(pickle.dumps(read(path, *arguments)))
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read foreign formats in this process; ``test_apart.py`` tests the other one."""
+    for module in (bag_source, source_table):
+        monkeypatch.setattr(module, "apart", read_here)
 
 
 @pytest.fixture

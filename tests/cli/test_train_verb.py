@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import run
+from matplotlib.figure import Figure
 
 pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
 
@@ -37,6 +38,12 @@ def copied(trained: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(trained, tmp_path / "run"))
 
 
+@pytest.fixture
+def no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The curve is drawn for the run of the module."""
+    monkeypatch.setattr("skincal.report.evaluation.curves_figure", lambda *_: Figure())
+
+
 def test_what_a_run_leaves_behind(trained):
     assert {path.name for path in trained.iterdir()} == {
         "run.toml", "ranges.toml", "curve.csv", "curve.png", "checkpoint", "policy.onnx", ".skincal.json",
@@ -60,6 +67,7 @@ def test_a_run_stays_what_it_is_when_defaults_change(trained, tmp_path, monkeypa
     environment.close()
 
 
+@pytest.mark.usefixtures("no_picture")
 def test_json_and_going_on(copied, run_json):
     answer = run_json("train", "marble", "--out", copied, "--resume", "--steps", 2 * ROUND)
     assert answer["steps"] == 2 * ROUND
@@ -69,6 +77,7 @@ def test_json_and_going_on(copied, run_json):
     assert len((copied / "curve.csv").read_text().splitlines()) == 3
 
 
+@pytest.mark.usefixtures("no_picture")
 def test_a_run_that_begins_anew_says_so(copied, capsys):
     shutil.rmtree(copied / "checkpoint")
     assert run("train", "marble", "--out", copied, "--resume", "--steps", ROUND) == 0
@@ -104,6 +113,7 @@ def test_ranges_that_lack_a_parameter(tmp_path, capsys):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.usefixtures("no_picture")
 def test_ranges_of_ones_own_are_kept_with_the_run(tmp_path):
     ranges = preset("iros24").replace({"object.marble.radius_m": Parameter.constant(0.005)})
     write_ranges(ranges, tmp_path / "own.toml")

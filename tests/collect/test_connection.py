@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -186,18 +187,42 @@ FAULTS = {
 }
 
 
+@pytest.fixture(scope="module")
+def first_cut(tmp_path_factory: pytest.TempPathFactory) -> Rig:
+    """A session whose driver failed after a press."""
+    rig = Rig(tmp_path_factory.mktemp("cut"))
+    with pytest.raises(HandError):
+        rig.run(spoil=failing(290, raise_error))
+    return rig
+
+
+@pytest.fixture
+def cut(rig: Rig, first_cut: Rig) -> Rig:
+    """The same, for a test that goes on with it."""
+    shutil.copytree(first_cut.out.parent, rig.out.parent, dirs_exist_ok=True)
+    rig.hands = first_cut.hands[:]
+    return rig
+
+
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_failing_driver_is_stopped_and_loses_no_press(rig: Rig, fault: str):
+def test_a_failing_driver_is_stopped_and_loses_no_press(rig: Rig, first_cut: Rig, fault: str):
     with pytest.raises(HandError):
         rig.run(spoil=failing(290, FAULTS[fault]))
     assert rig.hands[0].stopped
     assert not rig.out.exists()
-    kept = rig.kept()
+    # From what is kept here, the next test goes on.
+    assert rig.kept() == first_cut.kept()
+    names = [sorted(path.name for path in journal_folder(one.out).iterdir()) for one in (rig, first_cut)]
+    assert names[0] == names[1]
+
+
+def test_a_session_that_was_cut_goes_on(cut: Rig):
+    kept = cut.kept()
     assert 1 <= len(kept) < len(PLAN)
-    found = rig.run()
+    found = cut.run()
     assert found.resumed == len(kept) and len(found.dataset.presses) == len(PLAN)
-    assert check_dataset(rig.out).errors == ()
-    assert [p.name for p in rig.out.parent.iterdir()] == ["run"]
+    assert check_dataset(cut.out).errors == ()
+    assert [p.name for p in cut.out.parent.iterdir()] == ["run"]
 
 
 def _silent(n: int, state: HandState) -> HandState:
@@ -262,14 +287,12 @@ def test_a_recorded_hand_presses_nothing(rig: Rig, monkeypatch: pytest.MonkeyPat
     assert list(rig.out.parent.iterdir()) == [] and rig.hands[0].forces == []
 
 
-def test_a_resumed_session_keeps_its_finished_presses(rig: Rig):
-    with pytest.raises(HandError):
-        rig.run(spoil=failing(400, raise_error))
-    journal = Journal.find(journal_folder(rig.out))
+def test_a_resumed_session_keeps_its_finished_presses(cut: Rig):
+    journal = Journal.find(journal_folder(cut.out))
     assert journal is not None
     before = journal.presses()
     ends = max(float(arrays["frames.time_s"][-1]) for arrays in before.values())
-    found = rig.run().dataset
+    found = cut.run().dataset
     for number, arrays in before.items():
         assert found.presses.force_n[number] == float(arrays["press.force_n"])
         np.testing.assert_array_equal(found.presses.counts[number], arrays["press.counts"])
@@ -278,29 +301,25 @@ def test_a_resumed_session_keeps_its_finished_presses(rig: Rig):
     assert found.frames is not None and np.all(np.diff(found.frames.time_s) > 0)
 
 
-def test_a_journal_that_was_changed_moves_no_hand(rig: Rig):
-    with pytest.raises(HandError):
-        rig.run(spoil=failing(400, raise_error))
-    file = journal_folder(rig.out) / "press-00000.npz"
+def test_a_journal_that_was_changed_moves_no_hand(cut: Rig):
+    file = journal_folder(cut.out) / "press-00000.npz"
     with np.load(file) as arrays:
         kept = dict(arrays)
     changes = ({"press.counts": np.ones(3)}, {"press.press": np.array(7)}, {"frames.time_s": np.array("x")})
     for changed in (*({**kept, **change} for change in changes), {"a": np.ones(1)}):
         np.savez(file, **changed)
         with pytest.raises(InputError, match="--restart"):
-            rig.run()
-    assert len(rig.hands) == 1
+            cut.run()
+    assert len(cut.hands) == 1
 
 
-def test_a_changed_plan_in_the_journal_changes_no_press(rig: Rig):
-    with pytest.raises(HandError):
-        rig.run(spoil=failing(400, raise_error))
-    file = journal_folder(rig.out) / "plan.toml"
+def test_a_changed_plan_in_the_journal_changes_no_press(cut: Rig):
+    file = journal_folder(cut.out) / "plan.toml"
     text = file.read_text()
     assert "force_n = 2.0" in text
     file.write_text(text.replace("force_n = 2.0", "force_n = 6.0"))
-    rig.run()
-    assert column(rig, "target_force_n").tolist() == [2.0, 0.4, 5.0, 2.0]
+    cut.run()
+    assert column(cut, "target_force_n").tolist() == [2.0, 0.4, 5.0, 2.0]
 
 
 def test_a_site_that_was_perhaps_touched_counts_as_touched(rig: Rig):
@@ -332,13 +351,11 @@ def test_a_hand_that_still_touches_is_lifted_before_it_goes_on(rig: Rig):
     assert max(rig.hands[-1].forces) < 5.5
 
 
-def test_another_session_in_the_same_place_is_refused(rig: Rig):
-    with pytest.raises(HandError):
-        rig.run(spoil=failing(290, raise_error))
+def test_another_session_in_the_same_place_is_refused(cut: Rig):
     other = Plan("other", PLAN.presses[:2], {"A": PLAN.poses["A"]})
     with pytest.raises(InputError, match="--restart"):
-        rig.run(other)
-    assert len(rig.run(other, restart=True).dataset.presses) == 2
+        cut.run(other)
+    assert len(cut.run(other, restart=True).dataset.presses) == 2
 
 
 def test_a_dataset_that_was_written_is_not_written_again(rig: Rig, monkeypatch: pytest.MonkeyPatch):

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from skincal.cli.main import app
@@ -433,7 +434,8 @@ def test_findings_stand_in_the_json(tmp_path: Path, original: Dataset):
     assert finding["code"] == "counter_wrapped" and finding["severity"] == "warning"
 
 
-def test_unit_of_values_is_kept_and_shown(tmp_path: Path, original: Dataset):
+def test_unit_of_values_is_kept_and_shown(tmp_path: Path, original: Dataset, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("skincal.report.dataset.dataset_figure", lambda *_: Figure())
     write_dataset(
         changed(original, original.presses.counts * 1e-3, unit="V", integer=False), tmp_path / "set"
     )

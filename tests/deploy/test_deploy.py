@@ -147,6 +147,7 @@ def test_verb_writes_a_session_that_replays(tmp_path: Path, capsys: pytest.Captu
     assert np.isfinite(replay.observe().q_rad).all()
 
 
+@pytest.mark.usefixtures("no_picture")
 @pytest.mark.parametrize(
     ("act", "status", "said"),
     [
@@ -201,6 +202,7 @@ def test_a_disk_without_room_is_reported_before_the_hand_moves(
     assert not [*tmp_path.iterdir()]
 
 
+@pytest.mark.usefixtures("no_picture")
 def test_a_run_that_finds_the_disk_full_is_kept_elsewhere(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -71,6 +71,7 @@ def test_too_little_to_tell() -> None:
         estimate_wear(rolled(rng), [rolled(rng), rolled(rng)])
 
 
+@pytest.mark.usefixtures("no_picture")
 def test_the_verb_scales_the_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cal, now, out = tmp_path / "cal", tmp_path / "rolled", tmp_path / "rescaled"
     write_calibration(make_calibration(), cal)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from inference.made import found
-from report.diagnosis_cases import calibration, session, without_frames
+from report.diagnosis_cases import calibration, diagnose_quickly, diagnosed, session, without_frames
 
 from skincal.calibration import Finding
 from skincal.diagnosis import workflow
@@ -26,16 +25,14 @@ def test_misfit_of_the_fit_gives_unknown() -> None:
 
 
 def test_effect_is_withdrawn_if_most_of_the_gap_remains() -> None:
-    plain = found("hysteresis")
+    plain, data = diagnosed("hysteresis")
     assert not plain.gap.is_unexplained
-    data = plain.observed.dataset
     frames, rng = data.frames, np.random.default_rng(0)
     assert frames is not None
     counts = frames.counts.copy()
     for row in plain.gap.presses:
         own = frames.press == data.presses.press[row]
         counts[own] += 3 * rng.integers(0, 2, counts.shape[1])
-    other = replace(data, frames=replace(frames, counts=counts))
-    diagnosis = workflow.diagnose(other, calibration(), seed=1)
+    diagnosis = diagnose_quickly(replace(data, frames=replace(frames, counts=counts)))
     assert (diagnosis.verdict, diagnosis.taken_back) == ("unknown", ("hysteresis",))
     assert diagnosis.gap.is_unexplained and not diagnosis.gap.is_refuted

@@ -35,7 +35,7 @@ def off(data: Dataset, error_m: np.ndarray) -> Dataset:
 
 def test_smooth_position_errors_widen_the_angle():
     wider = list[float]()
-    for presses in (24, 36, 48):
+    for presses in (24, 36):
         data = session(LOOP, presses)
         along = data.presses.position_m[:, 1] - data.presses.position_m[:, 1].mean()
         smooth = np.outer(along, [0.1, -0.06])

@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer.main
 from calibrations import make_calibration
 from killing import Content, Study, Verb, content
 
 from skincal.calibrate.checkpoint import Checkpoint
 from skincal.calibration import write_calibration
-from skincal.cli.main import main
+from skincal.cli.main import app, main
 from skincal.collect import Plan, PlannedPress, write_plan
 from skincal.dataset import read_dataset, write_dataset
 from skincal.fitting.grid import GridSlab
@@ -217,6 +218,7 @@ CASES = [(verb, way) for verb in VERBS for way in WAYS if way == "new" or verb n
 def make_study(folder: Path, verb: str, way: str) -> Study:
     if verb in ("hand keys", "train"):
         pytest.importorskip("zmq" if verb == "hand keys" else "stable_baselines3")
+    typer.main.get_command(app)  # built here, and not in every fork
     return Study(VERBS[verb], folder / "study", *WAYS[way])
 
 

@@ -25,6 +25,8 @@ from skincal.robot import read_hand
 from skincal.train import read_curve, read_policy, read_run
 from tests.conftest import make_session
 
+pytestmark = pytest.mark.usefixtures("in_process")
+
 SECRET = "root:x:0:0"
 
 

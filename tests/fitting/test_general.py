@@ -56,7 +56,7 @@ def problem(table: PressTable) -> FitProblem:
 @pytest.fixture(scope="module")
 def on_mesh(table: PressTable) -> FitProblem:
     """Few presses: each needs a table of contacts, which on a mesh takes long."""
-    return general_problem(some_presses(table, np.arange(5)), shell(lambda y: np.full_like(y, RADIUS)))
+    return general_problem(some_presses(table, np.arange(3)), shell(lambda y: np.full_like(y, RADIUS)))
 
 
 @pytest.fixture(scope="module")
@@ -239,10 +239,10 @@ class TestTable:
 
     def test_follows_a_surface_that_changes_along_the_finger(self, table: PressTable, truth: Truth) -> None:
         cone = general_problem(
-            some_presses(table, np.arange(6)), shell(lambda y: RADIUS + 0.4 * (0.0235 - y), 400, 150)
+            some_presses(table, np.arange(4)), shell(lambda y: RADIUS + 0.4 * (0.0235 - y), 400, 150)
         )
-        cone = cone.subset(np.arange(len(cone)) < 4, "left out")
-        assert len(cone) == 4
+        cone = cone.subset(np.arange(len(cone)) < 2, "left out")
+        assert len(cone) == 2
         away = np.array([0.0, 0.5e-3, 0.0, 0.0, 0.0])
         tabled = _tabled(cone, _macro(truth), replace(REACH, levels=3))
         macro, press, nuisance = _pairs(cone, _macro(truth) + away)
@@ -289,13 +289,15 @@ def _bounds(box: SearchBox, scales: tuple[float, float]) -> Bounds:
 
 
 def test_a_climb_ends_where_that_of_the_fast_way_does(
-    table: PressTable, problem: FitProblem, truth: Truth
+    table: PressTable, eight: FitProblem, truth: Truth
 ) -> None:
     start = _macro(truth) + np.array([0.2e-3, -0.2e-3, 0.03, 0.1, 0.0])
     # On cells of 0.5 mm tabled every 0.3 mm the centre is 0.6 sigma off, and E and S 0.5.
-    tabled = _tabled(problem, _macro(truth), replace(REACH, step_m=0.2e-3, resolution_m=0.25e-3))
-    general = climb_near(problem, _bounds(BOX, problem.scales), start, Neighbourhood.around(start, tabled))
-    fast = climb_near(build_problem(rig(), table, min_active=2), _bounds(BOX, problem.scales), start)
+    tabled = _tabled(eight, _macro(truth), replace(REACH, step_m=0.2e-3, resolution_m=0.25e-3))
+    general = climb_near(eight, _bounds(BOX, eight.scales), start, Neighbourhood.around(start, tabled))
+    plain = build_problem(rig(), table, min_active=2)
+    plain = plain.subset(np.isin(plain.rows, eight.rows), "left out")
+    fast = climb_near(plain, _bounds(BOX, eight.scales), start)
     sigma = np.sqrt(np.diag(fast.covariance))
     assert abs(general.log_density - fast.log_density) < 2.0
     off, width = np.abs(general.macro - fast.macro) / sigma, np.sqrt(np.diag(general.covariance)) / sigma

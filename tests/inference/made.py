@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 from diagnosis.diagnose_data import moving
 from report.diagnosis_cases import calibration
+from sharing import made_once
 
 from skincal.dataset import HOLD, Dataset, Presses
 from skincal.diagnosis.diagnosis import Diagnosis
@@ -93,7 +93,7 @@ def felt_bare() -> Iterator[None]:
         yield
 
 
-@cache
+@made_once
 def found(kind: str) -> Diagnosis:
     """The diagnosis of a kind of session."""
     data = made(**KINDS[kind])  # type: ignore[arg-type]

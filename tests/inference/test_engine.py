@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from inference.made import DIES, FROM_S, KINDS, found, made
-from report.diagnosis_cases import TRUTH, calibration
+from report.diagnosis_cases import TRUTH, calibration, diagnose_quickly, diagnosed
 
 from skincal.diagnosis.workflow import diagnose
 from skincal.inference.candidate_scores import smooth_fitter
@@ -130,9 +130,8 @@ def test_fits_made_in_other_processes_change_nothing():
         tasks = pickle.loads(pickle.dumps(list(arguments)))
         return pickle.loads(pickle.dumps([function(task) for task in tasks]))
 
-    data = made(**KINDS["hysteresis"])  # type: ignore[arg-type]
-    here = found("hysteresis")
-    there = diagnose(data, replace(calibration(), sensor=data.meta.sensor), seed=1, mapper=elsewhere)
+    here, data = diagnosed("hysteresis")
+    there = diagnose_quickly(data, mapper=elsewhere)
     assert max(sent) > 1
     assert [e.name for e in here.effects] == [e.name for e in there.effects]
     assert here.calibration.model == there.calibration.model

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 from math import degrees
+from typing import Any
 
 import numpy as np
 from calibrations import make_calibration
 from diagnosis.diagnose_data import moving
+from sharing import made_once
 
 from skincal.calibration import Calibration, Effect, ModelParameters
 from skincal.dataset import HOLD, Dataset, Presses
@@ -66,15 +67,20 @@ def refitted(data: Dataset) -> Calibration:
     return refitted_effects(data, calibration(), calibration(START))
 
 
-@cache
+@made_once
 def refitted_loop() -> Calibration:
     """The loop fitted again to the session that has it."""
     return refitted(session(LOOP))
 
 
-@cache
+@made_once
 def diagnosed(kind: str) -> tuple[Diagnosis, Dataset]:
     """``hysteresis``: one effect hidden; ``static``: nothing, hold means only."""
     data = session(LOOP if kind == "hysteresis" else None, presses=16)
     data = without_frames(data) if kind == "static" else data
-    return diagnose(data, calibration(), seed=1, null_sessions=40), data
+    return diagnose_quickly(data), data
+
+
+def diagnose_quickly(data: Dataset, **options: Any) -> Diagnosis:
+    """Diagnose against a null of few sessions."""
+    return diagnose(data, calibration(), seed=1, null_sessions=40, **options)

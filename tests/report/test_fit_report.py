@@ -7,6 +7,7 @@ import logging
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -164,6 +165,12 @@ def _calibration(dataset: Dataset, plane: bool) -> Calibration:
 @pytest.fixture(scope="module")
 def fitted() -> Fitted:
     return make_fit()
+
+
+@pytest.fixture(scope="module")
+def figure(fitted: Fitted) -> Callable[[str], Figure]:
+    """The figures of the fit, each made once."""
+    return cache(lambda stem: FIGURES[stem](*fitted[:2]))
 
 
 @pytest.fixture(scope="module")
@@ -408,16 +415,18 @@ def titled(figure: Figure, start: str) -> object:
     return found
 
 
-def test_the_valley_is_the_least_over_the_other_variables(fitted: Fitted) -> None:
+def test_the_valley_is_the_least_over_the_other_variables(
+    fitted: Fitted, figure: Callable[[str], Figure]
+) -> None:
     result = fitted[0]
-    figure = valley_figure(result)
+    valley = figure("valley")
     rmse = np.sqrt(result.grid.mse_counts2)
     for label, axis in {"y": 3, "beta": 2, "alpha": 0, "E": 1}.items():
-        line = titled(figure, f"along {label}").lines[0]  # type: ignore[attr-defined]
+        line = titled(valley, f"along {label}").lines[0]  # type: ignore[attr-defined]
         expected = rmse.min(axis=tuple(a for a in range(4) if a != axis))
         np.testing.assert_allclose(line.get_ydata(), expected)
-    assert sum(axes.get_ylabel() == "rmse [counts]" for axes in figure.axes) == 4
-    assert len([axes for axes in figure.axes if axes.get_xlabel()]) >= 4
+    assert sum(axes.get_ylabel() == "rmse [counts]" for axes in valley.axes) == 4
+    assert len([axes for axes in valley.axes if axes.get_xlabel()]) >= 4
 
 
 def test_levels_in_the_valley_are_of_the_loss_that_is_drawn(fitted: Fitted) -> None:
@@ -470,11 +479,10 @@ def test_glitches_are_shown_with_what_the_skin_says(fitted: Fitted) -> None:
     assert np.abs(other.simulated - one.simulated).max() > 0.5, "a measured normal counts"
 
 
-def test_maps_are_the_images(fitted: Fitted) -> None:
-    result, dataset, _ = fitted
-    figure = images_figure(result, dataset)
+def test_maps_are_the_images(fitted: Fitted, figure: Callable[[str], Figure]) -> None:
+    result = fitted[0]
     # One collection, and one scale of colours, for all images, one for all differences; the worst press first.
-    images, differences = figure.axes[0].collections
+    images, differences = figure("images").axes[0].collections
     taxels, worst = result.problem.rig.layout.taxels, int(np.argmax(result.presses.rmse_counts))
     observed, simulated = result.presses.observed[worst], result.presses.simulated[worst]
     np.testing.assert_allclose(images.get_array()[:taxels], observed)
@@ -486,9 +494,9 @@ def test_maps_are_the_images(fitted: Fitted) -> None:
     assert lefts == sorted(lefts)
 
 
-def test_slack_is_drawn_from_measured_to_estimated(fitted: Fitted) -> None:
-    result, dataset, _ = fitted
-    axes = titled(slack_figure(result, dataset), "On the patch")
+def test_slack_is_drawn_from_measured_to_estimated(fitted: Fitted, figure: Callable[[str], Figure]) -> None:
+    result = fitted[0]
+    axes = titled(figure("slack"), "On the patch")
     (lines,) = axes.collections  # type: ignore[attr-defined]
     ends = np.array([segment[1] for segment in lines.get_segments()])
     np.testing.assert_allclose(ends, 1e3 * result.presses.uv_m)
@@ -593,10 +601,9 @@ def test_a_fit_on_a_plane_is_drawn_and_described(words: Words) -> None:
 
 
 @pytest.mark.parametrize("stem", sorted({*FIGURES} - {"images"}))
-def test_panels_do_not_overlap(fitted: Fitted, stem: str) -> None:
-    figure = FIGURES[stem](fitted[0], fitted[1])
-    figure.draw_without_rendering()
-    boxes = [axes.get_tightbbox() for axes in figure.axes if axes.get_visible() and axes.get_xlabel()]
+def test_panels_do_not_overlap(figure: Callable[[str], Figure], stem: str) -> None:
+    figure(stem).draw_without_rendering()
+    boxes = [axes.get_tightbbox() for axes in figure(stem).axes if axes.get_visible() and axes.get_xlabel()]
     for i, one in enumerate(boxes):
         for other in boxes[i + 1 :]:
             assert not one.padded(-3).overlaps(other.padded(-3))
