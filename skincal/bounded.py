@@ -274,9 +274,15 @@ def _beyond(place: tuple[str, ...], expected: str, got: str) -> UnreadableError:
 
 
 def read_arrays(
-    path: Path, within: Path | None = None, most: int = MOST_ARRAY_BYTES
+    path: Path, within: Path | None = None, most: int = MOST_ARRAY_BYTES, objects: NDArray[Any] | None = None
 ) -> dict[str, NDArray[Any]]:
     """The arrays of an ``.npz`` file, by name; nothing in it is executed.
+
+    Args:
+        path: the file.
+        within: the folder that must hold it; None: any.
+        most: bytes that it may have when unpacked.
+        objects: stands for an array of Python objects; None: these are refused.
 
     Raises:
         UnreadableError: it is none, is cut short, or is larger than ``most`` bytes when unpacked.
@@ -289,19 +295,19 @@ def read_arrays(
         found: dict[str, NDArray[Any]] = {}
         for member in members:
             with archive.open(member) as content:
-                found[member.filename.removesuffix(".npy")] = _array(content, member.file_size)
+                found[member.filename.removesuffix(".npy")] = _array(content, member.file_size, objects)
         return found
 
 
-def read_array(path: Path, most: int = MOST_ARRAY_BYTES) -> NDArray[Any]:
-    """The array of an ``.npy`` file; nothing in it is executed.
+def read_array(path: Path, most: int = MOST_ARRAY_BYTES, objects: NDArray[Any] | None = None) -> NDArray[Any]:
+    """The array of an ``.npy`` file, or ``objects`` if it is one of Python objects; nothing in it is executed.
 
     Raises:
         UnreadableError: it is none, is cut short, or is larger than ``most`` bytes.
         OSError: it cannot be read.
     """
     with open_input(path) as stream, _whole(".npy"):
-        return _array(stream, min(most, os.fstat(stream.fileno()).st_size))
+        return _array(stream, min(most, os.fstat(stream.fileno()).st_size), objects)
 
 
 @contextmanager
@@ -315,11 +321,13 @@ def _whole(kind: str) -> Generator[None]:
         raise UnreadableError(f"a whole {kind} file", quoted(error)) from error
 
 
-def _array(stream: IO[bytes], most: int) -> NDArray[Any]:
+def _array(stream: IO[bytes], most: int, objects: NDArray[Any] | None) -> NDArray[Any]:
     """One array of at most so many bytes; its header's shape has to be that of the bytes that follow."""
     version = np.lib.format.read_magic(stream)
     read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     shape, by_columns, kind = read_header[version](stream)
+    if kind.hasobject and objects is not None:
+        return objects
     if kind.hasobject:
         raise UnreadableError("plain numbers", "Python objects, which are not opened as they may run code")
     size = math.prod(shape) * kind.itemsize

@@ -60,6 +60,7 @@ def collect_findings(
     """
     return (
         *_noise_findings(observed.floor, observed),
+        *_moving_rest(calibration),
         *_outlier_presses(observed, base, fit),
         *far_readings(observed, fit),
         *_force_outliers(observed, fit),
@@ -92,6 +93,20 @@ def _noise_findings(floor: NoiseFloor, observed: Observed) -> Iterator[Finding]:
             f"{floor.frame_counts:.3g} counts at rest; the diagnosis allows for this"
         )
         yield Finding("noise_grows", "info", text, "")
+
+
+def _moving_rest(calibration: Calibration) -> Iterator[Finding]:
+    """Yield what re-zeroing does to a diagnosis, if the fit has seen the level at rest move."""
+    if any(one.code == "rest_moves" for one in calibration.findings):
+        text = (
+            "the level at rest moves between presses: a diagnosis knows a steady drift (baseline_drift), and none that "
+            "re-zeroing takes back"
+        )
+        advice = (
+            "If the driver re-zeroes meanwhile, what is said of levels at rest and of dead taxels may come from it: "
+            "record without it."
+        )
+        yield Finding("rest_moves", "info", text, advice)
 
 
 def _outlier_presses(observed: Observed, base: Fitted, fit: Fitted) -> Iterator[Finding]:

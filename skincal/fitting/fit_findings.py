@@ -59,6 +59,15 @@ _NAMES = {
 }
 """Names of the parameters in messages."""
 
+_CHECK_FIRST = {
+    "elasticity_pa_per_m": "Check the unit of the forces and the radius of the indenter: E grows with both. "
+}
+"""What to check before the range of a parameter is widened."""
+
+_LIKE_A_DEPTH = 1.25
+"""Power of the measured force, from which it may be a depth: half-way between 1 and that of a ball on a half-space,
+3/2; on a foundation it is 2."""
+
 
 def add_findings(result: FitResult, *, dropped: int) -> FitResult:
     """Return the result with its findings; ``dropped`` is the number of outlier presses."""
@@ -100,7 +109,8 @@ def _check_edges(result: FitResult) -> Iterator[FitFinding]:
             yield _warn(
                 "range_edge",
                 f"The interval of {_NAMES[name]} reaches {side} of the searched range: the truth may lie outside.",
-                "Widen the range (dataset.toml [mount], or the range options of the command).",
+                _CHECK_FIRST.get(name, "")
+                + "Widen the range (dataset.toml [mount], or the range options of the command).",
             )
 
 
@@ -114,7 +124,8 @@ def _check_identified(result: FitResult) -> Iterator[FitFinding]:
             yield _warn(
                 "not_identified",
                 f"The data do not determine {_NAMES[name]}: its valley does not close within the searched range.",
-                "Press at more places and with more forces, with an indenter smaller than the patch.",
+                "Widen that range if you do not know it so well. Press at more places and with more forces, with an "
+                "indenter smaller than the patch.",
             )
 
 
@@ -198,7 +209,8 @@ def _check_rig(result: FitResult) -> Iterator[FitFinding]:
                 f"{scatter}, and {100 * part:.0f} % of its variance goes with the force: images grow as its power of "
                 f"{power:.2f} beyond what the skin's contact explains. A response that is no line, or a zero of the "
                 "force that is off, does this; E and S may lie outside of their intervals.",
-                "Check the zero of the force, and run `skincal diagnose`: it tells such causes apart.",
+                ("Is the column a force, or the depth of the press? " if power > _LIKE_A_DEPTH else "")
+                + "Check the zero of the force, and run `skincal diagnose`: it tells such causes apart.",
             )
         else:
             yield _warn(

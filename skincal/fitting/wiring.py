@@ -110,7 +110,11 @@ def find_taxel_order(problem: FitProblem, box: SearchBox) -> TaxelOrder | None:
         tried += [replace(one, rivals=_log_rivals(one.order, names)) for one in further]
         if min(further, key=lambda one: one.squares).order.tolist() == order.tolist():
             break
-    one = max(tried, key=whole.score, default=nominal)
+    one = nominal
+    for other in sorted(tried, key=lambda other: (other.rivals, -whole.score(other))):
+        # As the order of the data, one that competes with fewer rivals is kept unless it is clearly beaten.
+        if whole.score(other) > whole.score(one) + _WIN_NATS:
+            one = other
     odds = whole.score(one) - whole.score(nominal) - _WIN_NATS
     if odds <= 0 or (one.order == nominal.order).all() or not whole.explains(nominal, one):
         return None
@@ -189,7 +193,10 @@ class _Search:
         for one in (found[0], likely):
             # Restart without the position error, which was fitted to another order.
             straight = np.where(np.arange(len(one.pose)) < _POSE, one.pose, 0.0)
-            seeds += [(one.order, straight), (_assign_traces(self._trace_products(straight)), straight)]
+            there = self._trace_products(straight)
+            assigned_there = _assign_traces(there)
+            orders_there = (one.order, assigned_there, self._simplify(assigned_there, there))
+            seeds += [(order, straight) for order in orders_there]
         found += [self._search_from(order, pose, names) for order, pose in seeds]
         # Give the order of the data as many chances of finding its best pose as its rivals have.
         own = orders[0]
@@ -225,16 +232,22 @@ class _Search:
             last, order = order, _assign_traces(self._trace_products(pose, slack))
             if (order == last).all():
                 break
-        order = self._drop_weak_cycles(order, self._trace_products(pose, slack))
+        order = self._simplify(order, self._trace_products(pose, slack))
         return self._fit_order(order, pose, names)
 
-    def _drop_weak_cycles(self, order: Ints, matrices: tuple[Floats, Floats]) -> Ints:
-        """Return the order without those cycles that change the images by less than they cost."""
+    def _simplify(self, order: Ints, matrices: tuple[Floats, Floats]) -> Ints:
+        """Return the best order that a few exchanges lead to, without cycles that explain less than they cost."""
         pairs = _pair_costs(matrices)
         columns = np.arange(len(order))
         own = (self.weight * self.observed**2).sum(axis=0)
         square = max(
             float((own[order] + pairs[order, columns]).sum()) / max(self.lit, 1), self.least_variance, 1e-30
+        )
+        # Taxels that are seldom pressed join any cycle at no cost but the number of rivals.
+        nats = pairs / (2 * square)
+        order = min(
+            (_exchange_taxels(one, nats) for one in (order, columns)),
+            key=lambda one: float(nats[one, columns].sum()) + _log_permutations(one),
         )
         kept = columns.copy()
         for cycle in _find_cycles(order):
@@ -406,6 +419,33 @@ def _order_costs(matrices: tuple[Floats, Floats], orders: Ints) -> Floats:
     return -(np.maximum(found, 0.0) ** 2) / np.maximum(power, 1e-300)
 
 
+def _exchange_taxels(order: Ints, nats: Floats) -> Ints:
+    """Return the order after exchanges of two taxels, as long as one lowers its cost.
+
+    Args:
+        order: (J,) permutation.
+        nats: (J, J) cost of each taxel at each position; the log number of permutations is added.
+    """
+    order, columns = order.copy(), np.arange(len(order))
+    rivals = _log_permutations_of(len(order), np.arange(len(order) + 1))
+    while True:
+        there, own, moved = nats[order], nats[order, columns], int((order != columns).sum())
+        settles = np.zeros((len(order), len(order)), dtype=np.intp)
+        settles[columns, order] = 1
+        more = np.add.outer(settles.diagonal(), settles.diagonal()) - settles - settles.T
+        gain = (
+            np.add.outer(own, own)
+            - there
+            - there.T
+            + rivals[moved]
+            - rivals[np.clip(moved + more, 0, len(order))]
+        )
+        a, b = np.unravel_index(np.argmax(np.triu(gain, 1)), gain.shape)
+        if gain[a, b] <= 1e-9:
+            return order
+        order[[a, b]] = order[[b, a]]
+
+
 def _find_cycles(order: Ints) -> list[Ints]:
     """Return the cycles of a permutation."""
     left, cycles = set(np.flatnonzero(order != np.arange(len(order))).tolist()), list[Ints]()
@@ -426,5 +466,9 @@ def _log_rivals(order: Ints, names: list[Order]) -> float:
 
 def _log_permutations(order: Ints) -> float:
     """Return the log number of permutations that move at most as many taxels."""
-    taxels, moved = len(order), int((order != np.arange(len(order))).sum())
-    return float(gammaln(taxels + 1) - gammaln(taxels - moved + 1))
+    return float(_log_permutations_of(len(order), int((order != np.arange(len(order))).sum())))
+
+
+def _log_permutations_of(taxels: int, moved: Ints | int) -> Floats:
+    """Return the log number of ways to move so many of the taxels."""
+    return gammaln(taxels + 1) - gammaln(taxels - np.asarray(moved) + 1)

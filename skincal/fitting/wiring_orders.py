@@ -27,8 +27,8 @@ def named_orders(rows: int, cols: int) -> list[Order]:
     """Return orders that have a plausible cause, that of the data first, each once.
 
     The array is read by rows or by columns, straight or in a serpentine, from any of its corners. Its rows or
-    columns may be shifted cyclically; two of them may be exchanged; or the even ones come first, then the odd
-    ones.
+    columns may be shifted cyclically, all or one of them; two of them may be exchanged; or the even ones come
+    first, then the odd ones.
     """
     found: dict[bytes, Order] = {}
 
@@ -69,6 +69,11 @@ def named_orders(rows: int, cols: int) -> list[Order]:
     for axis, length in ((0, rows), (1, cols)):
         for lines in _exchange_lines(length):
             add(image.take(lines, axis=axis), None)
+        for line in range(length):
+            for shift in range(1, flat.size // length):
+                shifted = np.moveaxis(image.copy(), axis, 0)
+                shifted[line] = np.roll(shifted[line], shift)
+                add(np.moveaxis(shifted, 0, axis), None)
     return list(found.values())
 
 

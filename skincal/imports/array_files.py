@@ -8,10 +8,11 @@ such an array as well. Dots and slashes join nested names. Readers raise ``Value
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +21,23 @@ from skincal.bounded import read_array, read_arrays
 from skincal.dataset.findings import Findings
 from skincal.errors import WorkError, quoted, text_of
 from skincal.files import open_input
+from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.recording import IntArray
 from skincal.imports.text_table import MOST_NAMED, SourceSheet, TextTable, check_columns
 
 Columns = dict[str, NDArray[Any]]
-"""One-dimensional columns by name; their lengths may differ."""
+"""One-dimensional columns by name; their lengths may differ. A text without an axis says why a name has none."""
+
+OBJECTS: Final = np.array("Python objects, which are not opened as they may run code", dtype=object)
+"""Stands for an array of objects."""
 
 
 def read_numpy(path: Path) -> Columns:
-    """Return the columns of a ``.npz`` or ``.npy`` file, whose array is ``data``; refuse objects, which run code."""
+    """Return the columns of a ``.npz`` or ``.npy`` file, whose array is ``data``."""
     with open_input(path) as file:
         zipped = file.read(2) == b"PK"
-    return _columns(read_arrays(path) if zipped else {"data": read_array(path)})
+    found = read_arrays(path, objects=OBJECTS) if zipped else {"data": read_array(path, objects=OBJECTS)}
+    return _columns(found)
 
 
 def read_matlab(path: Path) -> Columns:
@@ -131,7 +137,7 @@ def _columns(arrays: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     for name, array in flat.items():
         while array.ndim > 3 and array.shape[-1] == 1:
             array = array[..., 0]
-        if array.ndim == 1:
+        if array.ndim < 2:
             found[name] = array
         else:
             if array.shape[0] not in lengths and array.shape[-1] in lengths:
@@ -152,14 +158,19 @@ def _arrays(values: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, NDArr
             yield from _arrays(array, f"{full}.")
         elif array.dtype.names:
             yield from _arrays({field: array[field] for field in array.dtype.names}, f"{full}.")
-        elif array.ndim and array.size and (array.dtype.kind in "biufMSUO"):
+        elif (array.size and array.dtype.kind in "biufMSUO") if array.ndim else _says_why(array):
             yield full, array
+
+
+def _says_why(array: NDArray[Any]) -> bool:
+    """Return whether an array stands for one that gives no column."""
+    return array.dtype == object and not array.ndim and isinstance(array.item(), str)
 
 
 def _array(value: Any) -> NDArray[Any] | Mapping[str, Any]:
     """Return a value as an array; a list with a table per sample as a table of lists."""
     listed = isinstance(value, list) or getattr(getattr(value, "dtype", None), "kind", "") == "O"
-    if not listed:
+    if not listed or not np.ndim(cast("Any", value)):
         return np.asarray(cast("Any", value))
     items = list(cast("Sequence[Any]", value))
     if items and all(isinstance(item, Mapping) for item in items):
@@ -168,7 +179,11 @@ def _array(value: Any) -> NDArray[Any] | Mapping[str, Any]:
         try:
             return np.stack([_nested(item) for item in items])
         except ValueError:  # arrays of different shapes are no column
-            return np.zeros(0)
+            sizes = Counter(np.size(item) for item in items)
+            usual = sizes.most_common(1)[0][0]
+            row = next((i for i, item in enumerate(items) if np.size(item) != usual), 0)
+            got = f"lists of {usual} numbers, and of {np.size(items[row])} in row {row + 1}"
+            return np.array(got, dtype=object)
     numbers = all(isinstance(item, bool | int | float | np.number) for item in items)
     return np.array(items, dtype=None if numbers else object)
 
@@ -198,7 +213,7 @@ def _by_key(samples: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
 
 
 def table_of(
-    file: str, columns: Columns, numbers: Collection[str], texts: Collection[str], decimal: str, findings: Findings,
+    file: str, columns: Columns, numbers: Collection[str], texts: Collection[str], form: CsvFormat, findings: Findings,
     lines: IntArray | None = None, hint: str = "",
 ) -> TextTable | None:  # fmt: skip
     """Return a table of the required columns; None, with errors, if some are missing or differ in length."""
@@ -207,7 +222,13 @@ def table_of(
     dotted = {name.replace("/", "."): column for name, column in columns.items()}
     slashed = {name: dotted[name.replace("/", ".")] for name in wanted if name.replace("/", ".") in dotted}
     columns = slashed | columns
-    if not check_columns(file, columns, wanted, findings, hint):
+    no_columns = {name: column.item() for name, column in columns.items() if not column.ndim}
+    columns = {name: column for name, column in columns.items() if column.ndim}
+    refused = [name for name in no_columns if not columns or name in {name.split("[")[0] for name in wanted}]
+    for name in refused:
+        fix = f"Save it as numpy.array(list({name}), dtype=float), with NaN for values that are not there."
+        findings.error(f'{file}, "{name}"', "an array of numbers", no_columns[name], fix)
+    if refused or not check_columns(file, columns, wanted, findings, hint):
         return None
     sizes = {len(columns[name]) for name in wanted}
     if len(sizes) > 1:
@@ -217,7 +238,7 @@ def table_of(
         return None
     rows = sizes.pop() if sizes else max(map(len, columns.values()), default=0)
     cells = {name: _cells(columns[name], text=name in texts) for name in wanted}
-    return TextTable(SourceSheet(findings, file, lines), cells, rows, decimal)
+    return TextTable(SourceSheet(findings, file, lines), cells, rows, form)
 
 
 def _cells(column: NDArray[Any], *, text: bool) -> NDArray[Any]:

@@ -90,7 +90,7 @@ def read_blocks(
     columns |= {f"label[{i}]": column for i, column in enumerate(counted)}
     at = np.array([block.line for block in blocks])
     hint = f"The frames are of {shape[0]} rows of {shape[1]} cells."
-    return table_of(path.name, columns, numbers, texts, form.decimal, findings, at, hint)
+    return table_of(path.name, columns, numbers, texts, form, findings, at, hint)
 
 
 def read_labelled(
@@ -110,7 +110,7 @@ def read_labelled(
         return None
     names = dict.fromkeys(name for row in rows.values() for name in row)
     columns = {name: np.array([row.get(name, "") for row in rows.values()], dtype=object) for name in names}
-    return table_of(path.name, columns, numbers, texts, form.decimal, findings, np.array([*rows]))
+    return table_of(path.name, columns, numbers, texts, form, findings, np.array([*rows]))
 
 
 def blocks_of(lines: list[tuple[int, str]], form: CsvFormat) -> list[Block]:

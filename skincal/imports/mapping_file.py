@@ -80,10 +80,12 @@ class CsvFormat(Table, unknown="refuse"):
         rate_hz: rows per second, for files without stamps [Hz]; None: a column holds the time.
         order: order of events: that of the rows, or that of the stamps.
         missing: texts that mean no value, beside an empty cell.
+        thousands: mark between groups of three digits; a space stands for any kind of space.
     """
 
     delimiter: str = ","
     decimal: Literal[".", ","] = "."
+    thousands: Literal["", ".", ",", "'", "’", "_", " "] = ""
     encoding: str = "utf-8"
     comment: str = ""
     skip_rows: Count = 0
@@ -107,6 +109,8 @@ class CsvFormat(Table, unknown="refuse"):
             yield "delimiter", expected, f'"{self.delimiter}"'
         if self.delimiter == self.decimal:
             yield "decimal", "another character than the delimiter", f'"{self.decimal}"'
+        if self.thousands == self.decimal:
+            yield "thousands", "another character than the decimal mark", f'"{self.thousands}"'
         try:
             "".encode(self.encoding)  # refuses codecs that are not of text like unknown ones
         except (LookupError, ValueError):

@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Final
 
+from skincal.bounded import UnreadableError
 from skincal.dataset.findings import Findings
 from skincal.errors import text_of
 from skincal.files import open_input, reason
@@ -83,11 +84,11 @@ def read_source_table(
             columns = apart(reader, path)  # libraries crash, or take all memory, on a damaged file
         except (OSError, ValueError) as error:
             if start != b"[":
-                expected = f"a whole file of arrays ({READ})"
-                findings.error(path.name, expected, text_of(error), "Was it cut short?")
+                got = error.got if isinstance(error, UnreadableError) else text_of(error)
+                findings.error(path.name, f"a whole file of arrays ({READ})", got, "Was it cut short?")
                 return None
         else:
-            return arrays.table_of(path.name, columns, numbers, texts, form.decimal, findings)
+            return arrays.table_of(path.name, columns, numbers, texts, form, findings)
     if kind := _refused(path, head, form):
         findings.error(path.name, READ, *kind)
         return None

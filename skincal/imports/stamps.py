@@ -263,6 +263,12 @@ def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings:
         return
     back = np.flatnonzero(np.diff(time_s) < 0) + 1
     if not back.size:
+        steps, usual = np.diff(time_s), LARGEST_STEP * usual_step(time_s)
+        whole = np.abs(steps - HOUR_S * np.rint(steps / HOUR_S)) < min(usual, HOUR_S / 1000)
+        if (ahead := np.flatnonzero(whole & (steps > max(usual, HOUR_S / 2))) + 1).size:
+            got = f"a step of {HOUR_S * np.rint(steps[ahead[0] - 1] / HOUR_S):g} s"
+            fix = "If the clock was set forward there, take that off the stamps from this row on."
+            findings.note(table.sheet.rows(time.sources[0], ahead), "a clock that runs on", got, fix)
         return
     row = int(back[0])
     largest = float((time_s[back - 1] - time_s[back]).max())

@@ -6,6 +6,7 @@ import codecs
 import re
 from collections import Counter
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -25,6 +26,12 @@ Column = NDArray[Any]
 COMMENT = ("#", "%")
 
 ELEMENT = re.compile(r"^(.+)\[\d+\]$")
+
+GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(?:([.,'’_\s])\d{3})(?:\1\d{3})*([.,]\d+)?")
+"""A number whose thousands are separated; one that begins with 0 is none."""
+
+WORD = re.compile(r"[^\d\s]*|.*#.*")
+"""A cell that stands for no value, as ``-``, ``null``, ``N/A``, ``#N/A`` or ``1.#QNAN`` do."""
 
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 """First bytes of text in UTF-16, as spreadsheets and data loggers export it."""
@@ -55,11 +62,11 @@ class SourceSheet(Sheet):
 class TextTable:
     """A text file that has been read: float64 columns where every cell is a number, else text."""
 
-    def __init__(self, sheet: SourceSheet, columns: dict[str, Column], rows: int, decimal: str) -> None:
+    def __init__(self, sheet: SourceSheet, columns: dict[str, Column], rows: int, form: CsvFormat) -> None:
         self.sheet = sheet
         self.rows = rows
         self._columns = columns
-        self._decimal = decimal
+        self._form = form
 
     def numbers(self, name: str) -> FloatArray:
         """Return a column as numbers, NaN for empty cells; add an error for other texts and for inf."""
@@ -67,9 +74,8 @@ class TextTable:
         if column is None:
             return np.full(self.rows, np.nan)
         if column.dtype == object:
-            values, bad = _parsed(column, self._decimal)
-            hint = "Set decimal in [csv]." if _other_mark(column[bad], self._decimal) else ""
-            self.sheet.bad_rows(name, bad, column, "a number", hint)
+            values, bad = _parsed(column, self._form)
+            self.sheet.bad_rows(name, bad, column, "a number", _format_hint(column, bad, self._form))
             return values
         self.sheet.bad_rows(name, np.isinf(column), column, "a finite number")
         return column
@@ -108,7 +114,7 @@ def read_text_table(
     if columns is None:
         return None
     columns |= _elements(sheet, columns, lists)
-    return TextTable(sheet, columns, len(kept), form.decimal)
+    return TextTable(sheet, columns, len(kept), form)
 
 
 def _elements(sheet: SourceSheet, columns: dict[str, Column], lists: dict[str, str]) -> dict[str, Column]:
@@ -121,7 +127,7 @@ def _elements(sheet: SourceSheet, columns: dict[str, Column], lists: dict[str, s
     for element, name in lists.items():
         cells, index = split[name], int(element[len(name) + 1 : -1])
         words = np.array([cell[index] if index < len(cell) else "" for cell in cells], dtype=object)
-        values, bad = _parsed(words, ".")
+        values, bad = _parsed(words, CsvFormat())
         bad |= np.array([index >= len(cell) for cell in cells])
         if bad.any():
             sheet.bad_rows(name, bad, columns[name], f"a list of {len(cells[0])} numbers")
@@ -252,24 +258,27 @@ def _column(column: Any, kind: str, form: CsvFormat) -> Column:
     if str(column.type) == "double":
         values = np.array(column.to_numpy(), dtype=np.float64)
         # A number that stands for nothing may be written as -1, -1.0 or -1.00.
-        marks, no_mark = _parsed(np.array(form.blanks, dtype=object), form.decimal)
+        marks, no_mark = _parsed(np.array(form.missing, dtype=object), replace(form, missing=()))
         values[np.isin(values, marks[np.isfinite(marks) & ~no_mark])] = np.nan
         return values
     cells = ["" if cell is None else str(cell).strip() for cell in column.to_pylist()]
     words = np.array(cells, dtype=object)
     if kind == "text":
         return words
-    values, bad = _parsed(words, form.decimal)
+    values, bad = _parsed(words, form)
     return words if bad.any() or np.isinf(values).any() else values
 
 
-def _parsed(cells: NDArray[Any], decimal: str) -> tuple[FloatArray, BoolArray]:
-    """Return cells as numbers, NaN for empty ones, and which of them are not finite numbers."""
+def _parsed(cells: NDArray[Any], form: CsvFormat) -> tuple[FloatArray, BoolArray]:
+    """Return cells as numbers, NaN for those without a value, and which of them are not finite numbers."""
+    decimal, blanks, spaces = form.decimal, form.blanks, form.thousands.isspace()
     values = np.full(len(cells), np.nan)
     bad = np.zeros(len(cells), dtype=bool)
     for i, cell in enumerate(cells):
-        if cell == "":
+        if cell in blanks:
             continue
+        if form.thousands:
+            cell = "".join(cell.split()) if spaces else cell.replace(form.thousands, "")
         try:
             values[i] = float(cell.replace(decimal, ".") if "." not in cell or decimal == "." else "no")
             bad[i] = bool(np.isinf(values[i]))
@@ -278,8 +287,19 @@ def _parsed(cells: NDArray[Any], decimal: str) -> tuple[FloatArray, BoolArray]:
     return values, bad
 
 
-def _other_mark(cells: NDArray[Any], decimal: str) -> bool:
-    """Return whether cells would be numbers with the other decimal mark."""
-    other = "," if decimal == "." else "."
-    bad = _parsed(cells[:SHOWN], other)[1]
-    return any(other in cell and not wrong for cell, wrong in zip(cells, bad, strict=False))
+def _format_hint(cells: NDArray[Any], bad: BoolArray, form: CsvFormat) -> str:
+    """Return the lines of ``[csv]`` with which the bad cells are numbers, or have no value; '' if there are none."""
+    wrong, other = cells[bad].tolist(), "," if form.decimal == "." else "."
+    if len(words := sorted({*wrong})) <= MOST_MISSING and all(map(WORD.fullmatch, words)):
+        listed = ", ".join(f'"{word}"' for word in (*form.missing, *words))
+        return f"If they stand for no value, set missing = [{listed}] in [csv]."
+    grouped = [found for cell in wrong if (found := GROUPED.fullmatch(cell))]
+    whole = all(cell in form.blanks or cell.isdecimal() or form.decimal in cell for cell in cells[~bad])
+    if len(grouped) == len(wrong) and len({found[1] for found in grouped}) == 1:
+        mark = " " if grouped[0][1].isspace() else grouped[0][1]
+        if mark == form.decimal:
+            return f'Set decimal = "{other}" and thousands = "{mark}" in [csv].'
+        if mark != other or any(found[2] for found in grouped) or (whole and not bad.all()):
+            return f'Set thousands = "{mark}" in [csv].'
+    still_bad = _parsed(cells[bad][:SHOWN], replace(form, decimal=other))[1]
+    return "Set decimal in [csv]." if any(other in cell for cell in cells[bad][:SHOWN][~still_bad]) else ""

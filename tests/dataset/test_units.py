@@ -28,6 +28,7 @@ from skincal.dataset.word_checks import (
     as_word,
     bytes_swapped,
     find_below_zero,
+    find_byte_order,
     find_falls,
     find_wrapped,
     swapped,
@@ -195,10 +196,20 @@ def test_halves_of_32_bits_in_the_wrong_order(tmp_path: Path, original: Dataset,
     np.testing.assert_array_equal(swapped(stored, swap_bytes=swap_bytes, swap_words=True), true)
 
 
+@pytest.mark.parametrize(("rest", "gain"), [(10.0, 5.0), (20000.0, 100.0)])
+def test_four_reversed_bytes_of_small_values(tmp_path: Path, original: Dataset, rest: float, gain: float):
+    """Below 65536 the lower half is always zero: what is left is two swapped bytes."""
+    true = words_16(original, rest, gain)
+    stored = swapped(true, swap_words=True)
+    assert true.max() < 65536
+    (problem,) = found(tmp_path, changed(original, stored))
+    assert problem.code == "bytes_swapped"
+    assert problem.details["mapping"].endswith("swap_bytes = true, swap_words = true")
+    assert not find_byte_order(true * 2**16)  # shifted up only
+
+
 def test_packed_words_are_no_swapped_bytes(original: Dataset):
     """Four values of 12 bits in three words of 16: an order of bytes mends some taxels only."""
-    from skincal.dataset.word_checks import find_byte_order
-
     true = np.rint(words_16(original, 200.0, 8.0)).clip(0, 4095).astype(np.int64)
     a, b, c, d = (true[:, i::4] for i in range(4))
     packed = np.stack([a << 4 | b >> 8, (b & 255) << 8 | c >> 4, (c & 15) << 12 | d], axis=2)

@@ -11,7 +11,7 @@ from report.diagnosis_cases import calibration
 from skincal.calibration import Finding
 from skincal.dataset import Dataset
 from skincal.diagnosis.observed import Observed, observe
-from skincal.diagnosis.session_findings import far_readings
+from skincal.diagnosis.session_findings import _moving_rest, far_readings
 from skincal.inference.start import fit_base
 
 
@@ -43,3 +43,10 @@ def test_outlier_at_one_taxel_is_reported():
     (one,) = findings_of(replace(data, frames=replace(frames, counts=counts)))
     assert one.code == "far_readings"
     assert one.text.startswith(f"press {number}: taxel_{lit // 4}_{lit % 4} is ")
+
+
+def test_rest_that_moves_is_passed_on():
+    fitted = calibration()
+    assert not [*_moving_rest(fitted)]
+    (told,) = _moving_rest(replace(fitted, findings=(Finding("rest_moves", "info", "", ""),)))
+    assert told.code == "rest_moves" and "re-zeroing" in told.text

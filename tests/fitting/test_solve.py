@@ -184,7 +184,9 @@ def test_spread_beyond_what_is_looked_at(fitted: FitResult, evidence: list[float
     assert ("contact_law" in _codes(found)) == told
 
 
-@pytest.mark.parametrize(("power", "code"), [(0.9, "response_bends"), (1.0, "force_scatter")])
+@pytest.mark.parametrize(
+    ("power", "code"), [(0.9, "response_bends"), (1.0, "force_scatter"), (1.7, "response_bends")]
+)
 def test_forces_whose_errors_go_with_the_force(fitted: FitResult, power: float, code: str) -> None:
     force = fitted.problem.force_n
     off = (power - 1) * np.log(force) + np.random.default_rng(1).normal(0, 0.02, len(force))
@@ -194,6 +196,7 @@ def test_forces_whose_errors_go_with_the_force(fitted: FitResult, power: float, 
     assert told.code == code
     if power < 1:
         assert "power of 0.9" in told.text and "skincal diagnose" in told.advice
+    assert ("the depth of the press" in told.advice) == (power > 1)
 
 
 def test_a_straightened_response_is_reported_from_a_bound_on(fitted: FitResult) -> None:

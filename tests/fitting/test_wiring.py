@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skincal.fitting.problem import PressTable, build_problem
-from skincal.fitting.wiring import TaxelOrder, _Search, find_taxel_order
+from skincal.fitting.wiring import TaxelOrder, _exchange_taxels, _Search, find_taxel_order
 from skincal.fitting.wiring_orders import mapping_of, named_orders
 from tests.fitting.conftest import BOX, Truth, make_session, rig
 
@@ -90,6 +90,23 @@ def test_exchanged_lines_with_dark_taxels(axis: int):
     counts[:, dark] = counts.min()
     found = order_of(replace(table, counts=counts[:, np.argsort(order)]))
     assert found is not None and found.order.tolist() == order.tolist()
+
+
+def test_taxels_that_are_seldom_pressed_join_no_cycle():
+    """Two taxels are exchanged; noise makes a cycle of three a little better."""
+    nats = np.zeros((6, 6))
+    nats[:2] = 50.0
+    nats[0, 1], nats[1, 0], nats[1, 2] = 0.0, 0.0, -1.0
+    for start in ([2, 0, 1, 3, 4, 5], [0, 1, 2, 3, 4, 5]):
+        assert _exchange_taxels(np.array(start), nats).tolist() == [1, 0, 2, 3, 4, 5]
+
+
+def test_one_shifted_row_has_a_name():
+    for axis in (0, 1):
+        image = np.moveaxis(np.arange(48).reshape(6, 8), axis, 0).copy()
+        image[3] = np.roll(image[3], 2)
+        order = np.moveaxis(image, 0, axis).ravel()
+        assert any((one.order == order).all() for one in named_orders(6, 8))
 
 
 def test_banks_of_rows():

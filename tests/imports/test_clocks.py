@@ -114,6 +114,14 @@ def test_hour_of_daylight_saving_time(tmp_path: Path):
     assert_same(back)
 
 
+def test_hour_that_the_clock_was_set_forward(tmp_path: Path):
+    for folder, step, told in (("a", 3600.0, True), ("b", 3000.0, False)):
+        (tmp_path / folder).mkdir()
+        _, done = bring(tmp_path / folder, TIME + step * (TIME >= 10), {"unit": "s"})
+        said = [p.got for p in done.warnings if p.expected == "a clock that runs on"]
+        assert said == (["a step of 3600 s"] if told else [])
+
+
 def test_dates_of_a_format(tmp_path: Path):
     form = "%d.%m.%Y %H:%M:%S.%f"
     words = (pd.Timestamp("2026-11-20 12:00:00") + pd.to_timedelta(TIME, unit="s")).strftime(form)

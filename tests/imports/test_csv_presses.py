@@ -345,6 +345,39 @@ def test_wrong_decimal_mark_is_named(tmp_path: Path, original: Dataset):
     assert any("Set decimal in [csv]" in text for text in found)
 
 
+@pytest.mark.parametrize("word", ["null", "-", "N/A", "#N/A", "1.#QNAN"])
+def test_word_for_no_value_is_named(tmp_path: Path, original: Dataset, word: str):
+    table = press_table(original).astype(object)  # such columns are written with a point
+    table.loc[3, "s2"] = word
+    (found,) = refused(tmp_path, table, mapping(PRESS_ROWS, csv={"decimal": "."}))
+    words = ["NaN", "nan", "NA", word]
+    assert f"set missing = {words} in [csv]".replace("'", '"') in found
+    back = bring(tmp_path, table, mapping(PRESS_ROWS, csv={"decimal": ".", "missing": words}))
+    assert np.isnan(back.presses.counts).sum() == 1
+
+
+@pytest.mark.parametrize(
+    ("mark", "decimal", "fix"),
+    [
+        (".", ",", 'Set thousands = "."'),
+        ("'", ",", 'Set thousands = "\'"'),
+        ("\u202f", ",", 'Set thousands = " "'),
+        (",", ".", 'Set thousands = ","'),
+        (".", ".", 'Set decimal = "," and thousands = "."'),
+    ],
+)
+def test_mark_of_thousands_is_named(tmp_path: Path, original: Dataset, mark: str, decimal: str, fix: str):
+    table, written = press_table(original), "," if decimal == mark else decimal
+    numbers = table.drop(columns="no").map(lambda value: f"{value:,.6f}")
+    marks = str.maketrans({",": mark, ".": written})
+    table = numbers.map(lambda text: text.translate(marks)).assign(no=table["no"])
+    found = refused(tmp_path, table, mapping(PRESS_ROWS, csv={"decimal": decimal}))
+    assert any('column "Fz"' in text and fix in text for text in found)
+    thousands = " " if mark.isspace() else mark
+    back = bring(tmp_path, table, mapping(PRESS_ROWS, csv={"decimal": written, "thousands": thousands}))
+    np.testing.assert_allclose(back.presses.force_n, original.presses.force_n, rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("columns", "place", "fix"),
     [

@@ -397,6 +397,29 @@ def test_arrays_that_are_not_there(tmp_path: Path):
     assert "expected columns of one length" in refused(tmp_path, tmp_path / "b.npz", mapping(PLANE, ARRAYS))
 
 
+@pytest.mark.parametrize(
+    ("name", "got"),
+    [("a.npz", "Python objects, which are not"), ("a.mat", "lists of 9 numbers, and of 8 in row 3")],
+)
+def test_arrays_that_are_no_numbers(tmp_path: Path, name: str, got: str):
+    from scipy.io import savemat
+
+    cells = np.empty(len(IMAGES), dtype=object)
+    cells[:] = list(IMAGES)
+    cells[2] = cells[2][:8]
+    held = arrays() | {"skin": cells}
+    np.savez(tmp_path / name, **held) if name == "a.npz" else savemat(tmp_path / name, held)
+    text = refused(tmp_path, tmp_path / name, mapping(PLANE, ARRAYS))
+    assert f'{name}, "skin": expected an array of numbers; got {got}' in text
+    assert "numpy.array(list(skin), dtype=float)" in text and "cut short" not in text
+
+
+def test_objects_that_nothing_needs_are_left_alone(tmp_path: Path):
+    np.savez(tmp_path / "a.npz", about=np.array({"rate": 50}, dtype=object), **arrays())
+    back = bring(tmp_path, tmp_path / "a.npz", mapping(PLANE, ARRAYS))
+    np.testing.assert_array_equal(back.frames.counts, IMAGES)
+
+
 @pytest.mark.parametrize("way", ["raw data", "virtual"])
 def test_hdf5_that_lies_in_another_file_is_refused(tmp_path: Path, way: str):
     h5py = pytest.importorskip("h5py")
