@@ -112,8 +112,12 @@ def find_taxel_order(problem: FitProblem, box: SearchBox) -> TaxelOrder | None:
             break
     one = nominal
     for other in sorted(tried, key=lambda other: (other.rivals, -whole.score(other))):
-        # As the order of the data, one that competes with fewer rivals is kept unless it is clearly beaten.
-        if whole.score(other) > whole.score(one) + _WIN_NATS:
+        # As the order of the data, one that competes with fewer rivals is kept unless it is clearly beaten; what moves
+        # between the two could be any other taxels.
+        moved = int((other.order != one.order).sum())
+        rivals = float(_log_permutations_of(layout.taxels, moved))
+        more = max(min(other.rivals, rivals) - (other.rivals - one.rivals), 0.0)
+        if whole.score(other) > whole.score(one) + more + _WIN_NATS:
             one = other
     odds = whole.score(one) - whole.score(nominal) - _WIN_NATS
     if odds <= 0 or (one.order == nominal.order).all() or not whole.explains(nominal, one):
