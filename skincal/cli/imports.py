@@ -51,7 +51,7 @@ TopicsOption = Annotated[Path | None, option(_TOPICS, is_eager=True, callback=_p
 
 @app.command(
     "csv",
-    short_help="From text files: presses row by row, or a time series.",
+    short_help="From text or array files: presses row by row, or a time series.",
     epilog=example(
         "skincal import csv --template > mapping.toml",
         "skincal import csv mapping.toml presses.csv --out dataset",
@@ -65,7 +65,7 @@ def import_csv(
     as_json: options.Json = False,
     template: Template = False,
 ) -> None:
-    """Make a dataset from text files: presses row by row, or a time series that is cut into presses."""
+    """Make a dataset from text or array files: presses row by row, or a time series that is cut into presses."""
     from skincal import imports
 
     _report(imports.import_csv(mapping, out, files or (), force=force), as_json)
