@@ -24,7 +24,7 @@ from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.observe import Readout
 from skincal.fitting.problem import PressTable, Rig, build_problem
-from skincal.fitting.response import Bend
+from skincal.fitting.response import Nonlinearity
 from skincal.fitting.result import FitFinding, FitResult, GridResult, PressFit, Sigmas
 from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters
 from skincal.report.fit import FIGURES, write_fit_report
@@ -91,7 +91,7 @@ def make_fit(kind: str = "cylinder", presses: int = 9, seed: int = 3) -> Fitted:
         sigmas=Sigmas(0.6e-3, 0.004, 0.2, 0.01, 0.01, 1e-4),
         law_spread_m=0.1e-3,
         law_rise=0.0,
-        bend=Bend(),
+        nonlinearity=Nonlinearity(),
         effective_draws=400.0,
         force_low=0.0,
         misfit_low=0.0,
