@@ -326,10 +326,11 @@ def _array(stream: IO[bytes], most: int, objects: NDArray[Any] | None) -> NDArra
     version = np.lib.format.read_magic(stream)
     read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     shape, by_columns, kind = read_header[version](stream)
-    if kind.hasobject and objects is not None:
-        return objects
     if kind.hasobject:
-        raise UnreadableError("plain numbers", "Python objects, which are not opened as they may run code")
+        if objects is None:
+            got = "Python objects, which are not opened as they may run code"
+            raise UnreadableError("plain numbers", got)
+        return objects
     size = math.prod(shape) * kind.itemsize
     expected = f"numbers of shape {shape}"
     if size > most:

@@ -360,9 +360,8 @@ def find_byte_order(counts: FloatArray) -> str:
     halves, all_four = (_reordered(counts, 32, swap_bytes=swap) for swap in (False, True))
     word, scatter = min(halves, all_four, key=lambda one: one[1])
     if not word and bytes_swapped(counts / 2**16):
-        return (
-            "swap_bytes = true, swap_words = true"  # none is above 65535, so that the low half is always zero
-        )
+        # No value is above 65535, so that the half that is read as the low one is always zero.
+        return "swap_bytes = true, swap_words = true"
     lines = "swap_bytes = true, " * (scatter < halves[1]) + "swap_words = true"
     return lines + (', word = "int32"' if word == "int32" else "") if word else ""
 

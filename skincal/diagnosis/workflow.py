@@ -91,12 +91,12 @@ def diagnose(
     base = fit_base(observed.fitter, mapper, start_is_calibrated=True)
     order = wait_for_order()
     images_are_wrong = corrupted or order is not None
-    report_stage("visible effects")
-    floor = observed.floor
+    # In the background: the search does not need it.
     audit_task = partial(
-        audit_session, observed.fitter, base.state, floor, rng_audit, state_is_calibrated=True, planned=False
-    )
-    audits = iter(mapper(call, [audit_task]))  # in the background: the search does not need it
+        audit_session, observed.fitter, base.state, observed.floor, rng_audit,
+        state_is_calibrated=True, planned=False,
+    )  # fmt: skip
+    audits = iter(mapper(call, [audit_task]))
     report_stage("missing effects")
 
     def search(session: Observed, base: Fitted, rng: np.random.Generator) -> SearchResult:

@@ -170,7 +170,8 @@ def _says_why(array: NDArray[Any]) -> bool:
 def _array(value: Any) -> NDArray[Any] | Mapping[str, Any]:
     """Return a value as an array; a list with a table per sample as a table of lists."""
     listed = isinstance(value, list) or getattr(getattr(value, "dtype", None), "kind", "") == "O"
-    if not listed or not np.ndim(cast("Any", value)):
+    alone = isinstance(value, np.ndarray) and not value.ndim
+    if not listed or alone:
         return np.asarray(cast("Any", value))
     items = list(cast("Sequence[Any]", value))
     if items and all(isinstance(item, Mapping) for item in items):
@@ -226,7 +227,7 @@ def table_of(
     columns = {name: column for name, column in columns.items() if column.ndim}
     refused = [name for name in no_columns if not columns or name in {name.split("[")[0] for name in wanted}]
     for name in refused:
-        fix = f"Save it as numpy.array(list({name}), dtype=float), with NaN for values that are not there."
+        fix = f"Save equal lists, as numpy.array(list({name}), dtype=float) does, with NaN for what is not there."
         findings.error(f'{file}, "{name}"', "an array of numbers", no_columns[name], fix)
     if refused or not check_columns(file, columns, wanted, findings, hint):
         return None

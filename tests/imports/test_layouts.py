@@ -399,7 +399,11 @@ def test_arrays_that_are_not_there(tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("name", "got"),
-    [("a.npz", "Python objects, which are not"), ("a.mat", "lists of 9 numbers, and of 8 in row 3")],
+    [
+        ("a.npz", "Python objects, which are not"),
+        ("a.mat", "lists of 9 numbers, and of 8 in row 3"),
+        ("a.json", "lists of 9 numbers, and of 8 in row 3"),
+    ],
 )
 def test_arrays_that_are_no_numbers(tmp_path: Path, name: str, got: str):
     from scipy.io import savemat
@@ -408,7 +412,11 @@ def test_arrays_that_are_no_numbers(tmp_path: Path, name: str, got: str):
     cells[:] = list(IMAGES)
     cells[2] = cells[2][:8]
     held = arrays() | {"skin": cells}
-    np.savez(tmp_path / name, **held) if name == "a.npz" else savemat(tmp_path / name, held)
+    if name == "a.json":
+        lists = {key: [np.asarray(row).tolist() for row in column] for key, column in held.items()}
+        (tmp_path / name).write_text(json.dumps(lists))
+    else:
+        np.savez(tmp_path / name, **held) if name == "a.npz" else savemat(tmp_path / name, held)
     text = refused(tmp_path, tmp_path / name, mapping(PLANE, ARRAYS))
     assert f'{name}, "skin": expected an array of numbers; got {got}' in text
     assert "numpy.array(list(skin), dtype=float)" in text and "cut short" not in text
@@ -417,6 +425,14 @@ def test_arrays_that_are_no_numbers(tmp_path: Path, name: str, got: str):
 def test_objects_that_nothing_needs_are_left_alone(tmp_path: Path):
     np.savez(tmp_path / "a.npz", about=np.array({"rate": 50}, dtype=object), **arrays())
     back = bring(tmp_path, tmp_path / "a.npz", mapping(PLANE, ARRAYS))
+    np.testing.assert_array_equal(back.frames.counts, IMAGES)
+
+
+def test_lists_of_unlike_lengths_that_nothing_needs_are_left_alone(tmp_path: Path):
+    lists = {name: np.asarray(column).tolist() for name, column in arrays().items()}
+    lists["words"] = [[0.0] * (1 + i % 2) for i in range(len(IMAGES))]
+    (tmp_path / "a.json").write_text(json.dumps(lists))
+    back = bring(tmp_path, tmp_path / "a.json", mapping(PLANE, ARRAYS))
     np.testing.assert_array_equal(back.frames.counts, IMAGES)
 
 
