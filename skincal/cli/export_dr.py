@@ -41,8 +41,7 @@ def export_dr(
     from skincal.files import refuse_existing
     from skincal.ranges import from_calibration, narrowing, write_ranges
     from skincal.ranges import preset as published
-    from skincal.ranges.files import file_format
-    from skincal.ranges.plain import FORMAT
+    from skincal.ranges.files import FORMAT, file_format
 
     file_format(out)
     refuse_existing(out, cal, force=force, mark=FORMAT)

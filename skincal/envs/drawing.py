@@ -15,7 +15,7 @@ from skincal.model.arrays import FloatArray
 from skincal.ranges import NAMES, PRESETS, Ranges
 from skincal.ranges.names import EFFECTS_PREFIX, find
 from skincal.ranges.parameter import Mode
-from skincal.ranges.sampling import Draw, Draws
+from skincal.ranges.ranges import Draw, Draws
 from skincal.tasks import ObjectName
 
 Value = Draw

@@ -7,7 +7,7 @@ A calibration replaces these figures of the preset:
   uncertainty of the patch's place; a calibrated centre replaces it.
 - ``scale_per_taxel_per_n`` becomes a constant ``scale_offset_per_n``: S_j - S, so that S varies as a whole.
 - The numbers of a contact law, where there is one, stand under ``skin.contact_law``.
-- Parameters of effects stand under ``skin.effects.NAME`` (:mod:`skincal.ranges.from_effects`). One that says so
+- Parameters of effects stand under ``skin.effects.NAME`` (:mod:`skincal.ranges.from_calibration`). One that says so
   (``replaces_range``) replaces the preset's spread of the taxels.
 
 Where the data leave a parameter unbounded, the preset's range stays, marked as assumed. S is an exception: it belongs
@@ -25,14 +25,14 @@ from typing import Final
 
 import numpy as np
 
-from skincal.calibration import Calibration
+from skincal.calibration import Calibration, Effect
 from skincal.calibration.parts import LAW
-from skincal.effects import EFFECTS
+from skincal.effects import EFFECTS, EffectParameter
 from skincal.errors import Problem, WorkError, input_error
+from skincal.model.arrays import FloatArray
 from skincal.ranges import presets
-from skincal.ranges.from_effects import effect_parameters
 from skincal.ranges.names import NAMES
-from skincal.ranges.parameter import Parameter
+from skincal.ranges.parameter import Numbers, Parameter
 from skincal.ranges.ranges import JointDraws, Ranges
 
 DRAWS: Final = 500
@@ -102,7 +102,6 @@ def from_calibration(
 
 
 def _assumed_scale(calibration: Calibration, assumed: tuple[float, float] | None) -> tuple[float, float]:
-    """Return the assumed range of S for a calibration that leaves S open."""
     if assumed is None:
         low, high = calibration.intervals[_SCALE]
         unit = calibration.sensor.unit_label
@@ -141,7 +140,6 @@ def joint_draws(calibration: Calibration, draws: int = DRAWS) -> JointDraws:
 def _replace(
     parameters: dict[str, Parameter], calibration: Calibration, name: str, warnings: list[Problem]
 ) -> None:
-    """Replace the preset's figures of one parameter by what the calibration knows."""
     low, high = calibration.intervals[name]
     path = f"skin.{name}"
     if calibration.identified(name):
@@ -201,7 +199,6 @@ def _ruled_out(published: Parameter, allowed: tuple[float, float] | None) -> boo
 
 
 def _scale_offsets(calibration: Calibration) -> dict[str, Parameter]:
-    """Return the offsets of the taxels' scales, where the calibration has one for each."""
     scales, common = calibration.model.scale_per_taxel_per_n, calibration.model.scale_per_n
     if scales is None:
         return {}
@@ -213,7 +210,6 @@ def _scale_offsets(calibration: Calibration) -> dict[str, Parameter]:
 
 
 def _contact_law(calibration: Calibration) -> dict[str, Parameter]:
-    """Return the ranges of the contact law, where the calibration has one."""
     fitted = calibration.contact_law
     if fitted is None:
         return {}
@@ -239,3 +235,40 @@ def _provenance(calibration: Calibration, preset: str) -> dict[str, str]:
     }
     poses = {f"poses_of_{effect.name}": ", ".join(effect.poses) for effect in calibration.effects}
     return {name: value for name, value in (values | poses).items() if value}
+
+
+def effect_parameters(effect: Effect, warnings: list[Problem]) -> dict[str, Parameter]:
+    """Return the ranges of an effect's parameters by full name."""
+    if EFFECTS[effect.name].of_rig:
+        place = f"calibration.toml, [effects] {effect.name}"
+        fix = "Environments know the true places and forces, and leave it out."
+        warnings.append(Problem(place, "an effect of the skin", "an error of what the rig measured", fix))
+    known = {p.name: p for p in EFFECTS[effect.name].parameters}
+    return {
+        f"skin.effects.{effect.name}.{name}": _range(effect, known[name], value, warnings)
+        for name, value in effect.parameters.items()
+    }
+
+
+def _range(effect: Effect, parameter: EffectParameter, value: Numbers, warnings: list[Problem]) -> Parameter:
+    interval = effect.intervals.get(parameter.name)
+    if interval is None:
+        return Parameter.constant(value, source="calibrated")
+    found = np.asarray(value, dtype=np.float64)
+    low, high = (np.asarray(side, dtype=np.float64) for side in interval)
+    nothing = np.isneginf(low) & np.isposinf(high)
+    if nothing.any():
+        which = "" if not nothing.ndim else f" of {int(nothing.sum())} of {nothing.size}"
+        fix = f"The data do not determine {parameter.name}{which}; the fitted value stays."
+        place = f"calibration.toml, [effects] {effect.name}, intervals.{parameter.name}"
+        warnings.append(Problem(place, "a bounded interval", "[-inf, inf]", fix))
+    low = np.where(nothing, found, np.clip(low, parameter.low, parameter.high))
+    high = np.where(nothing, found, np.clip(high, parameter.low, parameter.high))
+    if (low == found).all() and (high == found).all():
+        return Parameter.constant(value, source="calibrated")
+    kind = Parameter.log_uniform if parameter.scale == "log" else Parameter.uniform
+    return kind(_numbers(low), _numbers(high), source="calibrated")
+
+
+def _numbers(array: FloatArray) -> Numbers:
+    return tuple(float(v) for v in array) if array.ndim else float(array)

@@ -175,7 +175,6 @@ class Parameter(SetFigures):
         return {name: np.asarray(numbers, dtype=np.float64) for name, numbers in self.figures().items()}
 
     def __str__(self) -> str:
-        """Return the figures in a few characters, for tables."""
         if self.size is not None:
             return f"{self.size} {'values' if self.value is not None else 'ranges'}"
         sigma = {} if self.sigma_from is None else {"sigma": self.sigma_from.rpartition(".")[2]}
@@ -227,7 +226,6 @@ def problems(parameter: Parameter, place: str) -> list[Problem]:
 
 
 def _figure_problems(parameter: Parameter, place: str) -> list[Problem]:
-    """Return figures that are missing, superfluous, not finite, of different lengths, or in the wrong order."""
     set_figures = set(parameter.figures())
     if parameter.sigma_from is not None:
         set_figures.add("sigma_from")

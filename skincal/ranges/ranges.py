@@ -1,20 +1,27 @@
-"""A set of randomized parameters by full name, and the joint draws of a calibration."""
+"""A set of randomized parameters by full name, the joint draws of a calibration, and drawing from both."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.errors import InputError, Problem
 from skincal.model.arrays import FloatArray
-from skincal.ranges.names import NAMES, find, sort_key
-from skincal.ranges.parameter import MODES, Mode, Parameter, Source
-from skincal.ranges.rules import collection_problems, joint_problems
-from skincal.ranges.sampling import Draw, Draws, Sample, draw_one, flat, nested
+from skincal.ranges.names import (
+    EFFECTS_PREFIX,
+    NAMES,
+    Shape,
+    collection_problems,
+    find,
+    joint_problems,
+    sort_key,
+)
+from skincal.ranges.parameter import DISTRIBUTIONS, MODES, Mode, Parameter, Source
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,3 +200,83 @@ class Ranges(Mapping[str, Parameter]):
 def _meaning(path: str) -> str:
     name = find(path)
     return f"{name.meaning} [{name.unit}]" if name and path in NAMES else "a range"
+
+
+Draw = float | FloatArray
+Draws = Mapping[str, Draw]
+"""Draws by the full names of their parameters."""
+Sample = dict[str, Any]
+"""Nested dictionaries by the tables of the file; the leaves are :data:`Draw`."""
+
+
+def nested(values: Mapping[str, Any]) -> Sample:
+    """Return values by full name as nested dictionaries, by the tables of the file."""
+    sample: Sample = {}
+    for path, value in values.items():
+        *tables, name = path.split(".")
+        table = sample
+        for key in tables:
+            table = table.setdefault(key, {})
+        table[name] = value
+    return sample
+
+
+def flat(sample: Sample, prefix: str = "") -> dict[str, Draw]:
+    """Return nested draws by full name."""
+    found: dict[str, Draw] = {}
+    for key, value in sample.items():
+        if isinstance(value, dict):
+            found |= flat(cast(Sample, value), f"{prefix}{key}.")
+        else:
+            found[prefix + key] = value
+    return found
+
+
+def draw_one(
+    path: str,
+    parameter: Parameter,
+    rng: np.random.Generator,
+    *,
+    joints: int,
+    taxels: int,
+    episode: Draws | None,
+) -> Draw:
+    """Draw a parameter by its full name; see :meth:`skincal.ranges.Ranges.sample`."""
+    size = _size(path, parameter.size, joints=joints, taxels=taxels)
+    figures = parameter.arrays
+    if parameter.sigma_from is not None:
+        if episode is None:
+            raise ValueError(
+                f"{path} takes its standard deviation from the episode's draw of {parameter.sigma_from}; "
+                'pass it: sample(rng, "step", episode=ranges.sample(rng, "episode"))'
+            )
+        figures = {**figures, "sigma": np.asarray(episode[parameter.sigma_from], dtype=np.float64)}
+    drawn = DISTRIBUTIONS[parameter.distribution].draw(figures, rng, 1 if size is None else size)
+    if path.startswith(EFFECTS_PREFIX) and (name := find(path)) is not None:
+        # The parameter of an effect has bounds that the skin enforces.
+        drawn = np.clip(drawn, name.least, name.most)
+    return float(drawn[0]) if size is None else drawn
+
+
+@lru_cache(maxsize=1024)
+def _size(path: str, own: int | None, *, joints: int, taxels: int) -> int | None:
+    """Return the length of a draw, given the number of figures; None: a plain float."""
+    name = find(path)
+    shape: Shape = name.shape if name is not None else "scalar"
+    if shape in ("joint_12", "joint_3") and joints % 3:
+        raise ValueError(f"{path} needs three joints per finger; got joints={joints}")
+    sizes: dict[Shape, int | None] = {
+        "scalar": None,
+        "joint": joints,
+        "joint_12": joints // 3 * 2,
+        "joint_3": joints // 3,
+        "xyz": 3,
+        "taxel": taxels,
+        "pose": own,
+    }
+    size = sizes[shape]
+    if own is not None and own != size:
+        raise ValueError(
+            f"{path} holds {own} numbers, but a draw has {size} (joints={joints}, taxels={taxels})"
+        )
+    return size

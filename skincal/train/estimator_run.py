@@ -16,7 +16,7 @@ from skincal.envs.tactile import SkinContact, TactileSkin, drawn_age_s
 from skincal.envs.trajectories import POLICY_HZ, wander
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
-from skincal.ranges.plain import digest
+from skincal.ranges.files import digest
 from skincal.train.estimator import SPAN_M, Estimator, Quality, features, learn
 
 HANDS = 1000

@@ -20,7 +20,7 @@ from skincal.dataset.schema import load_toml, read_table
 from skincal.errors import WorkError, input_error, readable
 from skincal.files import alone, real, recover, refuse_existing, whole_folder
 from skincal.ranges import Ranges, read_ranges, write_ranges
-from skincal.ranges.plain import digest
+from skincal.ranges.files import digest
 from skincal.tasks import BackendName
 from skincal.train.checkpoint import (
     ARRAYS,

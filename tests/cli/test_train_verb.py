@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 pytest.importorskip("stable_baselines3", reason="needs skincal[train]")
 
 from skincal.ranges import Parameter, preset, read_ranges, write_ranges
-from skincal.ranges.plain import digest
+from skincal.ranges.files import digest
 from skincal.train import Description, Network, PolicyKind, Task, read_policy, write_policy
 
 ROUND = 60
