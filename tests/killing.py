@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from skincal.files import moves, recover
+from skincal.files import outputs, recover
 
 KILLED = 137
 LONGEST_S = 120
@@ -255,7 +255,7 @@ class Study:
 
     def _work(self, place: Path) -> None:
         if not self.exchange:
-            moves._renameat2 = lambda *_: False
+            outputs._renameat2 = lambda *_: False
         os.chdir(place)
         self.verb.run(place, self.force or any((place / name).exists() for name in self.verb.outputs))
 

@@ -1,9 +1,8 @@
 """Safe files: input is a plain file in its folder; output appears complete and replaces only earlier output."""
 
 from skincal.files.inputs import check_input, open_input, real, reason
-from skincal.files.locks import alone
+from skincal.files.locks import alone, recover
 from skincal.files.outputs import reserved_room, whole_file, whole_folder
-from skincal.files.recovery import recover
 from skincal.files.refusals import refuse_existing
 
 __all__ = [

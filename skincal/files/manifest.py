@@ -102,7 +102,6 @@ def _is_known(name: PurePosixPath, known: Sequence[str]) -> bool:
 
 
 def _listed(folder: Path) -> list[str]:
-    """Return the files of the list; empty without a readable list."""
     try:
         content: Any = json.loads(_text(folder / NAME))
         if content["tool"] == "skincal" and isinstance(content["files"], list):
@@ -128,7 +127,6 @@ def _named_before(folder: Path) -> list[str]:
 
 
 def _described(file: Path) -> list[str]:
-    """Return the meshes and positions that a description names."""
     try:
         values: Any = tomllib.loads(_text(file))
         named = [values[table].get(key) for table, key in _NAMING if isinstance(values.get(table), dict)]
@@ -138,7 +136,6 @@ def _described(file: Path) -> list[str]:
 
 
 def _text(file: Path) -> str:
-    """Return the beginning of a file; '' if it cannot be read."""
     try:
         with open_input(file, file.parent) as stream:
             return stream.read(_MOST).decode()

@@ -12,9 +12,8 @@ from pathlib import Path
 
 from skincal.errors import first_of, input_error
 from skincal.files.inputs import open_input, real, reason
-from skincal.files.locks import alone
+from skincal.files.locks import alone, recover
 from skincal.files.manifest import NAME, holds, strangers
-from skincal.files.recovery import recover
 from skincal.signals import held_back
 
 _NOT_THERE = {errno.ENAMETOOLONG: "Choose a shorter name."} | dict.fromkeys(
@@ -134,7 +133,6 @@ def at_work(path: Path, marker: str | None) -> Generator[None]:
 
 
 def _has_mark(path: Path, mark: str) -> bool:
-    """Return whether a file is empty, or has a text near its beginning or its end."""
     with open_input(path) as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(0)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from killing import end_of
 
-from skincal.files import moves, recover, whole_file, whole_folder
+from skincal.files import outputs, recover, whole_file, whole_folder
 from skincal.files.manifest import NAME
 
 ABANDONED = ".out.abcd_123.part"
@@ -69,7 +69,7 @@ def test_a_kill_between_two_moves_is_mended(
         (tmp_path / "out" / NAME).unlink()
     child = os.fork()
     if not child:
-        monkeypatch.setattr(moves, "_renameat2", lambda *_: False)
+        monkeypatch.setattr(outputs, "_renameat2", lambda *_: False)
         rename = Path.rename
 
         def killed(self: Path, target: Path) -> Path:
@@ -99,7 +99,7 @@ def test_a_move_that_fails_brings_the_old_folder_back(
             raise OSError(5, "Input/output error", str(self))
         return rename(self, target)
 
-    monkeypatch.setattr(moves, "_renameat2", lambda *_: False)
+    monkeypatch.setattr(outputs, "_renameat2", lambda *_: False)
     monkeypatch.setattr(Path, "rename", failing)
     with pytest.raises(OSError, match="Input/output"):
         output(tmp_path / "out", "new")
@@ -111,7 +111,7 @@ def test_all_is_on_the_disk_before_it_is_in_place(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     order: list[str] = []
-    fsync, move = os.fsync, moves._renameat2
+    fsync, move = os.fsync, outputs._renameat2
 
     def synced(descriptor: int) -> None:
         order.append(Path(f"/proc/self/fd/{descriptor}").readlink().name)
@@ -122,7 +122,7 @@ def test_all_is_on_the_disk_before_it_is_in_place(
         return move(*arguments)  # type: ignore[arg-type]
 
     monkeypatch.setattr(os, "fsync", synced)
-    monkeypatch.setattr(moves, "_renameat2", moved)
+    monkeypatch.setattr(outputs, "_renameat2", moved)
     if kind == "folder":
         output(tmp_path / "out", "new")
         assert {"eval.json", NAME} <= set(order[: order.index("move")]) and order[-1] == tmp_path.name

@@ -15,7 +15,7 @@ from commands import run
 from skincal.calibration import write_calibration
 from skincal.dataset import write_dataset
 from skincal.errors import InputError
-from skincal.files import moves, refuse_existing, whole_file, whole_folder
+from skincal.files import outputs, refuse_existing, whole_file, whole_folder
 from skincal.files.manifest import NAME, strangers
 from skincal.hand.sockets import make_keys
 from tests.conftest import make_session
@@ -38,7 +38,7 @@ def output(path: Path, text: str = "old", **options: bool) -> Path:
 def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> bool:
     """True if kernel and file system have renameat2."""
     if not request.param:
-        monkeypatch.setattr(moves, "_renameat2", lambda *_: False)
+        monkeypatch.setattr(outputs, "_renameat2", lambda *_: False)
     return request.param
 
 
@@ -149,14 +149,14 @@ def test_what_appears_during_the_exchange_stays(
     """Between the last look and the move; the move is taken back."""
     out = output(tmp_path / "out")
     if way:
-        real = moves._renameat2
+        real = outputs._renameat2
 
         def move(source: Path, target: Path, flag: int) -> bool:
-            if flag == moves._EXCHANGE and source.suffix == ".part":
+            if flag == outputs._EXCHANGE and source.suffix == ".part":
                 write(out / "thesis.txt") if (out / "m.toml").read_text() == "old" else None
             return real(source, target, flag)
 
-        monkeypatch.setattr(moves, "_renameat2", move)
+        monkeypatch.setattr(outputs, "_renameat2", move)
     else:
         rename = Path.rename
 
