@@ -47,7 +47,7 @@ def audit(
     report, unit = _audited(source, calibration, hand, seed)
     picture = None if out is None else out / PICTURE
     if out is not None:
-        from skincal.report.audit import audit_figure
+        from skincal.report.diagnosis_figures import audit_figure
         from skincal.report.style import save
 
         with whole_folder(out, force=force, marker=PICTURE) as folder:

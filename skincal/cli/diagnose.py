@@ -64,7 +64,7 @@ def diagnose(
     from skincal.diagnosis.workflow import diagnose as find_missing
     from skincal.files import refuse_existing
     from skincal.inference.constants import CONSTANTS
-    from skincal.report.diagnosis_words import verdict_lines
+    from skincal.report.cards import verdict_lines
     from skincal.workers.processes import available_cores, import_modules, mapper
 
     refuse_existing(out, dataset, calibration, force=force, marker="calibration.toml")

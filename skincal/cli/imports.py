@@ -128,7 +128,7 @@ def _report(done: Imported, as_json: bool) -> None:
         say(f"left out {dropped}")
     picture = None
     if compared := [clock for clock in done.clocks if len(clock.time_s)]:
-        from skincal.report.clocks import clocks_figure
+        from skincal.report.dataset import clocks_figure
         from skincal.report.style import save_whole
 
         picture = done.folder / "clocks.png"

@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from skincal.deploy import Deployed
 from skincal.model import TaxelLayout
 from skincal.model.arrays import FloatArray
-from skincal.report.style import BLACK, BLUE, GREY, RED, legend_below, new_figure, styled
-from skincal.report.taxel_map import draw_outlines
+from skincal.report.style import BLACK, BLUE, GREY, RED, draw_outlines, legend_below, new_figure, styled
 
 
 @styled

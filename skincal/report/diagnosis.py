@@ -13,9 +13,14 @@ from markupsafe import escape
 from skincal.diagnosis.next_presses import PLAN_FILE
 from skincal.effects import EFFECTS
 from skincal.files import real
-from skincal.report.audit import audit_figure
-from skincal.report.diagnosis_figures import candidates_figure, curves_figure, gap_figure, where_figure
-from skincal.report.diagnosis_words import tone
+from skincal.report.cards import tone
+from skincal.report.diagnosis_figures import (
+    audit_figure,
+    candidates_figure,
+    curves_figure,
+    gap_figure,
+    where_figure,
+)
 from skincal.report.page import Picture, picture, span, write_page
 
 if TYPE_CHECKING:
@@ -83,7 +88,6 @@ def write_diagnosis_report(
 
 
 def _draw(asked: tuple[str, Diagnosis, Dataset, Path]) -> Picture:
-    """Draw a figure into a folder."""
     stem, diagnosis, dataset, folder = asked
     if stem == "audit":
         return picture(audit_figure(diagnosis.audit), stem, folder)

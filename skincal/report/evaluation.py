@@ -26,12 +26,12 @@ from skincal.report.style import (
     ORANGE,
     SEVERAL,
     as_it_is,
+    draw_outlines,
     legend_below,
     new_figure,
     save,
     styled,
 )
-from skincal.report.taxel_map import draw_outlines
 from skincal.robot import bundled_hand
 from skincal.train import Policy
 from skincal.train.evaluate import Trial, environment_for, episode

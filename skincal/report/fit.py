@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -12,8 +13,8 @@ import numpy as np
 
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
+from skincal.fitting.problem import USED
 from skincal.fitting.result import FitResult
-from skincal.report.fit_presses import why_unused
 from skincal.report.fit_quantities import quantities, with_digits
 from skincal.report.page import Picture, picture, write_page
 
@@ -81,9 +82,13 @@ def write_fit_report(
 
 
 def _picture(of: tuple[str, FitResult, Dataset, Path]) -> Picture:
-    """Draw a figure; see :func:`skincal.report.page.picture`."""
     stem, result, dataset, folder = of
     return picture(FIGURES[stem](result, dataset), stem, folder, dataset.meta.sensor.unit)
+
+
+def why_unused(result: FitResult) -> list[tuple[str, int]]:
+    """Return the reasons why presses were not used, with their numbers, the most frequent first."""
+    return Counter(status for status in result.problem.status if status != USED).most_common()
 
 
 def _scales(result: FitResult) -> dict[str, str] | None:

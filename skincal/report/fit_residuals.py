@@ -15,8 +15,18 @@ from skincal.dataset.summary import session_times_s
 from skincal.fitting.result import FitResult
 from skincal.fitting.types import Floats
 from skincal.model.arrays import BoolArray
-from skincal.report.style import BLACK, BLUE, DIVERGING, GREY, ORANGE, RED, equal_axes_mm, new_figure, styled
-from skincal.report.taxel_map import draw_taxels
+from skincal.report.style import (
+    BLACK,
+    BLUE,
+    DIVERGING,
+    GREY,
+    ORANGE,
+    RED,
+    draw_taxels,
+    equal_axes_mm,
+    new_figure,
+    styled,
+)
 
 TOUCHED_COUNTS, TOUCHED_SIGMAS = 1.0, 4.0
 """A taxel is included if it reads, or should read, this many counts and this many times its noise."""

@@ -13,9 +13,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from skincal.dataset import Dataset
+from skincal.dataset.placement import patch_coordinates
 from skincal.fitting.result import FitResult
 from skincal.fitting.types import Floats
-from skincal.report.fit_presses import measured_uv_m
+from skincal.model import SensorPose
 from skincal.report.style import (
     BAD,
     BLACK,
@@ -24,13 +25,14 @@ from skincal.report.style import (
     LIGHT,
     ORANGE,
     RED,
+    draw_outlines,
     equal_axes_mm,
     lay_out,
     legend_below,
+    near_patch,
     new_figure,
     styled,
 )
-from skincal.report.taxel_map import draw_outlines, near_patch
 
 MOST_NAMED = 40
 """Up to this number, presses are labelled with their numbers where there is room."""
@@ -59,8 +61,16 @@ def slack_figure(result: FitResult, dataset: Dataset) -> Figure:
     return figure
 
 
+def measured_uv_m(result: FitResult, dataset: Dataset) -> Floats:
+    """Return the measured contact positions (N, 2) on the patch at its best pose [m]; NaN where not measured."""
+    rig, across_m = result.problem.rig, result.best["across_m"]
+    radius_m = rig.arc_radius_m
+    across = {"x_m": across_m} if radius_m is None else {"beta_rad": across_m / radius_m}
+    pose = SensorPose(result.best["y_m"], result.best["alpha_rad"], **across)
+    return patch_coordinates(rig.surface, pose, dataset.presses.position_m)
+
+
 def _name_presses(axes: Axes, names: list[str], points: Floats, keep_clear: Floats) -> None:
-    """Write the numbers of the presses where there is room, and how many are missing."""
     if missing := name_points(axes, names, points, keep_clear=keep_clear):
         words = f"{missing} number{'s' if missing > 1 else ''} left out for lack of room"
         axes.text(1.0, 1.0, words, transform=axes.transAxes, ha="right", va="bottom", fontsize=7, color=GREY)
@@ -167,7 +177,6 @@ def name_points(axes: Axes, names: Sequence[str], points: Floats, *, keep_clear:
 
 
 def _in_points(axes: Axes, points: Floats) -> Floats:
-    """Return the positions on the page [pt]."""
     return axes.transData.transform(points) * 72.0 / axes.figure.dpi  # type: ignore[union-attr]
 
 

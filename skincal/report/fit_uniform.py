@@ -13,8 +13,7 @@ from skincal.calibrate import UniformOutcome
 from skincal.dataset import Dataset
 from skincal.report.fit_quantities import with_digits
 from skincal.report.page import picture, write_page
-from skincal.report.style import BLACK, BLUE, GREY, ORANGE, equal_axes_mm, new_figure, styled
-from skincal.report.taxel_map import draw_taxels
+from skincal.report.style import BLACK, BLUE, GREY, ORANGE, draw_taxels, equal_axes_mm, new_figure, styled
 
 _MOST_LINES = 60
 

@@ -102,7 +102,6 @@ def _least(rmse: Floats, *keep: int) -> Floats:
 
 
 def _marks(result: FitResult) -> list[tuple[float, str, Any, str]]:
-    """Return error [counts], colour, line style and label of the levels to draw, all of the grid's own loss."""
     paper = PAPER_BOUND_COUNTS2**0.5
     if result.bound == "fixed":
         own, words = result.valley_mse_counts2**0.5, "valley's bound"

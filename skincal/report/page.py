@@ -132,7 +132,6 @@ def span(numbers: ArrayLike) -> str:
 
 
 def _provenance(calibration: Calibration) -> list[tuple[str, str]]:
-    """Return the provenance of a calibration, as names and words."""
     of = calibration.provenance
     rows = [
         ("dataset", of.dataset),

@@ -17,12 +17,12 @@ from skincal.report.style import (
     ORANGE,
     RED,
     as_it_is,
+    draw_outlines,
     equal_axes_mm,
     legend_below,
     new_figure,
     styled,
 )
-from skincal.report.taxel_map import draw_outlines
 
 COLOURS = dict(zip(KINDS, (BLUE, RED, GREEN, ORANGE), strict=True))
 LARGEST_MARK_PT2 = 110.0
@@ -73,7 +73,6 @@ def _draw_order(axes: Axes, plan: Plan) -> None:
 
 
 def _draw_poses(axes: Axes, plan: Plan) -> None:
-    """Draw a grey background for every second pose."""
     names = plan.pose_names
     for i, press in enumerate(plan.presses):
         if names.index(press.pose) % 2:

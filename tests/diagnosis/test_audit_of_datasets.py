@@ -16,7 +16,7 @@ from skincal.diagnosis.planned_session import plan_session
 from skincal.effects import EFFECTS
 from skincal.effects.samples import HOLD
 from skincal.errors import InputError, WorkError
-from skincal.report.audit import audit_figure
+from skincal.report.diagnosis_figures import audit_figure
 from skincal.robot import hand_named
 
 HAND = hand_named()

@@ -10,8 +10,8 @@ from report.diagnosis_cases import diagnosed
 
 from skincal.cli.terminal import plain
 from skincal.diagnosis.summary import summary
+from skincal.report.cards import headline, tone, verdict_lines
 from skincal.report.diagnosis import FIGURES, write_diagnosis_report
-from skincal.report.diagnosis_words import headline, tone, verdict_lines
 
 
 @pytest.mark.parametrize("kind", ["hysteresis", "static"])

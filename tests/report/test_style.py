@@ -1,12 +1,27 @@
+"""The style of figures, and maps with a value per taxel."""
+
 from __future__ import annotations
 
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
 import pytest
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from skincal.report.style import new_figure, png_bytes, save, style
+from skincal.model import TaxelLayout
+from skincal.report.style import DIVERGING, draw_taxels, new_figure, png_bytes, save, style
+
+
+@pytest.mark.parametrize(
+    ("colours", "white"), [("viridis", [0, 1]), ("viridis_r", [2, 3]), (DIVERGING, [0, 3])]
+)
+def test_values_are_white_on_dark_colours_alone(colours: str, white: list[int]) -> None:
+    axes = new_figure(3, 3).subplots()
+    layout, values = TaxelLayout.grid(2, 2, taxel_size_m=2e-3, pitch_m=3e-3), np.array([0.0, 1.0, 3.0, 4.0])
+    draw_taxels(axes, layout, values, Normalize(0.0, 4.0), colours)
+    assert [k for k, text in enumerate(axes.texts) if text.get_color() == "white"] == white
 
 
 def _title(figure: Figure) -> str:
