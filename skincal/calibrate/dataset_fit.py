@@ -25,7 +25,7 @@ from skincal.calibrate.problem import fit_problem, search_box
 from skincal.calibrate.way import Method, Way, choose_way
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
-from skincal.dataset.refusal import refusal
+from skincal.dataset.dataset import refusal
 from skincal.dataset.rest import REST_IN_DOUBT, rest_in_doubt
 from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.problem import FEW_PRESSES, NO_DENSITY, NO_POSITION, USED, FitError, FitProblem

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from skincal.calibrate.way import Way, choose_way
 from skincal.calibration.parts import ELASTICITY_PA_PER_M
 from skincal.dataset import Dataset, Presses, idle_means
-from skincal.dataset.refusal import refusal
+from skincal.dataset.dataset import refusal
 from skincal.dataset.rest import rest_drift
 from skincal.dataset.uniform_pressure import UNIFORM, uniform_pressure
 from skincal.errors import InputError, Problem

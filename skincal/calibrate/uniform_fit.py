@@ -11,7 +11,7 @@ from skincal.calibrate.data_findings import adapt_to_rig
 from skincal.calibrate.problem import search_box
 from skincal.calibration import MARGIN_M, Calibration, Finding, Loss, ModelParameters, Provenance
 from skincal.dataset import Dataset, idle_means
-from skincal.dataset.refusal import refusal
+from skincal.dataset.dataset import refusal
 from skincal.dataset.uniform_pressure import UNIFORM, centre_contacts, zero_load_levels
 from skincal.errors import first_of
 from skincal.fitting.observe import Readout, observe

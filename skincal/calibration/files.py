@@ -14,8 +14,8 @@ from skincal.calibration.calibration import Calibration, Columns
 from skincal.calibration.toml_file import FILE, FORMAT, CalibrationFile, plain_file
 from skincal.covariates import ANY, NOT_NEGATIVE
 from skincal.dataset.columns import ColumnReader
-from skincal.dataset.companions import position_columns, read_meshes, read_positions
 from skincal.dataset.findings import Findings, Sheet
+from skincal.dataset.meta_file import position_columns, read_meshes, read_positions
 from skincal.dataset.schema import load_toml, read_table
 from skincal.dataset.table_file import RawTable, write_table
 from skincal.dataset.table_file import read_table as read_raw_table

@@ -12,7 +12,7 @@ from skincal.progress import stage_bars
 
 if TYPE_CHECKING:
     from skincal.dataset import Dataset
-    from skincal.dataset.writing import Format
+    from skincal.dataset.folder import Format
     from skincal.prediction import Prediction
 
 EPILOG = example(

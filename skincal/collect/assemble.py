@@ -13,8 +13,8 @@ from skincal.collect.journal import Arrays, Journal
 from skincal.collect.record import OF_SKIN
 from skincal.covariates import POSITION
 from skincal.dataset import IDLE, Dataset, DatasetMeta, Frames, Presses
-from skincal.dataset.count_checks import DEAD_STRETCH, long_stretches
 from skincal.dataset.rest import ACTIVE_COUNTS
+from skincal.dataset.table_conversion import DEAD_STRETCH, long_stretches
 from skincal.errors import Problem
 from skincal.model.arrays import FloatArray
 

@@ -1,8 +1,8 @@
 """Datasets: a folder of presses, read, checked and written (contract ``skincal-dataset/1``)."""
 
 from skincal.dataset.dataset import Dataset
+from skincal.dataset.folder import Check, check_dataset, read_dataset, write_dataset
 from skincal.dataset.meta_file import dataset_hash
-from skincal.dataset.reading import Check, check_dataset, read_dataset
 from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels, idle_means, rest_levels
 from skincal.dataset.spec import (
     FORMAT,
@@ -16,7 +16,6 @@ from skincal.dataset.spec import (
     SurfaceSpec,
 )
 from skincal.dataset.tables import HOLD, IDLE, LOAD, PHASES, UNLOAD, Frames, Presses, TaxelPositions
-from skincal.dataset.writing import write_dataset
 
 __all__ = [
     "ACTIVE_COUNTS",

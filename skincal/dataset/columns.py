@@ -235,7 +235,6 @@ def _number(cell: object) -> float | None:
 
 
 def _how_to_add(missing: Sequence[str]) -> str:
-    """Return the advice for missing columns."""
     if all(TAXEL.fullmatch(name) for name in missing):
         return "Add them, NaN throughout for a dead taxel, or correct [sensor] rows and cols in dataset.toml."
     if "force_n" in missing:
@@ -244,5 +243,4 @@ def _how_to_add(missing: Sequence[str]) -> str:
 
 
 def _first(names: Sequence[str], shown: int = 6) -> str:
-    """Return the first names as text, with their total number if there are more."""
     return ", ".join(names[:shown]) + (f", … ({len(names)} in all)" if len(names) > shown else "")

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from skincal.dataset.model_objects import converter_of, indenter_of, layout_of, pose_of, surface_of
 from skincal.dataset.spec import DatasetMeta
 from skincal.dataset.tables import Frames, Presses, TaxelPositions
-from skincal.errors import Problem
+from skincal.errors import Problem, WorkError
 from skincal.model.arrays import FloatArray
 from skincal.shown import Shown
+from skincal.units import in_unit
 
 if TYPE_CHECKING:
     from skincal.model import Converter, Indenter, SensorPose, Surface, TaxelLayout
@@ -97,3 +98,10 @@ class Dataset(Shown):
     def converter(self) -> Converter:
         """Return the converter of ``[sensor]``."""
         return converter_of(self.meta.sensor)
+
+
+def refusal(dataset: Dataset, reason: str) -> WorkError:
+    """Return the error for a dataset that cannot be used for a reason."""
+    end = "" if reason.endswith((".", "?")) else "."
+    text = in_unit(reason, dataset.meta.sensor.unit)
+    return WorkError(f"{dataset.folder or 'the dataset'}: {text}{end}")

@@ -54,12 +54,10 @@ class Findings:
         self._add(self.warnings, Problem(self._whole(place), expected, str(got), fix, code, "note", details))
 
     def _add(self, problems: list[Problem], problem: Problem) -> None:
-        """Add a problem to those of its kind, up to a limit."""
         if len(problems) < MOST_PROBLEMS:
             problems.append(problem)
 
     def _whole(self, place: str) -> str:
-        """Return a place with its folder."""
         folder = str(self._folder or "")
         if not folder or place == folder or place.startswith(folder + os.sep):
             return place

@@ -71,7 +71,6 @@ class Key:
         return None if self._is_valid(value) else self._refused(value)
 
     def _is_valid(self, value: Any) -> bool:
-        """Return whether a value of the right type is valid."""
         numbers = [*_numbers(value)]
         return all(self.low <= one <= self.high and (self.inf or math.isfinite(one)) for one in numbers)
 

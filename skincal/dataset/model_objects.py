@@ -43,7 +43,6 @@ def indenter_of(spec: IndenterSpec, meshes: Mapping[str, bytes], radius_m: float
 
 
 def _built(kind: Kind, numbers: dict[str, float], file: str | None, meshes: Mapping[str, bytes]) -> Any:
-    """Return the model object of a kind."""
     import skincal.model
 
     make = getattr(skincal.model, kind.model)

@@ -1,8 +1,9 @@
-"""Patch coordinates of contact points: the inverse of the mapping from the patch to the fingertip frame."""
+"""Contact points: their patch coordinates, and their motion while they are held. Pure numerics."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -77,3 +78,65 @@ def _refined(surface: Surface, pose: SensorPose, points: FloatArray, uv: FloatAr
     slopes[~whole] = np.eye(3, 2)
     step = np.einsum("kij,kj->ki", np.linalg.pinv(slopes), points - here)
     return np.where(whole[:, None], uv + step, uv)
+
+
+SMALLEST_M: Final = 1e-4
+"""Smallest movement of a contact that slides, for any accuracy of its position [m]."""
+
+FEWEST_SAMPLES: Final = 4
+"""Smallest number of samples of a hold from which their noise is estimated."""
+
+PARTS: Final = 8
+"""Length of a hold over the length of the smoothing window of its positions."""
+
+NOISE_SIGMAS: Final = 6.0
+"""Extent of a smoothed path of pure noise, in standard deviations (simulated: 1 in 1000 exceeds it)."""
+
+
+def sample_noise_m(holds: Sequence[FloatArray]) -> float:
+    """Return the standard deviation of a single position (as a vector) [m], the median over holds, each (n, 3)."""
+    found: list[float] = []
+    for position in holds:
+        if len(position) >= FEWEST_SAMPLES and np.isfinite(position).all():
+            # Differences of neighbours are noise alone, since a slide is slow.
+            apart = np.diff(position, axis=0)
+            spread = np.median(np.abs(apart - np.median(apart, axis=0)), axis=0)
+            found.append(float(np.linalg.norm(1.4826 * spread)) / np.sqrt(2))
+    return float(np.median(found)) if found else 0.0
+
+
+def slide_m(position_m: FloatArray, noise_m: float) -> float:
+    """Return the extent of a contact's path in its hold (n, 3) [m]; NaN for unknown positions.
+
+    It is corrected for ``noise_m``, the standard deviation of a single position (:func:`sample_noise_m`).
+    """
+    path, width = _path(position_m)
+    if len(path) < 2:
+        return float("nan")
+    noise = NOISE_SIGMAS * noise_m / np.sqrt(width)
+    return max(float(np.linalg.norm(np.ptp(path, axis=0))) - noise, 0.0)
+
+
+def rests(position_m: FloatArray, still_m: float, noise_m: float) -> tuple[int, int]:
+    """Return the longest stretch ``[start, stop)`` of a hold (n, 3) in which the contact moves at most ``still_m``.
+
+    The bound is corrected for noise as in :func:`slide_m`.
+    """
+    path, width = _path(position_m)
+    allowed = still_m + NOISE_SIGMAS * noise_m / np.sqrt(width)
+    best, start = (0, 0), 0
+    for stop in range(1, len(path) + 1):
+        while np.linalg.norm(np.ptp(path[start:stop], axis=0)) > allowed:
+            start += 1
+        if stop - start > best[1] - best[0]:
+            best = start, stop
+    return best[0], best[1] + width - 1 if best[1] else 0
+
+
+def _path(position_m: FloatArray) -> tuple[FloatArray, int]:
+    """Return the smoothed positions (m, 3) and the width of the window; no positions if they are unknown."""
+    if len(position_m) < 2 or not np.isfinite(position_m).all():
+        return np.zeros((0, 3)), 1
+    width = max(1, len(position_m) // PARTS)
+    total = np.cumsum(np.vstack([np.zeros(3), position_m]), axis=0)
+    return (total[width:] - total[:-width]) / width, width

@@ -14,7 +14,7 @@ from skincal.covariates import POSITION, TARGET
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Sheet, listed
 from skincal.dataset.keys import MILLIMETRES, TWICE
-from skincal.dataset.sliding import SMALLEST_M, sample_noise_m, slide_m
+from skincal.dataset.placement import SMALLEST_M, sample_noise_m, slide_m
 from skincal.dataset.tables import HOLD, IDLE, Frames
 from skincal.dataset.unit_checks import (
     CODE,
@@ -88,7 +88,6 @@ def check_scale(points: FloatArray, sheet: Sheet) -> None:
 def _check_positions(
     dataset: Dataset, surface: Surface, points: FloatArray, sheet: Sheet, columns: tuple[str, ...]
 ) -> None:
-    """Check that positions of some columns lie on the surface, near the patch."""
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
         return
@@ -221,7 +220,6 @@ def _median(column: FloatArray | None) -> float:
 
 
 def _check_frames(dataset: Dataset, frames: Frames, sheet: Sheet) -> None:
-    """Check that frames agree with the table of presses in force and time."""
     presses, findings, place = dataset.presses, sheet.findings, sheet.column("force_n")
     step = _median(np.diff(frames.time_s))
     if step > 5:

@@ -101,7 +101,6 @@ def active_threshold(dataset: Dataset) -> float:
 
 
 def _idle(dataset: Dataset) -> BoolArray | None:
-    """Return which frames are idle (M,); None if there are too few."""
     frames = dataset.frames
     if frames is None or np.sum(idle := frames.phase == IDLE) < FEWEST_IDLE:
         return None

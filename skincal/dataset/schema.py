@@ -163,7 +163,6 @@ def read_table(
 
 
 def _violations(found: Any, place: Place) -> Iterator[Violation]:
-    """Yield the violations between keys of the tables at a place, and of those inside them."""
     if isinstance(found, tuple | dict):
         inside = found.items() if isinstance(found, dict) else enumerate(found)
         for name, inner in cast("Iterable[tuple[Any, Any]]", inside):

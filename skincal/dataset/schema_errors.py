@@ -124,7 +124,6 @@ class Translator:
         return "".join(f" {k + self._first}" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
 
     def _add_it(self, table: Place, key: Place, got: object) -> str:
-        """Return the advice for a missing key; '' if there is a value."""
         table = (*self._within, *table)
         where = f"[{self._path(table)}]" if table else "the top"
         return f"Add {key[-1]} = … to {where}." if got is ABSENT else ""

@@ -89,7 +89,6 @@ def session_times_s(dataset: Dataset) -> FloatArray | None:
 
 
 def _session_s(dataset: Dataset) -> float | None:
-    """Return the length of the session [s]; None without times."""
     times = session_times_s(dataset) if dataset.frames is None else dataset.frames.time_s
     if times is None or not np.isfinite(times).any():
         return None
@@ -97,7 +96,6 @@ def _session_s(dataset: Dataset) -> float | None:
 
 
 def _counted(column: NDArray[np.generic]) -> dict[str, int]:
-    """Return the number of cells by value."""
     texts = [value if isinstance(value, str) else f"{value:g}" for value in column.tolist()]
     counted = Counter("not given" if text in ("", "nan") else text for text in texts)
     return dict(sorted(counted.items()))

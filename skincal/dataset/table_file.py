@@ -161,7 +161,6 @@ def _parquet_column(
 
 
 def _is_single(kind: pa.DataType) -> bool:
-    """Return whether the cells of a column are single numbers, texts or dates."""
     import pyarrow as pa
 
     if isinstance(kind, pa.DictionaryType):
@@ -224,7 +223,6 @@ def _arrow(column: Any) -> pa.Array:
 
 
 def _bits(flags: BoolArray) -> pa.Buffer:
-    """Return flags as an Arrow bitmap."""
     import pyarrow as pa
 
     return pa.py_buffer(np.packbits(flags, bitorder="little"))
@@ -352,7 +350,6 @@ def _plain(column: pa.ChunkedArray) -> Column:
 
 
 def _numbers(chunk: pa.Array) -> Column:
-    """Return a chunk of numbers as an array, NaN for null."""
     if not chunk.null_count:
         return np.from_dlpack(chunk)
     valid, values = chunk.buffers()
@@ -362,5 +359,4 @@ def _numbers(chunk: pa.Array) -> Column:
 
 
 def _quoted(name: str) -> str:
-    """Return a column name as a CSV cell, quoted if necessary."""
     return '"' + name.replace('"', '""') + '"' if any(c in name for c in ',"\n') else name

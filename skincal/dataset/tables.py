@@ -58,7 +58,6 @@ class _Table:
     """Types of the attributes that are not measurements."""
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only, and check their shapes."""
         rows = len(np.asarray(self.press))
         for name, own in self.names.items():
             if (value := getattr(self, name)) is not None:
@@ -98,7 +97,6 @@ class _Table:
         return {k: dict(v) if isinstance(v, MappingProxyType) else v for k, v in vars(self).items()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore the state, with read-only arrays."""
         for name, value in state.items():
             own = MappingProxyType(value) if isinstance(value, dict) else value
             vars(self)[name] = _read_only(own) if isinstance(own, np.ndarray) else own

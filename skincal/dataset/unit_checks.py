@@ -192,7 +192,6 @@ def _some(frames: Frames, phase: int | None = None) -> IntArray:
 
 
 def _check_words(dataset: Dataset, sheet: Sheet, counts: FloatArray) -> bool:
-    """Report words that were read wrongly; return whether they were."""
     names = list(dataset.meta.sensor.taxel_columns())
     order = find_byte_order(counts)
     if order:
@@ -237,7 +236,6 @@ def _check_words(dataset: Dataset, sheet: Sheet, counts: FloatArray) -> bool:
 
 
 def _check_whole(dataset: Dataset, sheet: Sheet) -> None:
-    """Check that counts of a converter are whole numbers, and more than a few."""
     sensor = dataset.meta.sensor
     values = np.abs(dataset.presses.counts[np.isfinite(dataset.presses.counts)])
     top = float(values.max(initial=0.0))
@@ -272,7 +270,6 @@ def value_step(counts: FloatArray) -> float | None:
 
 
 def _check_direction(dataset: Dataset, sheet: Sheet) -> None:
-    """Check that counts grow with load: readings far from rest lie above it."""
     frames, subtracted = dataset.frames, dataset.meta.sensor.baseline == "subtracted"
     counts = dataset.presses.counts
     # Of a falling sensor, the readings at rest are the high ones.

@@ -138,7 +138,6 @@ def find_wrapped(
 
 
 def _by_load(bits: int, word: str, wrapped: BoolArray, mend: str) -> Wrapped:
-    """Return readings (n, J) that the load shows to have wrapped."""
     return Wrapped(
         bits, word, np.flatnonzero(wrapped.any(axis=0)), int(wrapped.sum()), "where the load is largest", mend
     )

@@ -12,7 +12,7 @@ from scipy.special import ndtri
 from skincal.calibration import Calibration, check_same_sensor, sensor_differences
 from skincal.collect import Mount, Plan
 from skincal.dataset import Dataset
-from skincal.dataset.refusal import refusal
+from skincal.dataset.dataset import refusal
 from skincal.diagnosis.dataset_session import check_phases, gap_session
 from skincal.diagnosis.observed import GUESSED_PA_PER_M, NoiseFloor, build_forward, observe
 from skincal.diagnosis.planned_session import plan_session

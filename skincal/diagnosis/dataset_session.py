@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from skincal.calibration import MARGIN_M
 from skincal.dataset import HOLD, IDLE, Dataset
-from skincal.dataset.refusal import refusal
+from skincal.dataset.dataset import refusal
 from skincal.dataset.uniform_pressure import centre_contacts
 from skincal.diagnosis.position_smoothing import smooth_positions
 from skincal.effects import Samples, hold_session, hold_times

@@ -10,7 +10,7 @@ import numpy as np
 from skincal.calibration import MARGIN_M, Calibration
 from skincal.calibration.skin import effects_of
 from skincal.dataset import IDLE, Dataset, idle_means
-from skincal.dataset.refusal import refusal
+from skincal.dataset.dataset import refusal
 from skincal.dataset.uniform_pressure import uniform_pressure, zero_load_levels
 from skincal.diagnosis.dataset_session import check_phases, gap_session, hold_groups, pose_names, press_rows
 from skincal.diagnosis.taxel_faults import TaxelFault, remove_faults

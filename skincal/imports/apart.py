@@ -110,7 +110,6 @@ def _limit(most_bytes: int, longest_s: int) -> None:
 
 
 def _sendable(error: Exception) -> Exception:
-    """Return an error that can be sent: itself, or one with the same text."""
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:

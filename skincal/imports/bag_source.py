@@ -1,24 +1,37 @@
-"""Reader of ROS bags: a recording with every stream on the clock of the taxels' topic."""
+"""Reader of ROS bags: the values that a mapping takes from each topic, all on the clock of the taxels' topic."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import DTypeLike
+from numpy.typing import DTypeLike, NDArray
 
 from skincal.bounded import UnreadableError
 from skincal.dataset.findings import Findings
 from skincal.errors import InputError, Problem, input_error
+from skincal.imports import targets
 from skincal.imports.apart import apart
-from skincal.imports.bag_file import check_topics, opened
+from skincal.imports.bag_file import (
+    FieldError,
+    NotHereError,
+    Step,
+    array_at,
+    check_topics,
+    number_at,
+    opened,
+    parse_path,
+    value_at,
+)
 from skincal.imports.clock import resampled
 from skincal.imports.mapping import Mapping, Quantity
-from skincal.imports.mapping_file import BagMapping
-from skincal.imports.recording import Column, ReadFile, Recording, joined
-from skincal.imports.streams import Collector
+from skincal.imports.mapping_file import BagMapping, BagTaxels, TopicRules
+from skincal.imports.recording import Column, FloatArray, ReadFile, Recording, joined
 
 
 def read_bags(mapping: Mapping, bags: Sequence[Path], findings: Findings) -> Recording:
@@ -107,3 +120,139 @@ def _recording(
     ages = {q.topic: f"{q.topic} within {file.rules(q.topic).max_age_s:g} s (max_age_s)" for q in needed}
     missing = {f"no {q.target} from {ages[q.topic]}": np.isnan(columns[q.target]) for q in needed}
     return recording.without("frame", missing)
+
+
+@dataclass
+class Stream:
+    """Samples of one topic while they are read.
+
+    Attributes:
+        stamps_ns: times of the messages on their clock [ns].
+        samples: values by field path, or by name of a joint's column: one per message.
+    """
+
+    topic: str
+    rules: TopicRules
+    stamps_ns: list[int] = field(default_factory=list[int])
+    samples: dict[str, list[Any]] = field(default_factory=dict[str, list[Any]])
+
+    def ordered(
+        self, path: str, zero_ns: int, dtype: DTypeLike = np.float64
+    ) -> tuple[FloatArray, NDArray[Any]]:
+        """Return the ascending times since ``zero_ns``, without the lag [s], and the samples of a path at them."""
+        # Subtract whole nanoseconds first: seconds since 1970 would lose the last digits.
+        passed = np.array([stamp - zero_ns for stamp in self.stamps_ns], dtype=np.float64)
+        time = passed * 1e-9 - self.rules.lag_s
+        order = np.argsort(time, kind="stable")
+        return time[order], np.array(self.samples.get(path, []), dtype=dtype)[order]
+
+
+_KINDS: Final[dict[str, tuple[Callable[[Any, Sequence[Step]], Any], str]]] = {
+    "array": (array_at, "an array of numbers"),
+    "number": (number_at, "a number"),
+    "text": (lambda message, steps: str(value_at(message, steps)), "a word"),
+}
+"""What reads a value of each kind, and what an error expects."""
+
+
+class Collector:
+    """Collector of the samples of all topics in a mapping."""
+
+    def __init__(self, mapping: Mapping, findings: Findings) -> None:
+        file = mapping.file
+        assert isinstance(file, BagMapping) and isinstance(file.taxels, BagTaxels)
+        self._joints_topic = "" if file.joints is None else file.joints.topic
+        self._findings = findings
+        self._reported: set[str] = set()
+        self._taxels = mapping.taxels
+        self._readers: dict[str, list[tuple[str, str, tuple[Step, ...], str]]] = {}
+        self.joints = () if file.joints is None else file.joints.names
+        """Names of the joints: those of the mapping, or of the first message."""
+        self.places = {q.topic: q.place for q in mapping.quantities if q.topic}
+        self.places[file.taxels.topic] = self._taxels.place
+        if self._joints_topic:
+            self.places[self._joints_topic] = f"{mapping.path.name}, [joints]"
+        self.streams = {topic: Stream(topic, file.rules(topic)) for topic in self.places}
+        self._add(file.taxels.topic, file.taxels.field, self._taxels.place, "array")
+        for quantity in mapping.quantities:
+            for path in quantity.sources:
+                kind = "text" if targets.is_text(quantity.target) else "number"
+                self._add(quantity.topic, path, quantity.place, kind)
+
+    def take(self, topic: str, receive_ns: int, message: Any) -> None:
+        """Add one message."""
+        stream = self.streams[topic]
+        sample: dict[str, Any] = {}
+        try:
+            for path, place, steps, kind in self._readers.get(topic, []):
+                sample[path] = self._read(path, place, steps, kind, message)
+            if topic == self._joints_topic:
+                sample |= self._joint_values(message)
+        except NotHereError:
+            return
+        stamp_ns = self._header_ns(topic, message) if stream.rules.clock == "header" else receive_ns
+        if stamp_ns is None:
+            return
+        stream.stamps_ns.append(stamp_ns)
+        for path, value in sample.items():
+            stream.samples.setdefault(path, []).append(value)
+
+    def _add(self, topic: str, path: str, place: str, kind: str) -> None:
+        try:
+            steps = parse_path(path)
+        except FieldError as error:
+            self._report(place, "a path like wrench.force.z", f'"{path}": {error}')
+            return
+        self._readers.setdefault(topic, []).append((path, place, steps, kind))
+
+    def _read(self, path: str, place: str, steps: tuple[Step, ...], kind: str, message: Any) -> Any:
+        read, expected = _KINDS[kind]
+        try:
+            values = read(message, steps)
+        except FieldError as error:
+            self._report(f"{place} field", f"{expected} at {path}", str(error))
+            raise NotHereError from error
+        if kind != "array":
+            return values
+        fewest = max(self._taxels.order) + 1
+        if len(values) < fewest:
+            self._report(f"{place} field", f"an array of {fewest} values or more", f"{len(values)} values")
+            raise NotHereError
+        return values
+
+    def _header_ns(self, topic: str, message: Any) -> int | None:
+        """Return the stamp of a message, or of the element that a path selects [ns]; None, reported, without one."""
+        holders = [message]
+        for _, _, steps, _ in self._readers.get(topic, []):
+            with suppress(FieldError, NotHereError):
+                holders.append(value_at(message, steps[:1]))
+        stamp = next((one.header.stamp for one in holders if hasattr(one, "header")), None)
+        if stamp is not None and (stamp.sec or stamp.nanosec):
+            return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+        no_header = (f"messages with a header on {topic}", "none")
+        expected, got = no_header if stamp is None else (f"stamps in the headers of {topic}", "0")
+        fix = f'Set clock = "receive" in [topics."{topic}"], and lag_s if its delay is known.'
+        self._report(self.places[topic], expected, got, fix)
+        return None
+
+    def _joint_values(self, message: Any) -> dict[str, float]:
+        if not all(hasattr(message, name) for name in ("name", "position", "effort")):
+            place, got = self.places[self._joints_topic], getattr(message, "__msgtype__", "another")
+            self._report(place, "sensor_msgs/JointState", got)
+            raise NotHereError
+        names = list(message.name)
+        self.joints = self.joints or tuple(names)
+        if not set(self.joints) & set(names):
+            # Several nodes may publish the states of different joints on one topic.
+            raise NotHereError
+        values: dict[str, float] = {}
+        for i, name in enumerate(self.joints):
+            at = names.index(name) if name in names else len(message.position)
+            values[f"q_{i}"] = float(message.position[at]) if at < len(message.position) else np.nan
+            values[f"tau_{i}"] = float(message.effort[at]) if at < len(message.effort) else np.nan
+        return values
+
+    def _report(self, place: str, expected: str, got: str, fix: str = "") -> None:
+        if place + expected not in self._reported:
+            self._reported.add(place + expected)
+            self._findings.error(place, expected, got, fix)

@@ -83,7 +83,6 @@ def _recording(
 
 
 def _complete(recording: Recording, mapping: Mapping, form: CsvSource) -> Recording:
-    """Return the recording without incomplete rows, of a joined file or where ``drop_incomplete`` is set."""
     needed = [q for q in mapping.quantities if q.topic and q.target in mapping.required]
     why = "no {0} from {1} at their time (max_age_s in [files.{1}])".format
     missing = {why(q.target, q.topic): np.isnan(recording.columns[q.target]) for q in needed}

@@ -45,14 +45,12 @@ def cut(series: Series, rules: CutRules) -> Cut:
 
 
 def _sorted(found: Iterable[Span | Rejected]) -> Cut:
-    """Return presses and rejected spans, each in their order."""
     every = list(found)
     spans = tuple(one for one in every if isinstance(one, Span))
     return Cut(spans, tuple(one for one in every if isinstance(one, Rejected)))
 
 
 def _press(series: Series, rules: CutRules, number: int, start: int, stop: int) -> Span | Rejected:
-    """Return the press of one contact."""
     hold = hold_of(series.time_s[start:stop], series.force_n[start:stop], rules)
     if isinstance(hold, str):
         return Rejected(start, stop, hold)
@@ -122,7 +120,6 @@ def _densest(force_n: FloatArray, mass: FloatArray, band: float) -> slice:
 
 
 def _bridged(mask: BoolArray) -> BoolArray:
-    """Return the mask with short gaps between stretches filled."""
     filled = mask.copy()
     for start, stop in runs(~mask):
         filled[start:stop] |= start > 0 and stop < len(mask) and stop - start <= BRIDGED

@@ -14,10 +14,10 @@ import numpy as np
 from skincal.covariates import NORMAL, POSITION, TARGET
 from skincal.dataset import Dataset, check_dataset
 from skincal.dataset.findings import Findings
+from skincal.dataset.folder import write_dataset_files
 from skincal.dataset.meta_file import FILE
 from skincal.dataset.model_objects import surface_of
 from skincal.dataset.spec import ClockSpec
-from skincal.dataset.writing import write_dataset_files
 from skincal.errors import InputError, Problem, input_error
 from skincal.files import refuse_existing, whole_folder
 from skincal.imports.alignment import JoinedClock
@@ -112,7 +112,6 @@ def _imported(
     mapping: str | Path, kind: str, out: str | Path, given: Sequence[str | Path],
     read: Callable[[Mapping, Sequence[Path], Findings], Recording], *, force: bool,
 ) -> Imported:  # fmt: skip
-    """Read a recording, of the command line or else of its mapping, and write its dataset."""
     found, findings = read_mapping(Path(mapping), kind), Findings()
     what = "a CSV file to read" if kind == "csv" else "a bag to read"
     paths = [Path(file) for file in given] or [found.resolve_file(name, what) for name in found.source.files]
@@ -190,7 +189,6 @@ def _traced(problem: Problem, folder: Path, mapping: Mapping) -> Problem:
 
 
 def _placed(recording: Recording, frame: Frame, surface: Surface | None) -> Recording:
-    """Return the recording with its positions, targets and normals in the fingertip frame."""
     columns = dict(recording.columns)
     rotation, translation = frame.rotation, np.asarray(frame.translation_m)
     moves = translation.any() or not np.array_equal(rotation, np.eye(3))

@@ -184,7 +184,6 @@ def _estimated(
 def _onto(
     quantity: Quantity, entry: JoinedFile, times: FloatArray, column: Column, ours: FloatArray
 ) -> Column:
-    """Return a column of a file at the times of the taxels."""
     age = STEPS_OLD * usual_step(times) if entry.form.max_age_s is None else entry.form.max_age_s
     if column.dtype != object:
         # Where the file has no value in a row, the row before is valid for as long as it may.

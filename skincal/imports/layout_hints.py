@@ -120,7 +120,6 @@ def _cells(line: str, mark: str) -> list[str]:
 
 
 def _other_header(filled: Sequence[tuple[int, str]], form: CsvFormat, wanted: Sequence[str]) -> str:
-    """Return the advice for a header in another line, or with another delimiter."""
     if not form.header:
         return ""
     for number, line in filled[:MOST_BEFORE]:
@@ -180,7 +179,6 @@ def _blocks(lines: list[tuple[int, str]], form: CsvFormat) -> str:
 
 
 def _lists(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:
-    """Return the advice for columns whose cells are lists."""
     rows = [_cells(line, form.delimiter) for _, line in filled[form.skip_rows : form.skip_rows + 2]]
     if not form.header or len(rows) < 2 or len(rows[0]) != len(rows[1]):
         return ""
@@ -190,7 +188,6 @@ def _lists(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:
 
 
 def _long(filled: Sequence[tuple[int, str]], form: CsvFormat) -> str:
-    """Return the advice for a table with one row per taxel."""
     rows = [_cells(line, form.delimiter) for _, line in filled[form.skip_rows :]]
     if not rows or not form.header:
         return ""

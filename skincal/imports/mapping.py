@@ -13,7 +13,7 @@ from skincal.dataset import DatasetMeta, TaxelPositions
 from skincal.dataset.word_checks import as_word, swapped
 from skincal.errors import input_error
 from skincal.files import check_input, reason
-from skincal.imports import targets, units
+from skincal.imports import targets
 from skincal.imports.mapping_file import (
     BagMapping,
     BagTable,
@@ -27,7 +27,7 @@ from skincal.imports.mapping_file import (
     Rows,
 )
 from skincal.imports.recording import Column, FloatArray
-from skincal.imports.units import Unit
+from skincal.imports.targets import Unit
 
 _AROUND = 4
 """The direction of a field is that of so many rows before and after."""
@@ -75,7 +75,7 @@ class Quantity:
     @property
     def is_text(self) -> bool:
         """True if the source holds words or dates."""
-        return targets.is_text(self.target) or self.unit.name == units.DATETIME
+        return targets.is_text(self.target) or self.unit.name == targets.DATETIME
 
     def resampling(self, usual: Resampling) -> Resampling:
         """Return the method of resampling: a value between press 3 and press 4 belongs to neither."""

@@ -1,24 +1,39 @@
-"""From a recording to presses: check it, put it on one clock, and cut it."""
+"""From a recording to presses: check it, put it on one clock, cut it, and make the tables of a dataset."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
+from typing import Final
 
 import numpy as np
+import pandas as pd
 
-from skincal.dataset import Frames, Presses
+from skincal.covariates import NORMAL, POSITION, TIMES
+from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD, Frames, Presses
 from skincal.dataset.columns import repeated
+from skincal.dataset.corrections import IMPOSSIBLE
 from skincal.dataset.findings import Findings, listed
-from skincal.dataset.impossible import IMPOSSIBLE
 from skincal.errors import InputError, first_of, input_error
 from skincal.imports import targets
 from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_numbered, in_contact
-from skincal.imports.dataset_tables import presses_of_rows, tables_of_series
 from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import CutRules
-from skincal.imports.recording import BoolArray, Cut, Dropped, FloatArray, Recording, Series, summed
+from skincal.imports.recording import (
+    BoolArray,
+    Column,
+    Cut,
+    Dropped,
+    FloatArray,
+    Recording,
+    Series,
+    Span,
+    runs,
+    summed,
+)
 from skincal.imports.resting import rested
-from skincal.imports.spikes import find_spikes
+from skincal.imports.targets import LABELS
+from skincal.model.rest import rounding_step
 
 SPIKES = 0.001
 """Part of the samples that may be spikes of the force sensor."""
@@ -67,7 +82,6 @@ def presses_and_frames(
 
 
 def _without_spikes(recording: Recording, found: Cut, file: str, findings: Findings) -> Recording:
-    """Return the recording with spikes set to NaN; add their number to the findings."""
     spikes = find_spikes(recording.counts, found)
     if not spikes.any():
         return recording
@@ -93,7 +107,6 @@ def _check_released(series: Series, rules: CutRules, file: str, findings: Findin
 
 
 def _check_numbers(recording: Recording, mapping: Mapping, findings: Findings) -> None:
-    """Check that numbers of presses are whole; an empty cell of a series means no press."""
     numbers = recording.columns.get("press")
     if numbers is None:
         return
@@ -115,7 +128,6 @@ def _series(recording: Recording, rules: CutRules, file: str, findings: Findings
 
 
 def _one_clock(recording: Recording, rules: CutRules, findings: Findings) -> FloatArray:
-    """Return the times of all files on one clock [s], shape (M,)."""
     time = np.array(recording.columns["time_s"], dtype=np.float64)
     if rules.own_clocks:
         for part in range(1, len(recording.files)):
@@ -133,7 +145,6 @@ def _one_clock(recording: Recording, rules: CutRules, findings: Findings) -> Flo
 
 
 def _where(recording: Recording, bad: BoolArray) -> str:
-    """Return the file and rows of the first places where a mask holds."""
     rows = np.flatnonzero(bad)
     part = int(recording.part[rows[0]])
     begin = int(np.flatnonzero(recording.part == part)[0])
@@ -149,3 +160,134 @@ def _no_press(series: Series, found: Cut, rules: CutRules, file: str) -> InputEr
     thresholds = f"on_n = {rules.on_n:g}, off_n = {rules.off_n:g}"
     fix = f"Look at the thresholds in [series] ({thresholds}), sign and unit of force_n."
     return input_error(file, "at least one press", f"{got} ({top})", "" if rules.by == "taxels" else fix)
+
+
+OVER_NOISE: Final = 10.0
+"""Least jump of a spike, in standard deviations of the noise of its stretch and of the taxel; chance makes none."""
+
+STEPS: Final = 2.5
+"""Least jump in steps of the converter: coarse readings jump by one step although their noise looks like zero."""
+
+MOST: Final = 0.05
+"""Largest part of readings that may be spikes; more are taken for the signal (set by eye)."""
+
+LEAST: Final = 4
+"""Smallest number of differences from which the noise of a stretch is estimated."""
+
+PART, SIGMAS = 0.8, 1.2816
+"""Quantile of absolute differences that gives the noise, and its value for a standard normal."""
+
+
+def find_spikes(counts: FloatArray, cut: Cut) -> BoolArray:
+    """Find the readings (M, J) that jump and return within one sample; none if there are too many.
+
+    The noise is estimated in each phase of a press and each stretch of rest.
+
+    Args:
+        counts: (M, J) samples; NaN where not read.
+        cut: presses of the series.
+    """
+    spikes, looked = np.zeros(counts.shape, dtype=bool), 0
+    if len(counts) <= LEAST:
+        return spikes
+    idle = np.ones(len(counts), dtype=bool)
+    for one in (*cut.spans, *cut.rejected):
+        idle[one.start : one.stop] = False
+    least = STEPS * rounding_step(counts[np.isfinite(counts)])
+    usual = _noise(np.diff(counts, axis=0))
+    edges = [(span.start, span.hold, span.hold_stop, span.stop) for span in cut.spans]
+    for start, end in (*(ends for four in edges for ends in pairwise(four)), *runs(idle)):
+        first, stop = max(start - 1, 0), min(end + 1, len(counts))
+        part = counts[first:stop, alive := np.isfinite(counts[first:stop]).any(axis=0)]
+        steps = np.diff(part, axis=0)
+        if len(steps) < LEAST:
+            continue
+        looked += steps[1:].size
+        limit = np.maximum(OVER_NOISE * np.maximum(_noise(steps), usual[alive]), least)
+        before, after = steps[:-1], steps[1:]
+        far = np.minimum(np.abs(before), np.abs(after))
+        far = np.minimum(far, np.abs(part[1:-1] - np.nanmedian(part, axis=0)))
+        spikes[first + 1 : stop - 1, alive] |= (np.sign(before) == -np.sign(after)) & (far > limit)
+    return spikes if spikes.sum() <= MOST * looked else np.zeros_like(spikes)
+
+
+def _noise(steps: FloatArray) -> FloatArray:
+    """Estimate the noise of each taxel (J,) from differences (n, J) of successive readings."""
+    return np.quantile(np.abs(np.nan_to_num(steps)), PART, axis=0) / (np.sqrt(2) * SIGMAS)
+
+
+OWN = ("press", "phase", "time_s", "force_n", *POSITION)
+
+
+def presses_of_rows(recording: Recording) -> Presses:
+    """Return the presses of a recording with one row per press; without numbers they are counted from 0."""
+    numbers = recording.columns.get("press")
+    taken = ("press", "force_n", *POSITION, *NORMAL)
+    return Presses(
+        press=np.arange(len(recording)) if numbers is None else numbers.astype(np.int64),
+        position_m=recording.vector(POSITION),
+        force_n=recording.columns["force_n"],
+        counts=recording.counts,
+        normals=_normals(recording),
+        columns={name: column for name, column in recording.columns.items() if name not in taken},
+    )
+
+
+def tables_of_series(recording: Recording, series: Series, cut: Cut) -> tuple[Presses, Frames]:
+    """Return the hold means of every press, and the frames without samples of rejected spans."""
+    press = np.full(len(series), -1, dtype=np.int64)
+    phase = np.full(len(series), IDLE, dtype=np.int8)
+    kept = np.ones(len(series), dtype=bool)
+    for rejected in cut.rejected:
+        kept[rejected.start : rejected.stop] = False
+    # A sample without any reading is no image.
+    kept &= np.isfinite(recording.counts).any(axis=1) | ~np.isfinite(recording.counts).any()
+    for span in cut.spans:
+        press[span.start : span.stop] = span.number
+        phase[span.start : span.hold] = LOAD if span.rising else UNLOAD
+        phase[span.hold : span.hold_stop] = HOLD
+        phase[span.hold_stop : span.stop] = UNLOAD
+    if series.phase is not None:
+        phase = np.array([PHASES.index(word) for word in series.phase], dtype=np.int8)
+    position = np.where((phase == IDLE)[:, None], np.nan, recording.vector(POSITION))
+    columns = {name: column for name, column in recording.columns.items() if name not in OWN}
+    frames = Frames(press, phase, series.time_s, series.force_n, position, recording.counts, columns)
+    return _presses(recording, series, cut.spans, phase == HOLD), frames.select(kept)
+
+
+def _presses(recording: Recording, series: Series, spans: tuple[Span, ...], held: BoolArray) -> Presses:
+    """Return the presses of spans; ``held`` (M,) says which samples within their holds count."""
+    rows = [np.arange(span.hold, span.hold_stop) for span in spans]
+    rows = [row[held[row]] for row in rows]
+    press, together = np.repeat(np.arange(len(spans)), [len(row) for row in rows]), np.concatenate(rows)
+
+    def means(values: FloatArray) -> FloatArray:
+        """Return means of measured values over each hold, (K,) or (K, columns); NaN where nothing was measured."""
+        means = pd.DataFrame(values[together]).groupby(press).mean().reindex(range(len(spans))).to_numpy()
+        return means[:, 0] if values.ndim == 1 else means
+
+    marks = [(span.start, span.hold, span.hold_stop - 1, span.stop - 1) for span in spans]
+    columns: dict[str, Column] = dict(zip(TIMES, series.time_s[np.array(marks)].T, strict=True))
+    if any(span.branch for span in spans) and "branch" not in recording.columns:
+        columns["branch"] = np.array([span.branch for span in spans], dtype=object)
+    for name, column in recording.columns.items():
+        if name not in (*OWN, *NORMAL):
+            of_press = column.dtype == object or name in LABELS
+            columns[name] = column[[span.hold for span in spans]] if of_press else means(column)
+    normals = _normals(recording)
+    if normals is not None:
+        normals = means(normals)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = normals / np.where(length > 0, length, np.nan)
+    return Presses(
+        press=np.array([span.number for span in spans], dtype=np.int64),
+        position_m=means(recording.vector(POSITION)),
+        force_n=means(series.force_n),
+        counts=means(recording.counts),
+        normals=normals,
+        columns=columns,
+    )
+
+
+def _normals(recording: Recording) -> FloatArray | None:
+    return recording.vector(NORMAL) if any(name in recording.columns for name in NORMAL) else None

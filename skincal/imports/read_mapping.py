@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import Any, cast
 
 from skincal.dataset.columns import NO_FORCE
-from skincal.dataset.companions import read_meshes, read_positions
 from skincal.dataset.findings import Findings, meant
+from skincal.dataset.meta_file import read_meshes, read_positions
 from skincal.dataset.schema import load_toml, read_table
 from skincal.dataset.schema_errors import Translator
 from skincal.imports import targets
 from skincal.imports.mapping import JoinedFile, Mapping, Quantity
-from skincal.imports.mapping_columns import read_columns, read_quantities, si_name
+from skincal.imports.mapping_columns import read_columns, read_quantities, read_taxels, si_name
 from skincal.imports.mapping_file import FORMAT, BagMapping, CsvMapping, CutRules, JoinedFormat
-from skincal.imports.mapping_taxels import read_taxels
 
 AnyMapping = CsvMapping | BagMapping
 
@@ -94,7 +93,6 @@ def _joined(file: AnyMapping, report: Translator, name: str) -> tuple[JoinedFile
 
 
 def _check_clocks(files: Map[str, JoinedFormat], report: Translator) -> None:
-    """Check that each ``clock`` names another table with a clock of its own."""
     for table, form in files.items():
         own = [other for other, one in files.items() if other != table and not one.clock]
         if form.clock and form.clock not in own:
@@ -138,7 +136,6 @@ def _cut(
 def _check_required(
     file: AnyMapping, quantities: tuple[Quantity, ...], joined: tuple[JoinedFile, ...], rows: str, report: Translator
 ) -> None:  # fmt: skip
-    """Check that the columns that a dataset needs are mapped, and times come from one clock."""
     mapped = {q.target for q in quantities}
     timed = isinstance(file, BagMapping) or file.csv.rate_hz is not None
     place = ("[columns.time_s]",)

@@ -9,7 +9,7 @@ import numpy as np
 
 from skincal.covariates import POSITION
 from skincal.dataset.findings import Findings
-from skincal.dataset.sliding import SMALLEST_M, rests, sample_noise_m, slide_m
+from skincal.dataset.placement import SMALLEST_M, rests, sample_noise_m, slide_m
 from skincal.errors import first_of, input_error
 from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import Slides

@@ -108,7 +108,6 @@ def read_source_table(
 
 
 def _refused(path: Path, head: bytes, form: CsvFormat) -> tuple[str, str] | None:
-    """Return the kind of an unsupported file, and advice; None for text."""
     if known := next((kind for magic, kind in REFUSED.items() if head.startswith(magic)), None):
         return known
     if head.startswith(b"PK\x03\x04"):

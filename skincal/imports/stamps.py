@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from skincal.dataset.findings import Findings, listed
-from skincal.imports import units
+from skincal.imports import targets
 from skincal.imports.clock import (
     BITS,
     DAY_S,
@@ -129,7 +129,7 @@ def read_clock(
 def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
     """Return the stamps of a file in the source's numbers, or in seconds; NaN where missing."""
     name = time.sources[0]
-    if time.unit.name != units.DATETIME:
+    if time.unit.name != targets.DATETIME:
         # The second part adds less than the steps of the first: seconds and nanoseconds.
         factors = time.parts or (1.0,)
         columns = (table.numbers(name) for name in time.sources)
@@ -214,7 +214,7 @@ def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings
     if not stamps:  # reported with the order of the rows
         return
     together = np.concatenate(stamps) * abs(time.scale)
-    known = {name: units.FACTORS[units.TIME][name] for name in ("s", "ms", "us", "ns")}
+    known = {name: targets.FACTORS[targets.TIME][name] for name in ("s", "ms", "us", "ns")}
     factor = time.unit.factor
     raw = max((usual_step(part) for part in stamps), default=0.0) * abs(time.scale)
     if raw == 0 and np.nanmin(together) == np.nanmax(together):
@@ -281,7 +281,7 @@ def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings:
     fix = (
         f"The clock went back by an hour, as at the end of daylight saving time: set wraps_at = {HOUR_S:g}."
         if back.size == 1
-        and time.unit.name == units.DATETIME
+        and time.unit.name == targets.DATETIME
         and hour_off < LARGEST_STEP * usual_step(time_s)
         else 'The last row is the first event: set order = "time".'
         if back.size == len(time_s) - 1

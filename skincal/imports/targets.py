@@ -1,12 +1,84 @@
-"""The columns of a dataset that a mapping may fill: their kinds and their groups."""
+"""The columns of a dataset that a mapping may fill, their kinds and groups, and the units of their sources."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import Final
 
 from skincal.covariates import COLUMNS, NORMAL, POSITION, TARGET, TEXT, TIMES, WHOLE
 from skincal.dataset.columns import JOINT, OPTIONAL
-from skincal.imports import units
+
+STANDARD_GRAVITY: Final = 9.80665
+"""Standard acceleration of gravity [m/s²] (BIPM, SI brochure)."""
+
+INCH_M: Final = 0.0254
+POUND_KG: Final = 0.45359237
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of a source: ``SI = factor * value + offset``.
+
+    Attributes:
+        factor: value of one unit in SI.
+        offset: value of its zero in SI; only temperatures have one.
+    """
+
+    name: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+LENGTH, FORCE, ANGLE, TIME = "length", "force", "angle", "time"
+TORQUE, SPEED, TEMPERATURE, NONE = "torque", "speed", "temperature", "number"
+
+DATETIME: Final = "datetime"
+"""Instead of a unit of time: dates with times, like 2026-11-20 12:00:00.250."""
+
+FACTORS: Final[dict[str, dict[str, float]]] = {
+    LENGTH: {
+        "m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "inch": INCH_M, "mil": INCH_M / 1000,
+    },
+    FORCE: {
+        "N": 1.0, "kN": 1e3, "cN": 1e-2, "mN": 1e-3, "uN": 1e-6, "gf": 1e-3 * STANDARD_GRAVITY,
+        "kgf": STANDARD_GRAVITY, "lbf": POUND_KG * STANDARD_GRAVITY, "ozf": POUND_KG * STANDARD_GRAVITY / 16,
+        "dyn": 1e-5,
+    },
+    ANGLE: {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "turn": 2 * math.pi},
+    TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0, DATETIME: 1.0},
+    TORQUE: {"N m": 1.0, "mN m": 1e-3, "N mm": 1e-3, "N cm": 1e-2, "kgf cm": STANDARD_GRAVITY / 100},
+    SPEED: {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "mm/min": 1e-3 / 60, "inch/s": INCH_M},
+    TEMPERATURE: {"C": 1.0, "K": 1.0, "F": 5 / 9},
+    NONE: {"1": 1.0},
+}  # fmt: skip
+"""Units in SI (degrees Celsius for temperatures), by the kind of quantity."""
+
+_ZEROS = {"K": -273.15, "F": -32 * 5 / 9}
+_ALIASES = {
+    "in": "inch", "µm": "um", "μm": "um", "µs": "us", "μs": "us", "Nm": "N m", "N*m": "N m", "mNm": "mN m",
+    "Nmm": "N mm", "Ncm": "N cm", "°C": "C", "degC": "C", "°F": "F", "degF": "F", "°": "deg", "degrees": "deg",
+    "radians": "rad", "sec": "s", "g": "gf", "kg": "kgf", "kp": "kgf", "lb": "lbf", "lbs": "lbf", "oz": "ozf",
+}  # fmt: skip
+
+
+def unit_of(kind: str, name: str) -> Unit | None:
+    """Return the unit of a quantity by its name; None if unknown."""
+    name = _ALIASES.get(name, name)
+    factor = FACTORS[kind].get(name)
+    return None if factor is None else Unit(name, factor, _ZEROS.get(name, 0.0))
+
+
+def other_kind(name: str) -> str | None:
+    """Return the kind of quantity of a unit; None for an unknown unit."""
+    name = _ALIASES.get(name, name)
+    return next((kind for kind, units in FACTORS.items() if name in units), None)
+
+
+def si_unit(kind: str) -> Unit:
+    """Return the unit that the dataset itself has: the first of a kind."""
+    return Unit(next(iter(FACTORS[kind])))
+
 
 VECTORS: Final = {"position": POSITION, "normal": NORMAL, "target": TARGET}
 """Names that stand for three columns at once in a mapping."""
@@ -15,14 +87,14 @@ PRESSES, SERIES = "presses", "series"
 """Meaning of a row of the source: a whole press, or one sample of a time series."""
 
 _KINDS: Final = {
-    **{name: column.quantity for name, column in COLUMNS.items() if column.quantity != units.NONE},
-    **dict.fromkeys(POSITION, units.LENGTH),
-    "force_n": units.FORCE,
-    **dict.fromkeys((*TIMES, "time_s"), units.TIME),
+    **{name: column.quantity for name, column in COLUMNS.items() if column.quantity != NONE},
+    **dict.fromkeys(POSITION, LENGTH),
+    "force_n": FORCE,
+    **dict.fromkeys((*TIMES, "time_s"), TIME),
 }
 
 _ENDS: Final = {
-    "_m_per_s": units.SPEED, "_m": units.LENGTH, "_n": units.FORCE, "_s": units.TIME, "_rad": units.ANGLE,
+    "_m_per_s": SPEED, "_m": LENGTH, "_n": FORCE, "_s": TIME, "_rad": ANGLE,
 }  # fmt: skip
 """Kinds of quantities of other columns, by the unit at the end of their names."""
 
@@ -33,9 +105,9 @@ LABELS: Final = tuple(name for name, column in COLUMNS.items() if column.of_pres
 def quantity_of(target: str) -> str:
     """Return the kind of quantity of a column; plain numbers for one without a unit."""
     if joint := JOINT.fullmatch(target):
-        return units.ANGLE if joint[1] == "q" else units.TORQUE
-    by_name = next((kind for end, kind in _ENDS.items() if target.endswith(end)), units.NONE)
-    return _KINDS.get(target, units.NONE if target in OPTIONAL else by_name)
+        return ANGLE if joint[1] == "q" else TORQUE
+    by_name = next((kind for end, kind in _ENDS.items() if target.endswith(end)), NONE)
+    return _KINDS.get(target, NONE if target in OPTIONAL else by_name)
 
 
 def needs_unit(target: str) -> bool:

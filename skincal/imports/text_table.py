@@ -217,7 +217,6 @@ def check_columns(
 def _parse(
     sheet: SourceSheet, body: str, form: CsvFormat, names: list[str], types: dict[str, str], lines: IntArray
 ) -> dict[str, Column] | None:  # fmt: skip
-    """Return the columns, as numbers if possible, else as text."""
     import pyarrow as arrow  # pyright: ignore[reportMissingTypeStubs]
     import pyarrow.csv as arrow_csv  # pyright: ignore[reportMissingTypeStubs]
 

@@ -15,7 +15,7 @@ from skincal.collect.plan import Plan, PlannedPress
 from skincal.collect.progress import Watch
 from skincal.collect.stage import stage_plan
 from skincal.dataset import HOLD, read_dataset
-from skincal.dataset.reading import Check
+from skincal.dataset.folder import Check
 from skincal.errors import InputError, Problem, WorkError
 from skincal.hand import HandError, StageDescription, StageState, create_driver, create_rig
 from skincal.hand.stage_sim import StageSim

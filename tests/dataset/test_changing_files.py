@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from skincal.dataset import check_dataset, read_dataset, reading, table_file
+from skincal.dataset import check_dataset, read_dataset, table_file
+from skincal.dataset.folder import add_remarks
 from skincal.errors import InputError
 
 
@@ -43,19 +44,19 @@ def rewritten(path: Path) -> None:
 def test_files_that_change_after_they_were_read(
     folder: Path, name: str, change: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    remarks = reading.add_remarks
+    remarks = add_remarks
 
     def meanwhile(*arguments: Any) -> None:
         remarks(*arguments)
         change(folder / name)
 
-    monkeypatch.setattr(reading, "add_remarks", meanwhile)
+    monkeypatch.setattr("skincal.dataset.folder.add_remarks", meanwhile)
     with pytest.raises(InputError, match=r"one that changed while it was read\. Run again"):
         read_dataset(folder)
 
 
 def test_a_folder_that_vanishes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reading, "add_remarks", lambda *_: shutil.rmtree(folder))
+    monkeypatch.setattr("skincal.dataset.folder.add_remarks", lambda *_: shutil.rmtree(folder))
     with pytest.raises(InputError, match="changed while it was read"):
         read_dataset(folder)
 

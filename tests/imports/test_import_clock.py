@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from skincal.imports.bag_file import FieldError, NotHereError, array_at, number_at, parse_path, value_at
 from skincal.imports.clock import resampled
-from skincal.imports.fields import FieldError, NotHereError, array_at, number_at, parse_path, value_at
 
 TIME = np.array([0.0, 1.0, 2.0, 5.0])
 VALUES = np.array([10.0, 20.0, 40.0, 70.0])

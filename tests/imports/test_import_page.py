@@ -14,7 +14,7 @@ import pytest
 from skincal.dataset import read_dataset
 from skincal.dataset.schema import keys_of
 from skincal.imports.mapping_file import CutRules
-from skincal.imports.units import FACTORS
+from skincal.imports.targets import FACTORS
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "import.md").read_text(encoding="utf-8")

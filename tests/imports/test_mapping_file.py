@@ -23,7 +23,7 @@ from skincal.imports.mapping_file import (
     TopicTable,
 )
 from skincal.imports.read_mapping import read_mapping
-from skincal.imports.units import FACTORS, unit_of
+from skincal.imports.targets import FACTORS, unit_of
 from tests.imports.foreign import PRESS_ROWS, RIG, SERIES, mapping, write_mapping
 from tests.imports.ros import BAG
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from skincal.dataset import HOLD, Dataset, check_dataset
-from skincal.dataset.sliding import rests, sample_noise_m, slide_m
+from skincal.dataset.placement import rests, sample_noise_m, slide_m
 from skincal.errors import InputError
 from skincal.imports import Imported
 from tests.imports.devices import ONE_FILE, PLANE, contacts, whole_table

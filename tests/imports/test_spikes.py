@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from skincal.dataset import Dataset
-from skincal.dataset.impossible import IMPOSSIBLE
+from skincal.dataset.corrections import IMPOSSIBLE
 from skincal.dataset.word_checks import find_falls
+from skincal.imports.press_recording import find_spikes
 from skincal.imports.recording import Cut, Span
-from skincal.imports.spikes import find_spikes
 from tests.imports.foreign import SERIES, imported, mapping, recorded, series_table
 
 

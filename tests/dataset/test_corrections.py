@@ -10,8 +10,14 @@ import numpy as np
 import pytest
 
 from skincal.dataset import Dataset, read_dataset, table_file, write_dataset
-from skincal.dataset.converter_range import CONVERTER_RANGE, clips_at_zero, converter_top
-from skincal.dataset.impossible import IMPOSSIBLE, drop_outs, impossible_readings
+from skincal.dataset.corrections import (
+    CONVERTER_RANGE,
+    IMPOSSIBLE,
+    clips_at_zero,
+    converter_top,
+    drop_outs,
+    impossible_readings,
+)
 from skincal.dataset.word_checks import find_below_zero, load_from_images
 from tests.dataset.changes import with_presses, with_sensor
 
