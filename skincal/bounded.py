@@ -87,12 +87,7 @@ class UnreadableError(ValueError):
 
 
 def read_bytes(path: Path, most: int = MOST_TEXT_BYTES, within: Path | None = None) -> bytes:
-    """The content of a plain file of at most so many bytes.
-
-    Args:
-        path: the file.
-        most: bytes that it may have.
-        within: the folder that must hold it; None: any.
+    """The content of a plain file of at most ``most`` bytes, which the folder ``within`` must hold; None: any.
 
     Raises:
         UnreadableError: it is larger; it is not read to its end then.
@@ -107,30 +102,22 @@ def read_bytes(path: Path, most: int = MOST_TEXT_BYTES, within: Path | None = No
     return content
 
 
-def read_text(
-    path: Path, most: int = MOST_TEXT_BYTES, encoding: str = "utf-8", within: Path | None = None
-) -> str:
-    """The content of a text file of at most so many bytes; arguments as :func:`read_bytes`.
+def read_text(path: Path, within: Path | None = None) -> str:
+    """The content of a text file in UTF-8; arguments and errors as :func:`read_bytes` and :func:`decode`."""
+    return decode(read_bytes(path, MOST_TEXT_BYTES, within))
+
+
+def decode(content: bytes) -> str:
+    """Bytes as text in UTF-8, without the mark that some editors put at its beginning (a byte order mark).
 
     Raises:
-        UnreadableError: it is larger, or no text in this encoding.
-        OSError: it cannot be read.
-    """
-    return decode(read_bytes(path, most, within), encoding)
-
-
-def decode(content: bytes, encoding: str = "utf-8") -> str:
-    """Bytes as text, without the mark that some editors put at its beginning (a byte order mark).
-
-    Raises:
-        UnreadableError: they are none in this encoding.
+        UnreadableError: they are none.
     """
     try:
-        return content.decode(encoding).removeprefix("\ufeff")
+        return content.decode().removeprefix("\ufeff")
     except UnicodeDecodeError as error:
-        raise UnreadableError(
-            f"a readable text file in {encoding.upper()}", f"byte {error.start}: {error.reason}"
-        ) from None
+        got = f"byte {error.start}: {error.reason}"
+        raise UnreadableError("a readable text file in UTF-8", got) from None
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -169,14 +156,8 @@ def parse_xml(text: str) -> ElementTree.Element:
 
 
 def parse_csv(text: str, delimiter: str = ",") -> list[list[str]]:
-    """The rows of a CSV text.
-
-    Raises:
-        UnreadableError: a quote is not closed, or a cell is endless.
-    """
-    return parsed(
-        "CSV", lambda given: list(csv.reader(io.StringIO(given), delimiter=delimiter, strict=True)), text
-    )
+    """The rows of a CSV text; errors as :func:`parsed`, of a quote that is not closed, or an endless cell."""
+    return parsed("CSV", lambda it: list(csv.reader(io.StringIO(it), delimiter=delimiter, strict=True)), text)
 
 
 def parsed(kind: str, parse: Callable[[str], Value], text: str) -> Value:
@@ -200,9 +181,7 @@ def parsed(kind: str, parse: Callable[[str], Value], text: str) -> Value:
 def checked(value: Value, bits: int = 64) -> Value:
     """A parsed value, if its numbers, its texts, its depth and its size are within the bounds.
 
-    Args:
-        value: tables, lists, texts and numbers.
-        bits: of the largest whole number. TOML's own bound is 64; all such numbers are floats as well.
+    Whole numbers have at most ``bits``. TOML's own bound is 64; all such numbers are floats as well.
 
     Raises:
         UnreadableError: they are not; the message names the key.
@@ -236,11 +215,7 @@ def checked(value: Value, bits: int = 64) -> Value:
 
 
 def number_in(text: str, kind: type[Number]) -> Number:
-    """The number that a text of a command line holds.
-
-    Raises:
-        ValueError: it holds none, or one beyond the bounds; the message says what was expected.
-    """
+    """The number that a text of a command line holds; errors as :func:`check_number`, also where it holds none."""
     try:
         value = kind(text)
     except ValueError:
@@ -278,11 +253,8 @@ def read_arrays(
 ) -> dict[str, NDArray[Any]]:
     """The arrays of an ``.npz`` file, by name; nothing in it is executed.
 
-    Args:
-        path: the file.
-        within: the folder that must hold it; None: any.
-        most: bytes that it may have when unpacked.
-        objects: stands for an array of Python objects; None: these are refused.
+    The folder ``within`` must hold it; None: any. ``objects`` stands for an array of Python objects; None: these are
+    refused.
 
     Raises:
         UnreadableError: it is none, is cut short, or is larger than ``most`` bytes when unpacked.
@@ -299,15 +271,10 @@ def read_arrays(
         return found
 
 
-def read_array(path: Path, most: int = MOST_ARRAY_BYTES, objects: NDArray[Any] | None = None) -> NDArray[Any]:
-    """The array of an ``.npy`` file, or ``objects`` if it is one of Python objects; nothing in it is executed.
-
-    Raises:
-        UnreadableError: it is none, is cut short, or is larger than ``most`` bytes.
-        OSError: it cannot be read.
-    """
+def read_array(path: Path, objects: NDArray[Any] | None = None) -> NDArray[Any]:
+    """The array of an ``.npy`` file; ``objects`` and errors as :func:`read_arrays`."""
     with open_input(path) as stream, _whole(".npy"):
-        return _array(stream, min(most, os.fstat(stream.fileno()).st_size), objects)
+        return _array(stream, min(MOST_ARRAY_BYTES, os.fstat(stream.fileno()).st_size), objects)
 
 
 @contextmanager

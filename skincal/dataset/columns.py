@@ -99,13 +99,10 @@ class ColumnReader:
     def checked(
         self, name: str, kind: str, *, may_be_nan: BoolArray | bool = True, if_empty: str = ""
     ) -> FloatArray:
-        """Return a column as numbers of a kind, shape (rows,); report invalid cells.
+        """Return a column as numbers of a kind of :data:`OPTIONAL`, shape (rows,); report invalid cells.
 
-        Args:
-            name: the column.
-            kind: kind of its cells: see :data:`OPTIONAL`.
-            may_be_nan: where NaN (not measured) is permitted, shape (rows,), or everywhere or nowhere.
-            if_empty: advice if the whole column is empty.
+        NaN (not measured) is permitted where ``may_be_nan`` is true, shape (rows,), or everywhere or nowhere;
+        ``if_empty`` is the advice if the whole column is empty.
         """
         values, text = self._numbers(name)
         if self.has(name):

@@ -36,11 +36,7 @@ def impossible_readings(counts: FloatArray, force: FloatArray) -> BoolArray:
     A taxel carries at most the whole force. Its reading per newton therefore has an upper bound, and different
     positions and forces fill the range below it. Readings are impossible if they are rare, spread over taxels, and
     separated from all others by an empty gap. Where every image is a single taxel, high readings are not rare and are
-    kept.
-
-    Args:
-        counts: (K, J) mean counts of presses; NaN where not read.
-        force: (K,) forces of the presses [N].
+    kept. ``counts`` are means of presses (K, J), NaN where not read, ``force`` theirs (K,) [N].
     """
     levels = levels_from_presses(counts)
     change = counts - levels.level
@@ -65,12 +61,8 @@ def impossible_readings(counts: FloatArray, force: FloatArray) -> BoolArray:
 def drop_outs(counts: FloatArray, position_m: FloatArray, force: FloatArray) -> BoolArray:
     """Return which readings dropped out to full scale (K, J): the largest value, wherever the skin is pressed.
 
-    A converter that clips reads its largest value where the load is high.
-
-    Args:
-        counts: (K, J) means of presses.
-        position_m: (K, 3) contact positions [m].
-        force: (K,) forces [N].
+    A converter that clips reads its largest value where the load is high. ``counts`` are means of presses (K, J), at
+    positions (K, 3) [m] and forces (K,) [N].
     """
     read = np.isfinite(counts)
     at_top = read & (counts == np.nanmax(counts, initial=-np.inf))

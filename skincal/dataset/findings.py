@@ -64,11 +64,7 @@ class Findings:
         return str(Path(folder) / place)
 
     def raise_errors(self) -> None:
-        """Raise all errors as one.
-
-        Raises:
-            InputError: there are errors.
-        """
+        """Raise all errors as one :class:`InputError`, if there are any."""
         if self.errors:
             raise InputError(self.errors)
 
@@ -76,10 +72,7 @@ class Findings:
 class Sheet:
     """Names of places in one table, for problems that are added to the findings.
 
-    Args:
-        findings: collects errors and warnings.
-        file: the table's file name.
-        header_lines: lines before the first row of a text file; None for a binary file.
+    ``header_lines`` come before the first row of a text file; None for a binary file.
     """
 
     def __init__(self, findings: Findings, file: str, header_lines: int | None) -> None:

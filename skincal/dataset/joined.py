@@ -41,12 +41,7 @@ def join_sessions(first: Dataset, second: Dataset) -> Dataset:
 
 
 def check_same_rig(first: DatasetMeta, second: DatasetMeta, place: str) -> None:
-    """Check that two sessions have the same sensor and surface.
-
-    Args:
-        first: metadata of the first session.
-        second: metadata of the second session.
-        place: source of the second session, for errors.
+    """Check that two sessions have the same sensor and surface; ``place`` is the source of the second, for errors.
 
     Raises:
         InputError: they differ.

@@ -55,11 +55,7 @@ class Key:
         return found
 
     def _prepared(self, value: Any) -> Any:
-        """Return the value in the form of the field's type.
-
-        Raises:
-            ValueError: the value cannot be converted.
-        """
+        """Return the value in the form of the field's type; raise a ValueError if it cannot be converted."""
         return value
 
     def _refused(self, value: Any) -> tuple[str, str]:

@@ -26,17 +26,11 @@ DIFFERENCE_M = 1e-5
 def patch_coordinates(
     surface: Surface, pose: SensorPose, points_m: ArrayLike, reach_m: float = 0.02
 ) -> FloatArray:
-    """Return the patch coordinates of contact points (contract, section 1, solved for u and v).
+    """Return the patch coordinates ``(u, v)`` [m], shape (K, 2), of contact points (contract, section 1, inverted).
 
-    Args:
-        surface: the surface.
-        pose: pose of the patch on the surface.
-        points_m: contact points, fingertip frame [m], shape (K, 3); those off the surface are projected.
-        reach_m: largest distance of a point from the patch's centre on a surface that cannot be unrolled [m].
-
-    Returns:
-        ``(u, v)`` [m], shape (K, 2); NaN where a point is NaN. Exact, except on a mesh, where the facets limit the
-        accuracy.
+    The points are in the fingertip frame [m], shape (K, 3); those off the surface are projected, NaN stays NaN. The
+    result is exact, except on a mesh, where the facets limit the accuracy, and ``reach_m`` is the largest distance of a
+    point from the patch's centre [m].
     """
     points = np.asarray(points_m, dtype=np.float64)
     if not surface.is_uniform:

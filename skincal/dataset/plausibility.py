@@ -329,9 +329,7 @@ def _check_session_clock(dataset: Dataset, middle: FloatArray, held: BoolArray, 
 def hold_means(dataset: Dataset, values: FloatArray | Iterable[FloatArray]) -> FloatArray:
     """Return the means of columns of the frames over the hold of each press, (K,) or (K, m); NaN without a hold.
 
-    Args:
-        dataset: a dataset with frames.
-        values: (n,) or (n, m), frame by frame, or an iterable of m columns (n,).
+    ``values`` are (n,) or (n, m), frame by frame, or an iterable of m columns (n,).
     """
     frames, presses = dataset.frames, dataset.presses
     assert frames is not None

@@ -165,13 +165,9 @@ MOST_LOST = 0.05
 def check_counts(
     reader: ColumnReader, sensor: SensorSpec, columns: Iterable[FloatArray], *, whole: bool
 ) -> None:
-    """Report problems of the counts in the taxel columns that are present.
+    """Report problems of the counts (rows,) of each taxel column that is present.
 
-    Args:
-        reader: the table.
-        sensor: the sensor's description.
-        columns: counts (rows,) of each taxel column that is present.
-        whole: True for single readings (frames), which must be whole numbers if the converter rounds.
+    ``whole`` is true for single readings (frames), which must be whole numbers if the converter rounds.
     """
     names = [name for name in sensor.taxel_columns() if reader.has(name)]
     stray, infinite, outside, broken = (BadCells() for _ in range(4))

@@ -52,11 +52,8 @@ TEXT_COLUMNS = ("phase", "pose", "branch")
 class RawTable:
     """A table as read from a file.
 
-    Attributes:
-        sheet: names of places in the table, for problems.
-        rows: number of rows.
-        columns: columns by name, of int64, float64, bool, or ``str`` as objects.
-        others: types of the columns that cannot be read, by name: lists, tables, bytes.
+    Its columns are int64, float64, bool, or ``str`` as objects; ``others`` are the types of the columns that cannot be
+    read, by name: lists, tables, bytes.
     """
 
     sheet: Sheet
@@ -114,12 +111,7 @@ def read_table(path: Path, findings: Findings, *, most_rows: int = MOST_ROWS_HEL
 
 
 def _open_parquet(path: Path, sheet: Sheet) -> Opened:
-    """Return a Parquet file, whose columns are read on use.
-
-    Raises:
-        UnreadableError: a column is too large.
-        OSError, pyarrow.ArrowException: the file is incomplete or invalid.
-    """
+    """Return a Parquet file, whose columns are read on use."""
     import pyarrow.parquet as pq
 
     # Open the file here: Arrow assumes names in UTF-8 for any system encoding, and would block on a pipe.
@@ -177,11 +169,7 @@ def file_state(path: Path) -> tuple[int, ...]:
 
 
 def write_table(path: Path, columns: Mapping[str, Column] | pd.DataFrame) -> None:
-    """Write columns to a table, CSV or Parquet by the suffix; floats are read back exactly, NaN as an empty cell.
-
-    Raises:
-        OSError: the disk is full, or not writable.
-    """
+    """Write columns to a table, CSV or Parquet by the suffix; floats are read back exactly, NaN as an empty cell."""
     import pyarrow as pa
     import pyarrow.csv as pcsv
     import pyarrow.parquet as pq
@@ -229,12 +217,7 @@ def _bits(flags: BoolArray) -> pa.Buffer:
 
 
 def _read_csv(path: Path, sheet: Sheet) -> Opened | None:
-    """Return the content of a CSV file; None, with an error added, if it is empty or not text.
-
-    Raises:
-        UnreadableError: the file is too large.
-        OSError, pyarrow.ArrowException: the file is incomplete or invalid.
-    """
+    """Return the content of a CSV file; None, with an error added, if it is empty or not text."""
     import pyarrow as pa
     import pyarrow.csv as pcsv
 

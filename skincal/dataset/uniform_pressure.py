@@ -88,13 +88,9 @@ RADIUS = "indenter_radius_m"
 def centre_contacts(dataset: Dataset, margin_m: float) -> Dataset:
     """Adapt the contacts of a pressure chamber to the modelled skin; return any other dataset unchanged.
 
-    ``force_n`` of a chamber is the pressure times the area of its punch, but the modelled skin ends a margin beyond its
-    taxels. Contacts of unknown position move to the sensor's nominal centre, the punch is enlarged to cover the whole
-    modelled skin, and forces become the pressure times the area of that skin.
-
-    Args:
-        dataset: the dataset.
-        margin_m: width of the modelled skin around the taxels [m].
+    ``force_n`` of a chamber is the pressure times the area of its punch, but the modelled skin ends a margin [m] beyond
+    its taxels. Contacts of unknown position move to the sensor's nominal centre, the punch is enlarged to cover the
+    whole modelled skin, and forces become the pressure times the area of that skin.
     """
     if not uniform_pressure(dataset):
         return dataset

@@ -151,11 +151,7 @@ def find_below_zero(
     Read as signed words they are the lower tail of the noise about levels at rest near zero: about as many as a normal
     distribution has there, and no other readings lie at the top. Readings that drop out to full scale are as many
     whatever the level at rest is. Where loads fill the words, they must show that readings at the top are none.
-
-    Args:
-        counts: readings as stored, shape (n, J).
-        load: estimated load of each taxel, in any unit, shape (n, J). None: unknown.
-        image_load: the same, estimated from the images, shape (n, J). None: unknown.
+    Arguments as :func:`find_wrapped`.
     """
     read = np.isfinite(counts)
     if not read.any() or counts[read].min() < 0:
@@ -202,12 +198,8 @@ def find_falls(counts: FloatArray, press: IntArray, force_n: FloatArray) -> Wrap
     """Return readings that fell by more than half of their word while the force did not; None if there are none.
 
     Between two frames of a press a load passes the top of its word, and comes out low. A reading that drops out falls
-    too, but to rest, or always to the same value; or it returns from full scale, to which it had jumped.
-
-    Args:
-        counts: readings as stored, in the order of time, shape (n, J).
-        press: number of the press of each frame, -1 at rest, shape (n,).
-        force_n: measured force [N], shape (n,).
+    too, but to rest, or always to the same value; or it returns from full scale, to which it had jumped. The readings
+    as stored (n, J) are in the order of time, ``press`` (n,) is -1 at rest, ``force_n`` (n,) measured [N].
     """
     values = counts[np.isfinite(counts)]
     if not values.size or values.min() < 0:
@@ -266,13 +258,10 @@ def _less(load: FloatArray, others: FloatArray) -> bool:
 
 
 def load_log_odds(load: FloatArray, chosen: BoolArray, kind: BoolArray, read: BoolArray) -> float:
-    """Return the log odds that the judged readings are of a kind, not spread over all loads.
+    """Return the log odds that ``chosen`` readings are of a kind, not spread over all loads.
 
-    Args:
-        load: estimated load of each reading, in any unit, shape (n, J).
-        chosen: readings to judge, shape (n, J).
-        kind: other readings that are known to be of the kind, shape (n, J).
-        read: readings that are present, shape (n, J).
+    ``load`` is the estimated load of each reading, in any unit; ``kind`` are other readings that are known to be of the
+    kind, ``read`` those that are present. All are of shape (n, J).
     """
     others, judged = read & ~chosen & np.isfinite(load), chosen & np.isfinite(load)
     if not others.any():
@@ -290,12 +279,8 @@ def load_from_images(place_m: FloatArray, force_n: FloatArray, counts: FloatArra
     """Estimate the load of each taxel (n, J) from the images, without the pose or the order of taxels.
 
     The position of a taxel is the mean contact position, weighted by its signal. Its load is the force times a Gaussian
-    of the distance.
-
-    Args:
-        place_m: measured contact points, shape (n, 3); not finite where unknown.
-        force_n: measured force [N], shape (n,).
-        counts: readings, shape (n, J); those near full scale are judged and therefore not used.
+    of the distance. Contact points (n, 3) are not finite where unknown, forces (n,) are in newtons; of the readings (n,
+    J) those near full scale are judged and therefore not used.
     """
     counts = np.where(counts < (1 - NEAR_END) * np.nanmax(counts, initial=0.0), counts, np.nan)
     rest = levels_from_presses(counts)
@@ -337,10 +322,8 @@ def as_word(values: FloatArray, word: str) -> FloatArray:
 def swapped(values: FloatArray, *, swap_bytes: bool = True, swap_words: bool = False) -> FloatArray:
     """Return whole readings with their bytes in another order, as unsigned words; others stay NaN.
 
-    Args:
-        values: readings of 16 bits, or of 32 with ``swap_words``.
-        swap_bytes: exchange the two bytes of 16 bits.
-        swap_words: exchange the two halves of 32 bits.
+    ``swap_bytes`` exchanges the two bytes of 16 bits, ``swap_words`` the two halves of 32 bits, which the readings then
+    have.
     """
     size = 2.0**32 if swap_words else 2.0**16
     words = np.mod(np.where(np.isfinite(values), values, 0), size).astype(np.int64)

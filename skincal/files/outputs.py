@@ -139,11 +139,7 @@ _LACKING = (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP)
 
 
 def move_new(source: Path, target: Path) -> None:
-    """Move to a name that is free.
-
-    Raises:
-        OSError: the name is taken.
-    """
+    """Move to a name that is free; raise an OSError if it is taken."""
     if _renameat2(source, target, _NOREPLACE):
         return
     if source.is_dir():
@@ -159,13 +155,10 @@ def move_new(source: Path, target: Path) -> None:
 
 
 def exchange(new: Path, path: Path, check: Callable[[Path], None]) -> None:
-    """Replace a path by something new; the old content ends up at ``new``, or is gone.
+    """Replace a path by something new on the same file system; the old content ends up at ``new``, or is gone.
 
-    Args:
-        new: a file or folder, on the same file system.
-        path: path to replace.
-        check: raises an error if the content of a path may not be removed; then nothing changes. It is called again
-            when nobody can reach that content any more.
+    ``check`` raises an error if the content of a path may not be removed; then nothing changes. It is called again when
+    nobody can reach that content any more.
     """
     check(path)
     if _renameat2(new, path, _EXCHANGE):
@@ -214,11 +207,7 @@ def _sync(path: str | Path) -> None:
 
 
 def _renameat2(source: Path, target: Path, flag: int) -> bool:
-    """Return whether the move was done; False if the kernel or the file system cannot do it.
-
-    Raises:
-        OSError: it failed for another reason.
-    """
+    """Return whether the move was done; False if the kernel or the file system cannot do it."""
     call = getattr(_LIBC, "renameat2", None)
     if call is None:
         return False

@@ -67,11 +67,7 @@ def refuse_existing(
 
 
 def refuse_removal(path: Path, place: Path, marker: str | None, mark: str) -> None:
-    """Check that the content of a path, which is or was ``path``, is an earlier output and nothing else.
-
-    Raises:
-        InputError: it is something else.
-    """
+    """Raise an InputError unless ``place``, which is or was ``path``, holds an earlier output and nothing else."""
     other = "Choose another name."
     if marker is None:
         if place.is_dir():

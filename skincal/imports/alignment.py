@@ -243,11 +243,7 @@ def _correlations(
 
 
 def best_lag(lags: FloatArray, found: FloatArray) -> int:
-    """Return the index of the largest correlation.
-
-    Raises:
-        NoOffsetError: a lag outside its peak is nearly as good.
-    """
+    """Return the index of the largest correlation; raise a NoOffsetError if one outside its peak is nearly as good."""
     at, filled = int(np.nanargmax(found)), np.nan_to_num(found)
     first, last = stretch_about(filled > filled[at] / 2, at)
     others = filled.copy()

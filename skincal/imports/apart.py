@@ -40,12 +40,9 @@ _CHILD: Final = (
 
 
 def apart(read: Callable[..., Value], path: Path, *arguments: Any) -> Value:
-    """Return the result of a function on a file, computed in a separate process.
+    """Return the result of a function on a file, or a folder of files, computed in a separate process.
 
-    Args:
-        read: a function of a module; it is called with the file and the arguments.
-        path: the file, or a folder of files.
-        arguments: further arguments; they and the result are pickled.
+    The function is one of a module, and called with the file and the arguments; they and the result are pickled.
 
     Raises:
         UnreadableError: the process crashed, or the file needs more memory or time than allowed.

@@ -104,11 +104,7 @@ def check_topics(bag: Bag, wanted: Mapping[str, str], findings: Findings) -> boo
 
 
 def _types(name: str, file: Path) -> Any:
-    """Return the message types of a definition file, ``.msg`` or ``.idl``.
-
-    Raises:
-        InputError: the file is missing, or defines nothing.
-    """
+    """Return the message types of a definition file, ``.msg`` or ``.idl``; raise an InputError for any other."""
     from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
     try:
@@ -163,11 +159,7 @@ class Step:
 
 
 def parse_path(path: str) -> tuple[Step, ...]:
-    """Return the steps of a path.
-
-    Raises:
-        FieldError: the text is not a path.
-    """
+    """Return the steps of a path; raise a FieldError if the text is none."""
     steps: list[Step] = []
     at = 0
     while at < len(path):
@@ -186,12 +178,7 @@ def parse_path(path: str) -> tuple[Step, ...]:
 
 
 def value_at(message: Any, steps: Sequence[Step]) -> Any:
-    """Return the value at a path.
-
-    Raises:
-        FieldError: a name does not exist.
-        NotHereError: an element does not exist.
-    """
+    """Return the value at a path; raise a FieldError without such a name, a NotHereError without such an element."""
     for step in steps:
         if step.name not in _names(message):
             raise FieldError(f'no field "{step.name}" in {_described(message)}')

@@ -50,10 +50,8 @@ EPOCH_S: Final = (9.46e8, 4.1e9)
 class Wraps:
     """The wraps of a clock.
 
-    Attributes:
-        period: period of the clock, in the unit of the stamps.
-        words: kind of clock with this period; '' if the period was given.
-        rows: first row after each wrap.
+    Its ``period`` is in the unit of the stamps, ``words`` name the kind of clock with this period ('' if it was given),
+    and ``rows`` are the first ones after each wrap.
     """
 
     period: float
@@ -71,12 +69,8 @@ def find_wraps(stamps: FloatArray, unit_s: float) -> Wraps | None:
     """Return the wraps that explain every step back of a clock; None without steps back, or without such a period.
 
     A counter has wrapped if adding its period turns the step back into a small step forward, or, for a counter of usual
-    width, into a pause like those elsewhere in the recording. Of several such periods, the one with the
-    smallest steps is chosen.
-
-    Args:
-        stamps: stamps in the order of events, NaN where missing, shape (n,).
-        unit_s: unit of the stamps [s].
+    width, into a pause like those elsewhere in the recording. Of several such periods, the one with the smallest steps
+    is chosen. Stamps (n,) are in the order of events, NaN where missing; their unit is ``unit_s`` [s].
     """
     back = steps_back(stamps)
     if not back.size:
@@ -173,14 +167,8 @@ def resampled(
     """Return a stream resampled at other times (M,); NaN, or '' for words, where the stream has no valid sample.
 
     ``previous`` takes the last sample that is not later, as for all words; ``linear`` interpolates between the last and
-    the next sample, and needs both.
-
-    Args:
-        time_s: the stream's times, ascending [s], shape (n,).
-        values: its numbers, or words as objects, shape (n,).
-        onto_s: times to resample at [s], shape (M,).
-        resample: method.
-        max_age_s: an older sample, or two that are farther apart, give NaN [s].
+    the next sample, and needs both. The stream's times (n,) are ascending [s], its values (n,) numbers, or words as
+    objects. A sample older than ``max_age_s``, or two that are farther apart, give NaN.
     """
     missing = "" if values.dtype == object else np.nan
     if not len(time_s):

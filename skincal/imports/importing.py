@@ -127,12 +127,7 @@ def _imported(
 def _assemble(
     recording: Recording, mapping: Mapping, out: Path, findings: Findings, *, force: bool
 ) -> Imported:
-    """Write the dataset of a recording.
-
-    Raises:
-        InputError: the recording cannot be cut into presses, or the result is not a valid dataset.
-        OSError: the disk is full, or not writable.
-    """
+    """Write the dataset of a recording."""
     surface = surface_of(mapping.meta.surface, mapping.meshes) if mapping.file.frame.project else None
     placed = _placed(recording, mapping.file.frame, surface)
     presses, frames, dropped = presses_and_frames(placed, mapping, findings)

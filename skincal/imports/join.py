@@ -115,11 +115,7 @@ def _aligned(
     entry: JoinedFile, mapping: Mapping, ours: FloatArray, images: FloatArray, times: FloatArray,
     held: Map[str, Column], note: str, findings: Findings,
 ) -> JoinedClock:  # fmt: skip
-    """Return the alignment of a file's clock with that of the taxels.
-
-    Raises:
-        InputError: it is unknown.
-    """
+    """Return the alignment of a file's clock with that of the taxels."""
     own = [q for q in mapping.quantities if q.topic == entry.name and not q.is_text]
     numbers = {q.target: held[q.target] for q in own if not targets.is_whole(q.target)}
     if "force_n" in numbers:

@@ -179,13 +179,9 @@ PART, SIGMAS = 0.8, 1.2816
 
 
 def find_spikes(counts: FloatArray, cut: Cut) -> BoolArray:
-    """Find the readings (M, J) that jump and return within one sample; none if there are too many.
+    """Find the readings that jump and return within one sample, of samples (M, J), NaN where not read.
 
-    The noise is estimated in each phase of a press and each stretch of rest.
-
-    Args:
-        counts: (M, J) samples; NaN where not read.
-        cut: presses of the series.
+    The noise is estimated in each phase of a press and each stretch of rest. There are none if there would be too many.
     """
     spikes, looked = np.zeros(counts.shape, dtype=bool), 0
     if len(counts) <= LEAST:

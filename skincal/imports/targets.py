@@ -18,12 +18,7 @@ POUND_KG: Final = 0.45359237
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit of a source: ``SI = factor * value + offset``.
-
-    Attributes:
-        factor: value of one unit in SI.
-        offset: value of its zero in SI; only temperatures have one.
-    """
+    """A unit of a source: ``SI = factor * value + offset``; only temperatures have an offset."""
 
     name: str
     factor: float = 1.0

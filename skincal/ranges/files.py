@@ -108,10 +108,7 @@ def file_format(path: str | Path) -> str:
 
 
 def read_ranges(path: str | Path) -> Ranges:
-    """Read ranges (contract ``skincal-ranges/1``).
-
-    Args:
-        path: a ``.toml``, ``.json``, ``.yaml`` or ``.yml`` file.
+    """Read ranges (contract ``skincal-ranges/1``) from a ``.toml``, ``.json``, ``.yaml`` or ``.yml`` file.
 
     Raises:
         InputError: the file cannot be read, or anything in it is wrong; every violation is listed.
@@ -132,12 +129,7 @@ def read_ranges(path: str | Path) -> Ranges:
 
 
 def write_ranges(ranges: Ranges, path: str | Path, *, force: bool = False) -> None:
-    """Write ranges; the file appears complete or not at all.
-
-    Args:
-        ranges: the ranges.
-        path: file to write; its suffix decides the format.
-        force: whether to replace an existing file.
+    """Write ranges to a file whose suffix decides the format; it appears complete or not at all.
 
     Raises:
         InputError: unknown suffix, or the file exists and ``force`` is not given.
@@ -210,11 +202,7 @@ def _plain_parameter(parameter: Parameter) -> dict[str, Any]:
 
 
 def from_plain(values: Mapping[str, Any], file: str) -> Ranges:
-    """Return ranges from nested tables.
-
-    Raises:
-        InputError: listing every violation, with file, table and key.
-    """
+    """Return ranges from nested tables; raise one InputError for all violations, with file, table and key."""
     findings = Findings()
     content = read_table(_File, values, findings, file, FORMAT)
     tables: dict[str, _Tables] = {}

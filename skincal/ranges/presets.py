@@ -94,10 +94,7 @@ PRESETS: Final[dict[str, dict[str, Parameter]]] = {"iros24": _IROS24, "icra26": 
 
 
 def preset(name: PresetName | str = "iros24") -> Ranges:
-    """Return the ranges of a published work, all marked ``assumed``.
-
-    Args:
-        name: ``iros24`` or ``icra26``.
+    """Return the ranges of a published work, ``iros24`` or ``icra26``, all marked ``assumed``.
 
     Raises:
         InputError: there is no preset of this name.

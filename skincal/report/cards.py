@@ -23,11 +23,7 @@ Row = tuple[str, ...]
 
 @singledispatch
 def card(result: object) -> str:
-    """Return a result as HTML.
-
-    Raises:
-        TypeError: it is none of these.
-    """
+    """Return a result as HTML; raise a TypeError for any other object."""
     raise TypeError(f"expected a result of skincal, got {type(result).__name__}")
 
 

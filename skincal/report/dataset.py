@@ -146,9 +146,7 @@ def _colours(most: int) -> tuple[Colormap, Normalize]:
 def _draw_forces(axes: Axes, force: FloatArray) -> None:
     axes.hist(force, bins=min(max(len(force) // 4, 5), 30), color=BLUE, edgecolor="white", linewidth=0.5)
     axes.axvline(float(np.median(force)), color=ORANGE, label=f"median {np.median(force):.4g} N")
-    axes.set_title("Forces")
-    axes.set_xlabel("force in the hold [N]")
-    axes.set_ylabel("presses")
+    axes.set(title="Forces", xlabel="force in the hold [N]", ylabel="presses")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.margins(y=0.25)
     axes.legend(loc="upper right")
@@ -166,9 +164,8 @@ def _draw_numbers(axes: Axes, number: NDArray[np.int64], threshold: float, unit:
     else:
         axes.hist(number[number < 2], bins=1, range=(-0.5, 1.5), color=GREY)
         axes.hist(number[number >= 2], bins=20, color=BLUE, edgecolor="white", linewidth=0.5)
-    axes.set_title("Active taxels (grey: fewer than two)" if number.min(initial=2) < 2 else "Active taxels")
-    axes.set_xlabel(f"taxels more than {threshold:.3g} {unit} above rest")
-    axes.set_ylabel("presses")
+    title = "Active taxels (grey: fewer than two)" if number.min(initial=2) < 2 else "Active taxels"
+    axes.set(title=title, xlabel=f"taxels more than {threshold:.3g} {unit} above rest", ylabel="presses")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 
@@ -183,8 +180,7 @@ def _draw_session(axes: Axes, dataset: Dataset) -> None:
     axes.set_xlabel("press, in the order of the table" if times is None else "session time [s]")
     for label, marker, colour, rows in _branches(dataset):
         axes.plot(x[rows], force_n[rows], marker, color=colour, markersize=4, label=label)
-    axes.set_title("Session")
-    axes.set_ylabel("force [N]")
+    axes.set(title="Session", ylabel="force [N]")
     axes.set_ylim(bottom=min(0.0, float(force_n.min())))
     axes.grid(axis="y")
     axes.margins(y=0.15)
@@ -236,8 +232,7 @@ def clocks_figure(clocks: Sequence[JoinedClock]) -> Figure:
         for values, colour, label in zip(clock.traces, (GREY, BLUE), ("taxels", clock.by), strict=True):
             traces.plot(clock.time_s - start, values, color=colour, label=label, linewidth=1.0)
         title = f"{clock.name}: correlation {clock.correlation:.3f}"
-        traces.set(xlabel="time [s]", ylabel="part of the range")
-        traces.set_title(title)
+        traces.set(xlabel="time [s]", ylabel="part of the range", title=title)
         traces.legend(loc="upper right")
         lags.plot(clock.lags_s, clock.correlations, color=BLUE)
         lags.axvline(clock.offset_s, color=RED, linewidth=1.0)

@@ -16,10 +16,7 @@ from skincal.report.style import BLACK, BLUE, GREY, RED, draw_outlines, legend_b
 def deploy_figure(found: Deployed, layout: TaxelLayout, *, felt_m: FloatArray | None = None) -> Figure:
     """Draw desired and true path over the taxels, the normal force over time, and the policy's period.
 
-    Args:
-        found: the run.
-        layout: of the taxels.
-        felt_m: (T, 2) position of the object as estimated from the tactile images, at every state [m].
+    ``felt_m`` (T, 2) is the position of the object as estimated from the tactile images, at every state [m].
     """
     figure = new_figure(10.0, 4.2)
     way, force, clock = figure.subplots(1, 3, width_ratios=(1.1, 1.0, 1.0))

@@ -49,15 +49,9 @@ def write_diagnosis_report(
     pages: bool = True,
     mapper: Mapper = map,
 ) -> None:
-    """Write ``diagnosis.json``, and ``report.html`` with its figures, next to a calibration.
+    """Write ``diagnosis.json`` with some content, and ``report.html`` with its figures, next to a calibration.
 
-    Args:
-        diagnosis: to report.
-        dataset: the session.
-        folder: of the calibration.
-        content: of ``diagnosis.json``.
-        pages: False to leave out the page.
-        mapper: draws figures in parallel.
+    ``pages`` is false to leave out the page; ``mapper`` draws figures in parallel.
     """
     (folder / SUMMARY).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if not pages:

@@ -50,9 +50,7 @@ def gap_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     axes.plot(x, rms[order, 2], "_", color=BLACK, markersize=12, label="noise")
     names = [str(dataset.presses.press[p]) for p in diagnosis.gap.presses[: len(rms)]]
     axes.set_xticks(x, [names[k] for k in order] if len(names) == len(rms) else [])
-    axes.set_xlabel("press")
-    axes.set_ylabel("rms per taxel [counts]")
-    axes.set_ylim(0, 1.08 * axes.get_ylim()[1])
+    axes.set(xlabel="press", ylabel="rms per taxel [counts]", ylim=(0, 1.08 * axes.get_ylim()[1]))
     axes.legend()
     return figure
 
@@ -88,8 +86,7 @@ def curves_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
         if diagnosis.effects:
             axes.plot(x, fits[1][rows, j], color=BLUE, label="with the named effects")
         row, col = divmod(j, dataset.layout().cols)
-        axes.set_title(f"press {dataset.presses.press[p]}, taxel_{row}_{col}")
-        axes.set_xlabel("time [s]")
+        axes.set(title=f"press {dataset.presses.press[p]}, taxel_{row}_{col}", xlabel="time [s]")
     figure.axes[0].set_ylabel("counts")
     figure.axes[0].legend()
     return figure
@@ -113,9 +110,8 @@ def where_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     norm = Normalize(0, max(float(np.nanmax(maps[0])), 1.5))
     for axes, (title, _), values in zip(panels, models, maps, strict=False):
         draw_taxels(axes, dataset.layout(), values, norm, SEQUENTIAL)
-        axes.set(aspect="equal", xticks=[], yticks=[])
+        axes.set(aspect="equal", xticks=[], yticks=[], title=f"{title}: residual over noise")
         axes.spines[:].set_visible(False)
-        axes.set_title(f"{title}: residual over noise")
     if len(models) < 2:
         panels[1].set_axis_off()
     parts = diagnosis.depends[::-1]
@@ -200,8 +196,8 @@ def _draw_strengths(axes: Axes, report: AuditReport) -> None:
         axes.annotate(text, point, (3, 0), textcoords="offset points", va="center", fontsize=7.5, color=BLACK)
     axes.set_yticks(place, list(report.effects))
     axes.invert_yaxis()
-    axes.set_xlabel("typical strength over the smallest visible one; right of the line: visible")
-    axes.set_title("Smallest visible strength (number)")
+    label = "typical strength over the smallest visible one; right of the line: visible"
+    axes.set(xlabel=label, title="Smallest visible strength (number)")
     axes.grid(axis="x")
 
 

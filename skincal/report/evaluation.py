@@ -98,9 +98,8 @@ def runs_figure(runs: Mapping[str, Runs], layout: TaxelLayout, title: str = "") 
     for axes, (name, some) in zip(all_axes, runs.items(), strict=True):
         draw_outlines(axes, layout, "none")
         _draw_runs(axes, some)
-        axes.set_title(as_it_is(name))
         axes.set_aspect("equal", adjustable="box")
-        axes.set_xlabel("u [mm]")
+        axes.set(title=as_it_is(name), xlabel="u [mm]")
     all_axes[0].set_ylabel("v [mm]")
     legend_below(all_axes[0], 4, 0.16)
     return figure
@@ -116,8 +115,7 @@ def error_figure(scores: Mapping[str, Score], title: str = "") -> Figure:
         axes.plot(score.time_s, 1e3 * score.error_m, color=colour, label=label)
         low, high = 1e3 * score.error_low_m, 1e3 * score.error_high_m
         axes.fill_between(score.time_s, low, high, color=colour, alpha=0.2, linewidth=0)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("tracking error [mm]")
+    axes.set(xlabel="time [s]", ylabel="tracking error [mm]")
     # Leave room above the curves for one line of the legend each.
     axes.set_ylim(0, axes.get_ylim()[1] * (1 + 0.09 * len(scores)))
     axes.set_xlim(left=0)
@@ -171,8 +169,7 @@ def curves_figure(curves: Mapping[str, Mapping[str, FloatArray]], title: str = "
         for (name, curve), colour in zip(curves.items(), SEVERAL * len(curves), strict=False):
             steps, values = smoothed(curve["steps"], curve[column])
             axes.plot(1e-3 * steps, factor * values, color=colour, label=as_it_is(name))
-        axes.set_xlabel("environment steps [thousands]")
-        axes.set_title(label)
+        axes.set(xlabel="environment steps [thousands]", title=label)
         axes.grid(axis="y")
         axes.set_ylim(bottom=0)
         if len(curves) > 1 and column == "reward":

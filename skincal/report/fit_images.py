@@ -25,7 +25,7 @@ from skincal.model import TaxelLayout
 from skincal.model.arrays import IntArray
 from skincal.prediction.holds import place_presses
 from skincal.prediction.touches import CalibratedSkin, Touches
-from skincal.report.style import BLACK, DIVERGING, GREEN, GREY, RED, new_figure, styled
+from skincal.report.style import BLACK, CORNERS, DIVERGING, GREEN, GREY, RED, new_figure, styled
 
 ALL_UP_TO = 48
 """Up to this number, all presses are shown; of more, some of the worst, of the best and from between."""
@@ -82,8 +82,7 @@ def images_figure(result: FitResult, dataset: Dataset) -> Figure:
 class _Tiles:
     """Layout of the figure: one tile per press, with three maps in it; the unit is the longer side of a map.
 
-    Attributes:
-        corners: (J, 4, 2) corners of the taxels in a map.
+    ``corners`` (J, 4, 2) are those of the taxels in a map.
     """
 
     corners: Floats
@@ -97,10 +96,8 @@ class _Tiles:
     def of(cls, layout: TaxelLayout, presses: int) -> _Tiles:
         low, high = layout.bounds_m
         unit = float((high - low).max())
-        at = (layout.centres_m - low) / unit
-        half = layout.sizes_m / unit / 2
-        signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        corners = at[:, None] + half[:, None] * signs
+        at, half = (layout.centres_m - low) / unit, layout.sizes_m / unit / 2
+        corners = at[:, None] + half[:, None] * CORNERS
         width, height = (high - low) / unit
         return cls(corners, float(width), float(height), max(1, math.ceil(presses / COLUMNS)))
 

@@ -108,8 +108,7 @@ def scatter_figure(result: FitResult) -> Figure:
     if bad.any():
         axes.plot(simulated[bad], observed[bad], "x", color=RED, markersize=5, label="of a bad press")
     axes.set(xlabel="simulated [counts]", ylabel="measured, above rest [counts]", aspect="equal")
-    axes.set_xlim(low, high)
-    axes.set_ylim(low, high)
+    axes.set(xlim=(low, high), ylim=(low, high))
     axes.legend(loc="upper left")
     _draw_distribution(distribution, result, found)
     return figure
@@ -154,9 +153,8 @@ def _draw_presses(axes: Axes, result: FitResult, dataset: Dataset) -> None:
     if not good.all():
         axes.plot(x[~good], presses.rmse_counts[~good], "D", color=RED, markersize=5, label="bad")
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1, ncols=2)
-    axes.set_title("Over the session")
     axes.set_xlabel("press, in the order of the table" if times is None else "session time [s]")
-    axes.set_ylabel("rmse of a press [counts]")
+    axes.set(title="Over the session", ylabel="rmse of a press [counts]")
     axes.set_ylim(bottom=0)
     axes.margins(y=0.2)
     axes.grid(axis="y")

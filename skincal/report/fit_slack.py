@@ -21,6 +21,7 @@ from skincal.report.style import (
     BAD,
     BLACK,
     BLUE,
+    CORNERS,
     GREY,
     LIGHT,
     ORANGE,
@@ -36,8 +37,6 @@ from skincal.report.style import (
 
 MOST_NAMED = 40
 """Up to this number, presses are labelled with their numbers where there is room."""
-
-_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 
 
 @styled
@@ -99,7 +98,7 @@ def _draw_patch(axes: Axes, result: FitResult, measured: Floats, estimated: Floa
         # The slack's square around the most moved press, across and along the finger.
         moved = int(np.argmax(np.hypot(*result.presses.slack_m.T)))
         cos, sin = np.cos(alpha), np.sin(alpha)
-        corners = measured[moved] + slack * _CORNERS @ np.array([[cos, -sin], [sin, cos]])
+        corners = measured[moved] + slack * CORNERS @ np.array([[cos, -sin], [sin, cos]])
         axes.add_patch(Polygon(corners, fill=False, edgecolor=BLUE, linestyle="--", linewidth=1.0))
         handles.append(Line2D([], [], color=BLUE, linestyle="--", label="slack of one press"))
     equal_axes_mm(axes, "u", "v")
@@ -149,16 +148,10 @@ _DIRECTIONS = np.radians([45, 315, 135, 225, 0, 180, 90, 270, 22, 338, 158, 202]
 
 
 def name_points(axes: Axes, names: Sequence[str], points: Floats, *, keep_clear: Floats | None = None) -> int:
-    """Write labels next to points; the figure must have been laid out, so that the axes have their place and limits.
+    """Write labels next to points (N, 2); return how many were left out for lack of room.
 
-    Args:
-        axes: axes of the points.
-        names: one label per point.
-        points: (N, 2) in the units of the axes.
-        keep_clear: (M, 2) other points that no label may cover.
-
-    Returns:
-        Number of labels that were left out for lack of room.
+    The figure must have been laid out, so that the axes have their place and limits. No label covers the points or
+    ``keep_clear`` (M, 2), both in the units of the axes.
     """
     at = _in_points(axes, points)
     dots = at if keep_clear is None else np.concatenate([at, _in_points(axes, keep_clear)])

@@ -30,13 +30,7 @@ PAGE = "report.html"
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of a page.
-
-    Attributes:
-        caption: explanation; text between backticks is code.
-        file: its file name next to the page.
-        data: its content as base64.
-    """
+    """A figure of a page: its caption, with code in backticks, its file next to the page, its content as base64."""
 
     title: str
     caption: str
@@ -81,10 +75,7 @@ def write_page(
 def rendered(template: str, unit: str | None = None, **values: Any) -> str:
     """Return a text from a template of ``skincal/report/templates``; all its variables must be given.
 
-    Args:
-        template: name of the template.
-        unit: unit of the taxel values, which replaces counts in values that are texts; None: counts.
-        values: variables of the template.
+    ``unit`` of the taxel values replaces counts in values that are texts; None: counts.
     """
     return readable(_environment(unit).get_template(template).render(**values))
 

@@ -144,8 +144,7 @@ def legend_below(axes: Axes, columns: int, below: float = 0.1, **more: Any) -> N
 def equal_axes_mm(axes: Axes, x_label: str, y_label: str) -> None:
     """Set up axes over lengths in millimetres with equal scales; the limits widen to fill the space."""
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel(f"{x_label} [mm]")
-    axes.set_ylabel(f"{y_label} [mm]")
+    axes.set(xlabel=f"{x_label} [mm]", ylabel=f"{y_label} [mm]")
 
 
 def log_scale(axes: Axes, along: str) -> None:
@@ -220,6 +219,9 @@ def lay_out(figure: Figure) -> None:
 MOST_LABELLED = 36
 """Largest number of taxels whose values are written on them."""
 
+CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+"""Corners of a square about its centre, in turn."""
+
 LUMA = (0.299, 0.587, 0.114)
 """How light red, green and blue look (ITU-R BT.601)."""
 
@@ -240,17 +242,9 @@ def near_patch(uv: NDArray[np.floating[Any]], bounds: FloatArray) -> BoolArray:
 def draw_taxels(
     axes: Axes, layout: TaxelLayout, values: NDArray[np.floating[Any]], norm: Normalize, colours: str
 ) -> PolyCollection:
-    """Draw taxels as coloured boxes [mm], with their values where there are not too many.
-
-    Args:
-        axes: axes to draw on.
-        layout: layout of the taxels.
-        values: (J,) NaN without a value, which is light grey.
-        norm: normalisation of the colours.
-        colours: name of the colour map.
-    """
+    """Draw taxels as coloured boxes [mm], with their values (J,) if there are not too many; light grey for NaN."""
     centres, half = 1e3 * layout.centres_m, 1e3 * layout.sizes_m / 2
-    corners = centres[:, None] + half[:, None] * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    corners = centres[:, None] + half[:, None] * CORNERS
     cmap = mpl.colormaps[colours].with_extremes(bad=LIGHT)
     boxes = PolyCollection(list(corners), norm=norm, cmap=cmap, edgecolors=GREY, linewidths=0.4)
     boxes.set_array(np.ma.masked_invalid(values))

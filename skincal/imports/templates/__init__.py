@@ -11,10 +11,7 @@ FOLDER = Path(__file__).parent
 
 
 def template(kind: str) -> str:
-    """Return a working mapping file with comments.
-
-    Args:
-        kind: ``csv`` or ``rosbag``, or the name of a public data set.
+    """Return a working mapping file with comments: ``csv``, ``rosbag``, or that of a public data set.
 
     Raises:
         InputError: there is no file of that name.
