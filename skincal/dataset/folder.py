@@ -11,20 +11,11 @@ import numpy as np
 
 from skincal.bounded import MOST_ROWS
 from skincal.covariates import NORMAL
+from skincal.dataset import meta_file
 from skincal.dataset.columns import repeated
 from skincal.dataset.corrections import drop_impossible, with_converter_range
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Findings, Sheet
-from skincal.dataset.meta_file import (
-    FILE,
-    file_states,
-    hash_of,
-    position_columns,
-    read_meshes,
-    read_meta,
-    read_positions,
-    write_meta,
-)
 from skincal.dataset.plausibility import check_plausible, check_scale
 from skincal.dataset.rest import ACTIVE_COUNTS, REST_IN_DOUBT, active_taxels, active_threshold, rest_in_doubt
 from skincal.dataset.table_conversion import frames_from, presses_from
@@ -76,14 +67,14 @@ def _read(folder: Path, findings: Findings) -> Dataset | None:
         got = "a file" if folder.exists() else "no such folder"
         findings.error(str(folder), "a dataset's folder", got, NO_FOLDER)
         return None
-    before = file_states(folder, ())
-    meta = read_meta(folder, findings)
+    before = meta_file.file_states(folder, ())
+    meta = meta_file.read_meta(folder, findings)
     if meta is None:
         return None
     named = [meta.surface.file, meta.indenter.file, meta.sensor.positions]
-    before = file_states(folder, named) | before
-    meshes = read_meshes(folder, FILE, meta.surface, meta.indenter, findings)
-    positions = read_positions(folder, FILE, meta.sensor, findings)
+    before = meta_file.file_states(folder, named) | before
+    meshes = meta_file.read_meshes(folder, meta_file.FILE, meta.surface, meta.indenter, findings)
+    positions = meta_file.read_positions(folder, meta_file.FILE, meta.sensor, findings)
     described = not findings.errors
     press_table = _table(folder, "presses", findings)
     presses = None if press_table is None else presses_from(press_table, meta)
@@ -103,8 +94,8 @@ def _read(folder: Path, findings: Findings) -> Dataset | None:
     add_remarks(dataset, press_table.sheet)
     sha256 = ""
     with suppress(OSError):
-        sha256 = hash_of(folder, named)
-    if file_states(folder, named) != before or not sha256:
+        sha256 = meta_file.hash_of(folder, named)
+    if meta_file.file_states(folder, named) != before or not sha256:
         got = "one that changed while it was read"
         findings.error(str(folder), "a dataset that stays as it is", got, "Run again.")
         return None
@@ -121,18 +112,20 @@ def _table(folder: Path, stem: str, findings: Findings) -> RawTable | None:
 
 def _check_model(dataset: Dataset, findings: Findings) -> bool:
     """Return whether the model can be built from the description; report the reason if not."""
-    sensor = f"{FILE}, [sensor]" if dataset.positions is None else str(dataset.meta.sensor.positions)
+    sensor = (
+        f"{meta_file.FILE}, [sensor]" if dataset.positions is None else str(dataset.meta.sensor.positions)
+    )
     for place, expected, make in (
         (sensor, "a layout of taxels", dataset.layout),
-        (f"{FILE}, [surface]", "a surface", dataset.surface),
-        (f"{FILE}, [indenter]", "an indenter", dataset.indenter),
+        (f"{meta_file.FILE}, [surface]", "a surface", dataset.surface),
+        (f"{meta_file.FILE}, [indenter]", "an indenter", dataset.indenter),
     ):
         try:
             make()
         except ValueError as error:
             findings.error(place, expected, error)
             return False
-    place, expected = f"{FILE}, [mount]", "a pose on the surface"
+    place, expected = f"{meta_file.FILE}, [mount]", "a pose on the surface"
     try:
         points, _ = dataset.surface().wrap(dataset.nominal_pose(), dataset.layout().centres_m)
     except ValueError as error:
@@ -161,7 +154,7 @@ def write_dataset(
         InputError: the folder exists, and ``force`` is false.
         OSError: the disk is full or not writable; no partial folder is left behind.
     """
-    with whole_folder(path, force=force, marker=FILE) as folder:
+    with whole_folder(path, force=force, marker=meta_file.FILE) as folder:
         write_dataset_files(dataset, folder, presses_as=presses_as, frames_as=frames_as)
 
 
@@ -169,13 +162,13 @@ def write_dataset_files(
     dataset: Dataset, folder: Path, *, presses_as: Format = "csv", frames_as: Format = "parquet"
 ) -> None:
     """Write the files of a dataset into an existing folder."""
-    write_meta(dataset.meta, folder / FILE)
+    meta_file.write_meta(dataset.meta, folder / meta_file.FILE)
     taxels = dataset.meta.sensor.taxel_columns()
     write_table(folder / f"presses.{presses_as}", dataset.presses.to_columns(taxels))
     if dataset.frames is not None:
         write_table(folder / f"frames.{frames_as}", dataset.frames.to_columns(taxels))
     if dataset.positions is not None:
-        columns = position_columns(dataset.meta.sensor, dataset.positions)
+        columns = meta_file.position_columns(dataset.meta.sensor, dataset.positions)
         write_table(folder / str(dataset.meta.sensor.positions), columns)
     for name, content in dataset.meshes.items():
         (folder / name).write_bytes(content)

@@ -7,19 +7,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from skincal.dataset import word_checks
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Sheet
 from skincal.dataset.rest import noise_at_rest, rest_levels
 from skincal.dataset.tables import HOLD, IDLE, Frames
 from skincal.dataset.uniform_pressure import uniform_pressure
-from skincal.dataset.word_checks import (
-    correlation,
-    find_below_zero,
-    find_byte_order,
-    find_falls,
-    find_wrapped,
-    load_from_images,
-)  # fmt: skip
 from skincal.errors import first_of
 from skincal.model.arrays import FloatArray, IntArray
 
@@ -145,7 +138,7 @@ def length_factor(dataset: Dataset, points: FloatArray, centre: FloatArray, reac
 def _fits_images(dataset: Dataset, points: FloatArray) -> float:
     """Return the correlation of the images with the loads that presses at some points (K, 3) would give."""
     there = replace(dataset, presses=replace(dataset.presses, position_m=points))
-    return correlation(dataset.presses.counts, expected_load(there))
+    return word_checks.correlation(dataset.presses.counts, expected_load(there))
 
 
 def unit_of_ratio(ratio: float) -> tuple[str, float] | None:
@@ -193,7 +186,7 @@ def _some(frames: Frames, phase: int | None = None) -> IntArray:
 
 def _check_words(dataset: Dataset, sheet: Sheet, counts: FloatArray) -> bool:
     names = list(dataset.meta.sensor.taxel_columns())
-    order = find_byte_order(counts)
+    order = word_checks.find_byte_order(counts)
     if order:
         mapping = f"[taxels] {order}"
         part, parts = ("half", "halves") if "swap_words" in order else ("byte", "bytes")
@@ -209,17 +202,17 @@ def _check_words(dataset: Dataset, sheet: Sheet, counts: FloatArray) -> bool:
     load = image_load = None
     if of_presses:
         presses, load = dataset.presses, expected_load(dataset)
-        image_load = load_from_images(presses.position_m, presses.force_n, counts)
-    wrapped = find_wrapped(counts, load, rests=rests, image_load=image_load)
+        image_load = word_checks.load_from_images(presses.position_m, presses.force_n, counts)
+    wrapped = word_checks.find_wrapped(counts, load, rests=rests, image_load=image_load)
     if wrapped is None and not of_presses and dataset.frames is not None:
         # The first ones, none left out: a fall is one from one frame to the next.
         rows = np.arange(min(len(dataset.frames), MOST_FRAMES))
         frames = dataset.frames
-        wrapped = find_falls(frames.counts_of(rows), frames.press[rows], frames.force_n[rows])
+        wrapped = word_checks.find_falls(frames.counts_of(rows), frames.press[rows], frames.force_n[rows])
         if wrapped is None and rests:
             rows = _some(frames)
             force = np.where(frames.press[rows] < 0, 0.0, frames.force_n[rows])
-            wrapped = find_below_zero(counts, np.broadcast_to(force[:, None], counts.shape))
+            wrapped = word_checks.find_below_zero(counts, np.broadcast_to(force[:, None], counts.shape))
     if wrapped is None:
         return False
     mapping = f'[taxels] word = "{wrapped.word}"' if wrapped.word else ""
@@ -288,7 +281,7 @@ def _check_direction(dataset: Dataset, sheet: Sheet) -> None:
     clear &= np.isfinite(apart)
     below, above = -apart[clear & (apart < 0)].sum(), apart[clear & (apart > 0)].sum()
     cells = int((clear & (apart < 0)).sum())
-    against = correlation(dataset.presses.counts, expected_load(dataset)) < FALLING_CORRELATION
+    against = word_checks.correlation(dataset.presses.counts, expected_load(dataset)) < FALLING_CORRELATION
     falls = cells >= FALLING_CELLS and below > FALLING_PART * above
     # Taxels that are pressed elsewhere than at the nominal pose also fall with their load, but stay above rest.
     at_rest = subtracted or counts is not dataset.presses.counts

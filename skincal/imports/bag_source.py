@@ -15,19 +15,8 @@ from numpy.typing import DTypeLike, NDArray
 from skincal.bounded import UnreadableError
 from skincal.dataset.findings import Findings
 from skincal.errors import InputError, Problem, input_error
-from skincal.imports import targets
+from skincal.imports import bag_file, targets
 from skincal.imports.apart import apart
-from skincal.imports.bag_file import (
-    FieldError,
-    NotHereError,
-    Step,
-    array_at,
-    check_topics,
-    number_at,
-    opened,
-    parse_path,
-    value_at,
-)
 from skincal.imports.clock import resampled
 from skincal.imports.mapping import Mapping, Quantity
 from skincal.imports.mapping_file import BagMapping, BagTaxels, TopicRules
@@ -81,8 +70,8 @@ def collect(path: Path, mapping: Mapping) -> tuple[Collector, list[Problem]]:
     definitions = {
         name: mapping.resolve_file(one, f"the definition of {name}") for name, one in named.items()
     }
-    with opened(path, definitions) as bag:
-        if check_topics(bag, collector.places, findings):
+    with bag_file.opened(path, definitions) as bag:
+        if bag_file.check_topics(bag, collector.places, findings):
             try:
                 for topic, stamp_ns, message in bag.messages(set(collector.places)):
                     collector.take(topic, stamp_ns, message)
@@ -147,10 +136,10 @@ class Stream:
         return time[order], np.array(self.samples.get(path, []), dtype=dtype)[order]
 
 
-_KINDS: Final[dict[str, tuple[Callable[[Any, Sequence[Step]], Any], str]]] = {
-    "array": (array_at, "an array of numbers"),
-    "number": (number_at, "a number"),
-    "text": (lambda message, steps: str(value_at(message, steps)), "a word"),
+_KINDS: Final[dict[str, tuple[Callable[[Any, Sequence[bag_file.Step]], Any], str]]] = {
+    "array": (bag_file.array_at, "an array of numbers"),
+    "number": (bag_file.number_at, "a number"),
+    "text": (lambda message, steps: str(bag_file.value_at(message, steps)), "a word"),
 }
 """What reads a value of each kind, and what an error expects."""
 
@@ -165,7 +154,7 @@ class Collector:
         self._findings = findings
         self._reported: set[str] = set()
         self._taxels = mapping.taxels
-        self._readers: dict[str, list[tuple[str, str, tuple[Step, ...], str]]] = {}
+        self._readers: dict[str, list[tuple[str, str, tuple[bag_file.Step, ...], str]]] = {}
         self.joints = () if file.joints is None else file.joints.names
         """Names of the joints: those of the mapping, or of the first message."""
         self.places = {q.topic: q.place for q in mapping.quantities if q.topic}
@@ -188,7 +177,7 @@ class Collector:
                 sample[path] = self._read(path, place, steps, kind, message)
             if topic == self._joints_topic:
                 sample |= self._joint_values(message)
-        except NotHereError:
+        except bag_file.NotHereError:
             return
         stamp_ns = self._header_ns(topic, message) if stream.rules.clock == "header" else receive_ns
         if stamp_ns is None:
@@ -199,33 +188,33 @@ class Collector:
 
     def _add(self, topic: str, path: str, place: str, kind: str) -> None:
         try:
-            steps = parse_path(path)
-        except FieldError as error:
+            steps = bag_file.parse_path(path)
+        except bag_file.FieldError as error:
             self._report(place, "a path like wrench.force.z", f'"{path}": {error}')
             return
         self._readers.setdefault(topic, []).append((path, place, steps, kind))
 
-    def _read(self, path: str, place: str, steps: tuple[Step, ...], kind: str, message: Any) -> Any:
+    def _read(self, path: str, place: str, steps: tuple[bag_file.Step, ...], kind: str, message: Any) -> Any:
         read, expected = _KINDS[kind]
         try:
             values = read(message, steps)
-        except FieldError as error:
+        except bag_file.FieldError as error:
             self._report(f"{place} field", f"{expected} at {path}", str(error))
-            raise NotHereError from error
+            raise bag_file.NotHereError from error
         if kind != "array":
             return values
         fewest = max(self._taxels.order) + 1
         if len(values) < fewest:
             self._report(f"{place} field", f"an array of {fewest} values or more", f"{len(values)} values")
-            raise NotHereError
+            raise bag_file.NotHereError
         return values
 
     def _header_ns(self, topic: str, message: Any) -> int | None:
         """Return the stamp of a message, or of the element that a path selects [ns]; None, reported, without one."""
         holders = [message]
         for _, _, steps, _ in self._readers.get(topic, []):
-            with suppress(FieldError, NotHereError):
-                holders.append(value_at(message, steps[:1]))
+            with suppress(bag_file.FieldError, bag_file.NotHereError):
+                holders.append(bag_file.value_at(message, steps[:1]))
         stamp = next((one.header.stamp for one in holders if hasattr(one, "header")), None)
         if stamp is not None and (stamp.sec or stamp.nanosec):
             return int(stamp.sec) * 10**9 + int(stamp.nanosec)
@@ -239,12 +228,12 @@ class Collector:
         if not all(hasattr(message, name) for name in ("name", "position", "effort")):
             place, got = self.places[self._joints_topic], getattr(message, "__msgtype__", "another")
             self._report(place, "sensor_msgs/JointState", got)
-            raise NotHereError
+            raise bag_file.NotHereError
         names = list(message.name)
         self.joints = self.joints or tuple(names)
         if not set(self.joints) & set(names):
             # Several nodes may publish the states of different joints on one topic.
-            raise NotHereError
+            raise bag_file.NotHereError
         values: dict[str, float] = {}
         for i, name in enumerate(self.joints):
             at = names.index(name) if name in names else len(message.position)

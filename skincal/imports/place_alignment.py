@@ -14,19 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from skincal.imports.alignment import (
-    ALIKE,
-    LEAST_CORRELATION,
-    LEAST_OVERLAP,
-    JoinedClock,
-    NoOffsetError,
-    best_lag,
-    common_step,
-    convolved,
-    relative,
-    stretch_about,
-    varying,
-)
+from skincal.imports import alignment
 from skincal.imports.recording import FloatArray
 
 TOUCHED: Final = 0.25
@@ -41,7 +29,7 @@ def estimate_offset_by_place(
     file_s: FloatArray,
     columns: Mapping[str, FloatArray],
     within_s: float = np.inf,
-) -> JoinedClock:
+) -> alignment.JoinedClock:
     """Return the estimated alignment of the clock of a file with positions.
 
     Arguments as :func:`~skincal.imports.alignment.estimate_offset`; ``columns`` holds positions, and ``centres_m`` the
@@ -51,14 +39,19 @@ def estimate_offset_by_place(
         NoOffsetError: at no lag the images lie where the positions are, or several lags are equally good.
     """
     given = np.isfinite(list(columns.values())).all(axis=0)
-    moving = {key: column for key, (_, column) in varying({k: c[given] for k, c in columns.items()}).items()}
+    moving = {
+        key: column
+        for key, (_, column) in alignment.varying({k: c[given] for k, c in columns.items()}).items()
+    }
     if not moving:
-        raise NoOffsetError("no lag at which the positions go with the images (nothing in them changes)")
+        raise alignment.NoOffsetError(
+            "no lag at which the positions go with the images (nothing in them changes)"
+        )
     file_s = file_s[given]
     zeros = float(taxels_s[0]), float(file_s[0])
     apart = zeros[0] - zeros[1]
     ours, theirs = taxels_s - zeros[0], file_s - zeros[1]
-    step = common_step(ours, theirs)
+    step = alignment.common_step(ours, theirs)
     time, basis = _basis(ours, images, centres_m, step)
     their_time: FloatArray = np.arange(0.0, float(theirs[-1]) + step / 2, step)
     places: FloatArray = np.stack([np.interp(their_time, theirs, column) for column in moving.values()])
@@ -66,12 +59,16 @@ def estimate_offset_by_place(
     lags: FloatArray = np.arange(1.0 - len(their_time), len(explained) - len(their_time) + 0.5) * step
     explained[np.abs(lags + apart) > within_s] = np.nan
     found: FloatArray = np.sqrt(np.maximum(explained, 0.0))
-    if (peak := np.nanmax(found, initial=0.0)) < LEAST_CORRELATION:
+    if (peak := np.nanmax(found, initial=0.0)) < alignment.LEAST_CORRELATION:
         reached = f"a correlation of {peak:.2f} at most"
-        raise NoOffsetError(f"no lag at which {', '.join(moving)} go with where the images lie ({reached})")
-    at = best_lag(lags + apart, found)
+        raise alignment.NoOffsetError(
+            f"no lag at which {', '.join(moving)} go with where the images lie ({reached})"
+        )
+    at = alignment.best_lag(lags + apart, found)
     # Lags that are as good as the best.
-    first, last = stretch_about(1.0 - np.nan_to_num(explained) <= ALIKE * (1.0 - explained[at]) + 1e-12, at)
+    first, last = alignment.stretch_about(
+        1.0 - np.nan_to_num(explained) <= alignment.ALIKE * (1.0 - explained[at]) + 1e-12, at
+    )
     offset = float(lags[first] + lags[last]) / 2
     sigma = float(np.hypot(lags[last] - lags[first], step)) / np.sqrt(12)
     near = np.abs(lags - offset) < 10 * max(step, time[-1] / 100)
@@ -79,10 +76,10 @@ def estimate_offset_by_place(
     touched = np.flatnonzero((basis[0] > 0) & (time >= offset) & (time <= offset + their_time[-1]))
     some = touched[:: max(1, len(touched) // 2000)]
     fitted: FloatArray = basis[:, some].T @ (basis[:, touched] @ there[touched])
-    return JoinedClock(
+    return alignment.JoinedClock(
         name, offset + apart, sigma, estimated=True, by=next(iter(moving)), correlation=float(found[at]),
         lags_s=lags[near] + apart, correlations=np.nan_to_num(found[near]), time_s=time[some] + zeros[0],
-        traces=np.stack([relative(fitted), relative(there[some])]),
+        traces=np.stack([alignment.relative(fitted), alignment.relative(there[some])]),
     )  # fmt: skip
 
 
@@ -116,13 +113,13 @@ def _basis(
 def _explained(basis: FloatArray, places: FloatArray) -> FloatArray:
     """Return the part of the positions' variance that the basis explains, by lag; NaN for a short overlap."""
     touched = (basis[0] > 0).astype(np.float64)
-    count = np.rint(convolved(touched, np.ones_like(places[0])))
+    count = np.rint(alignment.convolved(touched, np.ones_like(places[0])))
     total, left = np.zeros(len(count)), np.zeros(len(count))
     for place in places:
         column = ((place - place.mean()) / place.std())[::-1]
-        mean = convolved(touched, column) / np.maximum(count, 1.0)
-        total += convolved(touched, column**2) - count * mean**2
-        left += convolved(basis[1], column) ** 2 + convolved(basis[2], column) ** 2
-    good = (count >= LEAST_OVERLAP * touched.sum()) & (total > 1e-3 * count * len(places))
+        mean = alignment.convolved(touched, column) / np.maximum(count, 1.0)
+        total += alignment.convolved(touched, column**2) - count * mean**2
+        left += alignment.convolved(basis[1], column) ** 2 + alignment.convolved(basis[2], column) ** 2
+    good = (count >= alignment.LEAST_OVERLAP * touched.sum()) & (total > 1e-3 * count * len(places))
     # The basis is orthonormal over the whole recording, and nearly so over a part of it.
     return np.minimum(np.divide(left, total, out=np.full(len(total), np.nan), where=good), 1.0)

@@ -11,20 +11,7 @@ from typing import Literal
 import numpy as np
 
 from skincal.dataset.findings import Findings, listed
-from skincal.imports import targets
-from skincal.imports.clock import (
-    BITS,
-    DAY_S,
-    LARGEST_STEP,
-    Wraps,
-    epoch_unit,
-    find_wraps,
-    spread_equal,
-    steps_back,
-    unwrapped,
-    usual_step,
-    with_missing,
-)
+from skincal.imports import clock, targets
 from skincal.imports.mapping import Quantity
 from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.recording import FloatArray, IntArray
@@ -105,7 +92,8 @@ def read_clock(
     groups = [[i] for i in range(len(tables))] if own_clocks else [[*range(len(tables))]]
     by_time = form.order == "time"
     rows = [
-        np.argsort(with_missing(one), kind="stable") if by_time else np.arange(len(one)) for one, _ in read
+        np.argsort(clock.with_missing(one), kind="stable") if by_time else np.arange(len(one))
+        for one, _ in read
     ]
     times: list[FloatArray] = []
     notes: list[str] = []
@@ -122,7 +110,7 @@ def read_clock(
             f"{equal} rows have the stamp of the previous row; they were spread evenly up to the next stamp"
         )
         notes.append(f"{time.place}: {said}")
-    times_s = tuple(spread_equal(part) if len(part) else part for part in times)
+    times_s = tuple(clock.spread_equal(part) if len(part) else part for part in times)
     return Clock(times_s, tuple(rows), kind, tuple(dict.fromkeys(notes)))
 
 
@@ -183,11 +171,11 @@ def _mended(
     notes: list[str] = []
     wraps = None
     if time.wraps_at is not None:
-        wraps = Wraps(time.wraps_at, "", steps_back(stamps))
+        wraps = clock.Wraps(time.wraps_at, "", clock.steps_back(stamps))
     elif kind != "date":
-        wraps = find_wraps(stamps, 1.0 if kind == "day" else abs(time.scale) * time.unit.factor)
+        wraps = clock.find_wraps(stamps, 1.0 if kind == "day" else abs(time.scale) * time.unit.factor)
     if wraps is not None and wraps.rows.size:
-        stamps = unwrapped(stamps, wraps)
+        stamps = clock.unwrapped(stamps, wraps)
         times = "once" if wraps.rows.size == 1 else f"{wraps.rows.size} times"
         where = listed(wraps.rows[:3] + 1, wraps.rows.size)
         period = f"{wraps.period:.12g}"
@@ -204,7 +192,7 @@ def _mended(
     if 0 < missing < len(stamps):
         said = f"{missing} rows have no stamp; they were placed evenly between their neighbours"
         notes.append(f"{time.place}: {said}")
-        stamps = with_missing(stamps)
+        stamps = clock.with_missing(stamps)
     return stamps, notes
 
 
@@ -216,7 +204,7 @@ def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings
     together = np.concatenate(stamps) * abs(time.scale)
     known = {name: targets.FACTORS[targets.TIME][name] for name in ("s", "ms", "us", "ns")}
     factor = time.unit.factor
-    raw = max((usual_step(part) for part in stamps), default=0.0) * abs(time.scale)
+    raw = max((clock.usual_step(part) for part in stamps), default=0.0) * abs(time.scale)
     if raw == 0 and np.nanmin(together) == np.nanmax(together):
         got = f"{np.nanmedian(together):.10g} in every row"
         fix = "Single precision does not hold seconds since 1970. Set rate_hz in [csv] instead."
@@ -227,15 +215,15 @@ def _check_unit(stamps: Sequence[FloatArray], time: Quantity, findings: Findings
         fix = 'Set unit = "datetime" and format = "%H%M%S.%f" (without .%f if they have no decimals).'
         findings.error(f"{time.place} unit", expected, got, fix)
         return
-    each = [epoch_unit(part * abs(time.scale), known) for part in stamps]
+    each = [clock.epoch_unit(part * abs(time.scale), known) for part in stamps]
     if None not in each and len(set(each)) > 1:
         got = "files in " + ", ".join(f'"{name}"' for name in each)
         fix = "As times since 1970 they are in these units. Convert the files to one unit."
         findings.error(f"{time.place} unit", "stamps in one unit", got, fix)
         return
-    found, middle = epoch_unit(together, known), float(np.nanmedian(together))
+    found, middle = clock.epoch_unit(together, known), float(np.nanmedian(together))
     wrong = 0 < raw * factor < 1 / FASTEST_HZ or (raw * factor > 1 / SLOWEST_HZ and not slow)
-    if found not in (None, time.unit.name) and (wrong or middle * factor > DAY_S * 365 * 130):
+    if found not in (None, time.unit.name) and (wrong or middle * factor > clock.DAY_S * 365 * 130):
         got, fix = f"stamps of about {middle:.0f}", f'As times since 1970 they are in "{found}".'
     elif wrong and found in (None, time.unit.name) and time.unit.name in known:
         likely = min(known, key=lambda name: abs(np.log(raw * known[name] / USUAL_STEP_S)))
@@ -250,7 +238,9 @@ def _clock_digits(stamps: FloatArray) -> bool:
     given = stamps[np.isfinite(stamps)]
     steps = np.diff(given)
     over = np.where(steps > 4000, steps - 4000, steps) - 40  # a full hour, or a full minute
-    at = np.flatnonzero(((over > 0) & (over < 1 + LARGEST_STEP * usual_step(stamps))) | (steps < -235900))
+    at = np.flatnonzero(
+        ((over > 0) & (over < 1 + clock.LARGEST_STEP * clock.usual_step(stamps))) | (steps < -235900)
+    )
     digits = (given % 100 < 60).all() and (given // 100 % 100 < 60).all() and given.max() < 240000
     return bool(at.size and digits and (given[at] % 100 > 55).all() and (given[at + 1] % 100 < 5).all())
 
@@ -263,7 +253,7 @@ def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings:
         return
     back = np.flatnonzero(np.diff(time_s) < 0) + 1
     if not back.size:
-        steps, usual = np.diff(time_s), LARGEST_STEP * usual_step(time_s)
+        steps, usual = np.diff(time_s), clock.LARGEST_STEP * clock.usual_step(time_s)
         whole = np.abs(steps - HOUR_S * np.rint(steps / HOUR_S)) < min(usual, HOUR_S / 1000)
         if (ahead := np.flatnonzero(whole & (steps > max(usual, HOUR_S / 2))) + 1).size:
             got = f"a step of {HOUR_S * np.rint(steps[ahead[0] - 1] / HOUR_S):g} s"
@@ -275,14 +265,14 @@ def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings:
     moved = np.abs(np.argsort(np.argsort(time_s, kind="stable")) - np.arange(len(time_s))).max()
     single = bool((np.diff(np.delete(time_s, back)) >= 0).all())
     top = float(time_s.max()) / (abs(time.scale) * time.unit.factor)
-    bits = next((bits for bits in BITS if 2.0**bits / 4 < top < 2.0**bits), None)
+    bits = next((bits for bits in clock.BITS if 2.0**bits / 4 < top < 2.0**bits), None)
     limit = "" if bits is None else f" ({2**bits} for {bits} bits)"
     hour_off = abs(float(time_s[row - 1] - time_s[row]) - HOUR_S)
     fix = (
         f"The clock went back by an hour, as at the end of daylight saving time: set wraps_at = {HOUR_S:g}."
         if back.size == 1
         and time.unit.name == targets.DATETIME
-        and hour_off < LARGEST_STEP * usual_step(time_s)
+        and hour_off < clock.LARGEST_STEP * clock.usual_step(time_s)
         else 'The last row is the first event: set order = "time".'
         if back.size == len(time_s) - 1
         else "These stamps alone are wrong: empty their cells; they are then placed between their neighbours."

@@ -12,19 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from skincal.diagnosis.audit import AuditReport
-from skincal.report.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    LIGHT,
-    ORANGE,
-    RED,
-    SEQUENTIAL,
-    draw_taxels,
-    new_figure,
-    styled,
-)
+from skincal.report import style
 
 if TYPE_CHECKING:
     from skincal.dataset import Dataset
@@ -35,19 +23,21 @@ _SHOWN, _LATER = 4, 8
 """Number of presses whose counts are drawn over time, and of candidates of each round after the first."""
 
 
-@styled
+@style.styled
 def gap_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     """Draw the error before and after, and the noise, of every test press."""
     sums = diagnosis.gap.errors
     rms = np.sqrt(sums[:, :3] / np.maximum(sums[:, 3:], 1.0)) if len(sums) else np.zeros((0, 3))
-    figure = new_figure(11, 3.6, f"Error on {len(sums)} test presses, used by neither fit nor selection")
+    figure = style.new_figure(
+        11, 3.6, f"Error on {len(sums)} test presses, used by neither fit nor selection"
+    )
     axes = figure.subplots()
     order = np.argsort(-rms[:, 0]) if len(rms) else np.zeros(0, dtype=int)
     x = np.arange(len(rms))
-    axes.plot(x, rms[order, 0], "o", color=ORANGE, label="base model")
+    axes.plot(x, rms[order, 0], "o", color=style.ORANGE, label="base model")
     if diagnosis.effects:
-        axes.plot(x, rms[order, 1], "o", color=BLUE, label="with the named effects")
-    axes.plot(x, rms[order, 2], "_", color=BLACK, markersize=12, label="noise")
+        axes.plot(x, rms[order, 1], "o", color=style.BLUE, label="with the named effects")
+    axes.plot(x, rms[order, 2], "_", color=style.BLACK, markersize=12, label="noise")
     names = [str(dataset.presses.press[p]) for p in diagnosis.gap.presses[: len(rms)]]
     axes.set_xticks(x, [names[k] for k in order] if len(names) == len(rms) else [])
     axes.set(xlabel="press", ylabel="rms per taxel [counts]", ylim=(0, 1.08 * axes.get_ylim()[1]))
@@ -55,7 +45,7 @@ def gap_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     return figure
 
 
-@styled
+@style.styled
 def curves_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     """Draw counts over time, measured and simulated, of the most informative presses and taxels.
 
@@ -74,17 +64,19 @@ def curves_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     observations = np.flatnonzero(session.observation >= 0)
     time = np.zeros(len(session))
     time[session.observation[observations]] = session.samples.elapsed_s[observations]
-    figure = new_figure(13, 3.2, "Counts over time, measured and simulated, of the most informative presses")
+    figure = style.new_figure(
+        13, 3.2, "Counts over time, measured and simulated, of the most informative presses"
+    )
     for axes, p in zip(
         np.ravel(figure.subplots(1, max(len(chosen), 1), squeeze=False)), chosen, strict=False
     ):
         rows = np.flatnonzero(session.press == p)
         j = int(np.argmax(score[rows].sum(axis=0)))
         x = time[rows] - time[rows[0]] if session.has_frames else np.arange(len(rows))
-        axes.plot(x, session.counts[rows, j], ".", color=BLACK, markersize=4, label="measured")
-        axes.plot(x, fits[0][rows, j], color=ORANGE, label="base model")
+        axes.plot(x, session.counts[rows, j], ".", color=style.BLACK, markersize=4, label="measured")
+        axes.plot(x, fits[0][rows, j], color=style.ORANGE, label="base model")
         if diagnosis.effects:
-            axes.plot(x, fits[1][rows, j], color=BLUE, label="with the named effects")
+            axes.plot(x, fits[1][rows, j], color=style.BLUE, label="with the named effects")
         row, col = divmod(j, dataset.layout().cols)
         axes.set(title=f"press {dataset.presses.press[p]}, taxel_{row}_{col}", xlabel="time [s]")
     figure.axes[0].set_ylabel("counts")
@@ -92,7 +84,7 @@ def curves_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     return figure
 
 
-@styled
+@style.styled
 def where_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     """Draw each taxel's residual over the noise (rms), and parts of the session with more than their share."""
     fitter = diagnosis.observed.fitter
@@ -101,7 +93,7 @@ def where_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     models = [("base model", diagnosis.found.base)] + (
         [("with the named effects", diagnosis.found.final)] if diagnosis.effects else []
     )
-    figure = new_figure(12, 3.8)
+    figure = style.new_figure(12, 3.8)
     panels = np.ravel(figure.subplots(1, 3, width_ratios=(1, 1, 1.6)))
     maps = []
     for _, fit in models:
@@ -109,19 +101,19 @@ def where_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
         maps.append(np.sqrt(np.nanmean(residual**2, axis=0)))
     norm = Normalize(0, max(float(np.nanmax(maps[0])), 1.5))
     for axes, (title, _), values in zip(panels, models, maps, strict=False):
-        draw_taxels(axes, dataset.layout(), values, norm, SEQUENTIAL)
+        style.draw_taxels(axes, dataset.layout(), values, norm, style.SEQUENTIAL)
         axes.set(aspect="equal", xticks=[], yticks=[], title=f"{title}: residual over noise")
         axes.spines[:].set_visible(False)
     if len(models) < 2:
         panels[1].set_axis_off()
     parts = diagnosis.depends[::-1]
-    panels[2].barh([s.meaning for s in parts], [s.times for s in parts], color=BLUE)
-    panels[2].axvline(1.0, color=BLACK, linewidth=1)
+    panels[2].barh([s.meaning for s in parts], [s.times for s in parts], color=style.BLUE)
+    panels[2].axvline(1.0, color=style.BLACK, linewidth=1)
     panels[2].set_xlabel("share of the excess over share of the values")
     return figure
 
 
-@styled
+@style.styled
 def candidates_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     """Draw the gain of every candidate with its standard error, the null's quantile, and the required gain."""
     del dataset
@@ -129,18 +121,18 @@ def candidates_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     null, names = diagnosis.found.null, {n for e in diagnosis.effects for n in e.consistent_with}
     below = f"{100 * null.probability:g} % of sessions without effects"
     firsts = {e.name for e in diagnosis.effects}
-    figure = new_figure(10, 1.2 + sum(0.22 * len(r) + 0.5 for r in rounds), "Gain on held-out presses")
+    figure = style.new_figure(10, 1.2 + sum(0.22 * len(r) + 0.5 for r in rounds), "Gain on held-out presses")
     heights = [len(r) for r in rounds] or [1]
     panels = np.ravel(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights))
     for number, (axes, candidates) in enumerate(zip(panels, rounds, strict=False)):
         rows = np.arange(len(candidates))
         quantiles = [max(null.quantile(c.name), 0.0) for c in candidates]
-        axes.barh(rows, quantiles, color=LIGHT, height=0.8, label=below)
-        axes.plot([c.limit for c in candidates], rows, "|", color=BLACK, markersize=9, label="required")
+        axes.barh(rows, quantiles, color=style.LIGHT, height=0.8, label=below)
+        axes.plot([c.limit for c in candidates], rows, "|", color=style.BLACK, markersize=9, label="required")
         for colour, label, chosen in (
-            (BLUE, "named", [c.name in firsts for c in candidates]),
-            (GREEN, "not distinguishable from it", [c.name in names - firsts for c in candidates]),
-            (GREY, "others", [c.name not in names for c in candidates]),
+            (style.BLUE, "named", [c.name in firsts for c in candidates]),
+            (style.GREEN, "not distinguishable from it", [c.name in names - firsts for c in candidates]),
+            (style.GREY, "others", [c.name not in names for c in candidates]),
         ):
             k = np.flatnonzero(chosen)
             if not len(k):
@@ -169,12 +161,12 @@ WEAKEST, STRONGEST = 1e-3, 30.0
 """Limits of the axis of strengths, at which bars end."""
 
 
-@styled
+@style.styled
 def audit_figure(report: AuditReport) -> Figure:
     """Draw the smallest visible strengths as bars, and the matrix of cosines between effects."""
     what = "planned presses" if report.planned else "presses"
     title = f"{len(report.visible)} of {len(report.effects)} effects are visible in {report.presses} {what}"
-    figure = new_figure(13.5, 6.6, title)
+    figure = style.new_figure(13.5, 6.6, title)
     bars, matrix = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
     _draw_strengths(bars, report)
     _draw_overlaps(figure, matrix, report)
@@ -185,15 +177,17 @@ def _draw_strengths(axes: Axes, report: AuditReport) -> None:
     place = np.arange(len(report.effects))
     smallest = np.array([effect.smallest_strength for effect in report.effects.values()])
     ends = np.clip(smallest, WEAKEST, STRONGEST)
-    colours = [BLUE if name in report.visible else RED for name in report.effects]
+    colours = [style.BLUE if name in report.visible else style.RED for name in report.effects]
     axes.set_xscale("log")
     axes.barh(place, 1 / ends, color=colours, height=0.7)
     axes.set_xlim(1 / STRONGEST, 1 / WEAKEST)
-    axes.axvline(1.0, color=BLACK, linewidth=1)
+    axes.axvline(1.0, color=style.BLACK, linewidth=1)
     for k, value in enumerate(smallest):
         text = f"{value:.2g}" if value < STRONGEST else f"> {STRONGEST:g}" if np.isfinite(value) else "never"
         point = (max(1 / ends[k], 1.15 / STRONGEST), k)
-        axes.annotate(text, point, (3, 0), textcoords="offset points", va="center", fontsize=7.5, color=BLACK)
+        axes.annotate(
+            text, point, (3, 0), textcoords="offset points", va="center", fontsize=7.5, color=style.BLACK
+        )
     axes.set_yticks(place, list(report.effects))
     axes.invert_yaxis()
     label = "typical strength over the smallest visible one; right of the line: visible"
@@ -207,12 +201,12 @@ def _draw_overlaps(figure: Figure, axes: Axes, report: AuditReport) -> None:
     for i, effect in enumerate(report.effects.values()):
         if effect.distance > 0:
             cosines[i] = [effect.overlaps.get(other, np.nan) for other in names]
-    shown = axes.imshow(cosines, vmin=0, vmax=1, cmap=SEQUENTIAL)
+    shown = axes.imshow(cosines, vmin=0, vmax=1, cmap=style.SEQUENTIAL)
     for i, effect in enumerate(report.effects.values()):
         for other in effect.consistent_with[1:]:
             corner = (names.index(other) - 0.5, i - 0.5)
-            axes.add_patch(Rectangle(corner, 1, 1, fill=False, edgecolor=RED, linewidth=1.8))
-    axes.set_facecolor(GREY)
+            axes.add_patch(Rectangle(corner, 1, 1, fill=False, edgecolor=style.RED, linewidth=1.8))
+    axes.set_facecolor(style.GREY)
     axes.set_xticks(np.arange(len(names)), names, rotation=90)
     axes.set_yticks(np.arange(len(names)), names)
     axes.set_title(f"Similarity of the effects of column and row; red: cosine above {report.options.alike:g}")

@@ -19,19 +19,7 @@ from skincal.files import real, whole_file
 from skincal.model import TaxelLayout
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
-from skincal.report.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    SEVERAL,
-    as_it_is,
-    draw_outlines,
-    legend_below,
-    new_figure,
-    save,
-    styled,
-)
+from skincal.report import style
 from skincal.robot import bundled_hand
 from skincal.train import Policy
 from skincal.train.evaluate import Trial, environment_for, episode
@@ -65,9 +53,9 @@ def write_figures(found: Sequence[Evaluated], trial: Trial, folder: Path) -> Non
     """Write ``runs.png`` and ``error.png``."""
     layout = layout_of(bundled_hand().meta.sensor, None)  # of the hand that the tasks use
     runs, scores = {one.name: one.runs for one in found}, {one.name: one.score for one in found}
-    save(runs_figure(runs, layout, f"{trial.task}: the first runs of each policy"), folder / "runs.png")
+    style.save(runs_figure(runs, layout, f"{trial.task}: the first runs of each policy"), folder / "runs.png")
     title = f"{trial.task}: mean of {trial.episodes} runs, 95 % interval"
-    save(error_figure(scores, title), folder / "error.png")
+    style.save(error_figure(scores, title), folder / "error.png")
 
 
 def write_runs(found: Sequence[Evaluated], path: Path) -> None:
@@ -90,28 +78,28 @@ def write_runs(found: Sequence[Evaluated], path: Path) -> None:
 EXAMPLES = 3
 
 
-@styled
+@style.styled
 def runs_figure(runs: Mapping[str, Runs], layout: TaxelLayout, title: str = "") -> Figure:
     """Draw three runs of each policy by name, over the taxels and the target's path."""
-    figure = new_figure(3.4 * len(runs) + 0.6, 4.2, title)
+    figure = style.new_figure(3.4 * len(runs) + 0.6, 4.2, title)
     all_axes = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
     for axes, (name, some) in zip(all_axes, runs.items(), strict=True):
-        draw_outlines(axes, layout, "none")
+        style.draw_outlines(axes, layout, "none")
         _draw_runs(axes, some)
         axes.set_aspect("equal", adjustable="box")
-        axes.set(title=as_it_is(name), xlabel="u [mm]")
+        axes.set(title=style.as_it_is(name), xlabel="u [mm]")
     all_axes[0].set_ylabel("v [mm]")
-    legend_below(all_axes[0], 4, 0.16)
+    style.legend_below(all_axes[0], 4, 0.16)
     return figure
 
 
-@styled
+@style.styled
 def error_figure(scores: Mapping[str, Score], title: str = "") -> Figure:
     """Draw the mean tracking error over time with its 95 % interval, and the number of runs that last."""
-    figure = new_figure(6.4, 3.8, title)
+    figure = style.new_figure(6.4, 3.8, title)
     axes = figure.subplots()
-    for (name, score), colour in zip(scores.items(), SEVERAL * len(scores), strict=False):
-        label = f"{as_it_is(name)} ({score.episodes - score.drops} of {score.episodes} held)"
+    for (name, score), colour in zip(scores.items(), style.SEVERAL * len(scores), strict=False):
+        label = f"{style.as_it_is(name)} ({score.episodes - score.drops} of {score.episodes} held)"
         axes.plot(score.time_s, 1e3 * score.error_m, color=colour, label=label)
         low, high = 1e3 * score.error_low_m, 1e3 * score.error_high_m
         axes.fill_between(score.time_s, low, high, color=colour, alpha=0.2, linewidth=0)
@@ -126,8 +114,10 @@ def error_figure(scores: Mapping[str, Score], title: str = "") -> Figure:
 
 def _draw_runs(axes: Axes, runs: Runs) -> None:
     """Draw the first runs, which are not selected."""
-    axes.plot(*(1e3 * runs.target_m[0].T), color=BLACK, linewidth=1.0, label="target")
-    for i, colour in zip(range(min(EXAMPLES, len(runs))), (BLUE, ORANGE, GREEN), strict=False):
+    axes.plot(*(1e3 * runs.target_m[0].T), color=style.BLACK, linewidth=1.0, label="target")
+    for i, colour in zip(
+        range(min(EXAMPLES, len(runs))), (style.BLUE, style.ORANGE, style.GREEN), strict=False
+    ):
         way = 1e3 * runs.object_m[i]
         axes.plot(*way.T, color=colour, linewidth=1.2, label=f"run {i + 1}")
         held = np.isfinite(way).all(axis=1)
@@ -161,14 +151,14 @@ _PANELS = (
 )
 
 
-@styled
+@style.styled
 def curves_figure(curves: Mapping[str, Mapping[str, FloatArray]], title: str = "") -> Figure:
     """Draw learning curves: columns of each run by name (see :func:`skincal.train.read_curve`)."""
-    figure = new_figure(10.5, 3.2, title)
+    figure = style.new_figure(10.5, 3.2, title)
     for axes, (column, label, factor) in zip(figure.subplots(1, 3), _PANELS, strict=True):
-        for (name, curve), colour in zip(curves.items(), SEVERAL * len(curves), strict=False):
+        for (name, curve), colour in zip(curves.items(), style.SEVERAL * len(curves), strict=False):
             steps, values = smoothed(curve["steps"], curve[column])
-            axes.plot(1e-3 * steps, factor * values, color=colour, label=as_it_is(name))
+            axes.plot(1e-3 * steps, factor * values, color=colour, label=style.as_it_is(name))
         axes.set(xlabel="environment steps [thousands]", title=label)
         axes.grid(axis="y")
         axes.set_ylim(bottom=0)

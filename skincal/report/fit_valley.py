@@ -22,18 +22,8 @@ from matplotlib.patches import Patch
 from skincal.fitting.fit_options import PAPER_BOUND_COUNTS2
 from skincal.fitting.result import FitResult
 from skincal.fitting.types import Floats
+from skincal.report import style
 from skincal.report.fit_quantities import Quantity, label_panel, quantities
-from skincal.report.style import (
-    BLACK,
-    BLUE,
-    OPEN,
-    ORANGE,
-    RED,
-    few_logarithmic_ticks,
-    log_scale,
-    new_figure,
-    styled,
-)
 
 COLOURS = "viridis_r"
 """Colour map that is yellow where the loss is low, so that black marks stand out."""
@@ -51,7 +41,7 @@ class _Axis:
     values: Floats
 
 
-@styled
+@style.styled
 def valley_figure(result: FitResult) -> Figure:
     """Draw the evaluated grid with the meaningful levels of its loss, as a triangle of panels.
 
@@ -64,7 +54,7 @@ def valley_figure(result: FitResult) -> Figure:
     low = float(rmse.min())
     levels = np.geomspace(low, max(float(np.quantile(rmse, 0.99)), 1.5 * low), LEVELS)
     count = len(axes_of)
-    figure = new_figure(11, 11 if count == 4 else 8.5, "The paper's loss over the macro variables")
+    figure = style.new_figure(11, 11 if count == 4 else 8.5, "The paper's loss over the macro variables")
     if not count:
         return figure
     grid = figure.add_gridspec(count, count)
@@ -107,23 +97,23 @@ def _marks(result: FitResult) -> list[tuple[float, str, Any, str]]:
         own, words = result.valley_mse_counts2**0.5, "valley's bound"
     else:
         own, words = result.grid.mse_at_best_counts2**0.5, "this loss at the best point"
-    marks: list[tuple[float, str, Any, str]] = [(own, RED, "-", f"{words}, {own:.3g} counts")]
+    marks: list[tuple[float, str, Any, str]] = [(own, style.RED, "-", f"{words}, {own:.3g} counts")]
     if abs(own - paper) > 1e-9:
-        marks.append((paper, BLACK, "--", f"bound of the paper, {paper:g} counts"))
+        marks.append((paper, style.BLACK, "--", f"bound of the paper, {paper:g} counts"))
     return marks
 
 
 def _draw_profile(axes: Axes, of: _Axis, least: Floats, result: FitResult) -> None:
-    axes.plot(of.values, least, color=BLUE, marker=".", markersize=3)
+    axes.plot(of.values, least, color=style.BLUE, marker=".", markersize=3)
     for value, colour, line, _ in _marks(result):
         axes.axhline(value, color=colour, linestyle=line, linewidth=1.0)
     if of.quantity.identified:
-        axes.axvspan(of.quantity.low, of.quantity.high, color=ORANGE, alpha=0.35, linewidth=0)
-    axes.axvline(of.quantity.best, color=BLACK, linewidth=0.8)
-    log_scale(axes, "y")
+        axes.axvspan(of.quantity.low, of.quantity.high, color=style.ORANGE, alpha=0.35, linewidth=0)
+    axes.axvline(of.quantity.best, color=style.BLACK, linewidth=0.8)
+    style.log_scale(axes, "y")
     axes.margins(x=0.0)
     if of.quantity.logarithmic:
-        log_scale(axes, "x")
+        style.log_scale(axes, "x")
     note = "" if of.quantity.identified else ": not identified"
     axes.set_title(f"along {of.quantity.label}{note}", fontsize=9)
 
@@ -137,12 +127,12 @@ def _draw_pair(axes: Axes, col: _Axis, row: _Axis, least: Floats, levels: Floats
             axes.contour(*place, levels=[value], colors=[colour], linestyles=[line], linewidths=1.3)
     x, y = col.quantity, row.quantity
     dots = slice(None, None, max(1, len(result.draws) // MOST_DOTS))
-    axes.plot(x.draws[dots], y.draws[dots], ".", color=BLACK, markersize=2, markeredgewidth=0)
-    axes.plot(x.best, y.best, "o", markersize=10, **OPEN)
+    axes.plot(x.draws[dots], y.draws[dots], ".", color=style.BLACK, markersize=2, markeredgewidth=0)
+    axes.plot(x.best, y.best, "o", markersize=10, **style.OPEN)
     axes.set(xlim=col.values[[0, -1]], ylim=row.values[[0, -1]])
     for quantity, along in ((x, "x"), (y, "y")):
         if quantity.logarithmic:
-            log_scale(axes, along)
+            style.log_scale(axes, along)
 
 
 def _explain(figure: Figure, grid: GridSpec, levels: Floats, result: FitResult) -> None:
@@ -154,11 +144,11 @@ def _explain(figure: Figure, grid: GridSpec, levels: Floats, result: FitResult) 
         Line2D([], [], color=colour, linestyle=line, label=words) for _, colour, line, words in _marks(result)
     ]
     handles += [
-        Line2D([], [], linestyle="", marker="o", markersize=9, label="best point", **OPEN),
-        Line2D([], [], linestyle="", marker=".", color=BLACK, label="draws from the valley"),
+        Line2D([], [], linestyle="", marker="o", markersize=9, label="best point", **style.OPEN),
+        Line2D([], [], linestyle="", marker=".", color=style.BLACK, label="draws from the valley"),
     ]
     if any(of.quantity.identified for of in _searched(result)):
-        handles.append(Patch(color=ORANGE, alpha=0.35, label="interval"))
+        handles.append(Patch(color=style.ORANGE, alpha=0.35, label="interval"))
     place.legend(handles=handles, loc="upper right", fontsize=9)
     if side < 2:
         return
@@ -166,4 +156,4 @@ def _explain(figure: Figure, grid: GridSpec, levels: Floats, result: FitResult) 
     mappable = ScalarMappable(LogNorm(levels[0], levels[-1]), COLOURS)
     bar = figure.colorbar(mappable, cax=bar_place, orientation="horizontal", extend="both")
     bar.set_label("rmse per taxel [counts], minimum over the other variables", fontsize=8)
-    few_logarithmic_ticks(bar.ax.xaxis)
+    style.few_logarithmic_ticks(bar.ax.xaxis)

@@ -9,30 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from skincal.collect import KINDS, Mount, Plan
-from skincal.report.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    LIGHT,
-    ORANGE,
-    RED,
-    as_it_is,
-    draw_outlines,
-    equal_axes_mm,
-    legend_below,
-    new_figure,
-    styled,
-)
+from skincal.report import style
 
-COLOURS = dict(zip(KINDS, (BLUE, RED, GREEN, ORANGE), strict=True))
+COLOURS = dict(zip(KINDS, (style.BLUE, style.RED, style.GREEN, style.ORANGE), strict=True))
 LARGEST_MARK_PT2 = 110.0
 MARKERS = {"o": "circles", "s": "squares", "D": "diamonds", "^": "triangles up", "v": "triangles down"}
 
 
-@styled
+@style.styled
 def plan_figure(plan: Plan, mount: Mount) -> Figure:
     """Draw the sites of a plan on the patch at its nominal pose, and the forces over the order of the presses."""
-    figure = new_figure(11.5, 5.2, f"{plan.name}: {len(plan)} presses")
+    figure = style.new_figure(11.5, 5.2, f"{plan.name}: {len(plan)} presses")
     sites, order = figure.subplots(1, 2, width_ratios=(1.0, 1.3))
     _draw_sites(sites, plan, mount)
     _draw_order(order, plan)
@@ -40,10 +27,10 @@ def plan_figure(plan: Plan, mount: Mount) -> Figure:
 
 
 def _draw_sites(axes: Axes, plan: Plan, mount: Mount) -> None:
-    draw_outlines(axes, mount.layout)
+    style.draw_outlines(axes, mount.layout)
     uv = 1e3 * plan.sites_m()
     force = np.array([press.force_n for press in plan.presses])
-    look: Any = {"edgecolors": BLACK, "linewidths": 0.4, "alpha": 0.75}
+    look: Any = {"edgecolors": style.BLACK, "linewidths": 0.4, "alpha": 0.75}
     for kind in KINDS:
         rows = np.array([press.kind == kind for press in plan.presses])
         if rows.any():
@@ -51,9 +38,9 @@ def _draw_sites(axes: Axes, plan: Plan, mount: Mount) -> None:
             axes.scatter(*uv[rows].T, s=area, color=COLOURS[kind], label=f"{kind} ({rows.sum()})", **look)
     axes.update_datalim(1e3 * mount.layout.bounds_m)
     axes.autoscale_view()
-    equal_axes_mm(axes, "u", "v")
+    style.equal_axes_mm(axes, "u", "v")
     axes.set_title("Sites on the patch, at its nominal pose; area: force")
-    legend_below(axes, len(KINDS), 0.12)
+    style.legend_below(axes, len(KINDS), 0.12)
 
 
 def _draw_order(axes: Axes, plan: Plan) -> None:
@@ -76,7 +63,7 @@ def _draw_poses(axes: Axes, plan: Plan) -> None:
     names = plan.pose_names
     for i, press in enumerate(plan.presses):
         if names.index(press.pose) % 2:
-            axes.axvspan(i - 0.5, i + 0.5, color=LIGHT, linewidth=0, zorder=0)
+            axes.axvspan(i - 0.5, i + 0.5, color=style.LIGHT, linewidth=0, zorder=0)
     if len(names) > 1:
-        text = as_it_is(f"white: pose {', '.join(names[::2])}; grey: pose {', '.join(names[1::2])}")
+        text = style.as_it_is(f"white: pose {', '.join(names[::2])}; grey: pose {', '.join(names[1::2])}")
         axes.annotate(text, (1, 1), (0, 4), "axes fraction", "offset points", ha="right", fontsize=8)
