@@ -8,7 +8,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -54,91 +54,73 @@ class Name:
 
 
 _FINGER: Final = (
-    Name("finger.joint_offset_rad", "rad", "joint", "added to the measured joint angles", -math.pi, math.pi),
-    Name("finger.joint_noise_rad", "rad", "joint", "added to the measured joint angles", -math.pi, math.pi),
-    Name("finger.k_p_nm_per_rad", "N m/rad", "joint", "stiffness of the joint controller", 0.0),
-    Name("finger.k_d_nms_per_rad", "N m s/rad", "joint", "damping of the joint controller", 0.0),
+    Name("joint_offset_rad", "rad", "joint", "added to the measured joint angles", -math.pi, math.pi),
+    Name("joint_noise_rad", "rad", "joint", "added to the measured joint angles", -math.pi, math.pi),
+    Name("k_p_nm_per_rad", "N m/rad", "joint", "stiffness of the joint controller", 0.0),
+    Name("k_d_nms_per_rad", "N m s/rad", "joint", "damping of the joint controller", 0.0),
     Name(
-        "finger.parasitic_stiffness_nm_per_rad",
-        "N m/rad",
-        "joint",
-        "stiffness K_e of the drive between motor and joint",
-        0.0,
+        "parasitic_stiffness_nm_per_rad", "N m/rad", "joint",
+        "stiffness K_e of the drive between motor and joint", 0.0,
     ),
-    Name(
-        "finger.stick_friction_12_nm", "N m", "joint_12", "stick friction of joints 1 and 2 of a finger", 0.0
-    ),
-    Name("finger.stick_friction_3_nm", "N m", "joint_3", "stick friction of joint 3 of a finger", 0.0),
-    Name("finger.lateral_friction", "1", "scalar", "friction coefficient of the fingertips", 0.0),
+    Name("stick_friction_12_nm", "N m", "joint_12", "stick friction of joints 1 and 2 of a finger", 0.0),
+    Name("stick_friction_3_nm", "N m", "joint_3", "stick friction of joint 3 of a finger", 0.0),
+    Name("lateral_friction", "1", "scalar", "friction coefficient of the fingertips", 0.0),
+)  # fmt: skip
+
+_OBJECT: Final = (
+    Name("position_m", "m", "xyz", "added to the initial position", -1.0, 1.0),
+    Name("mass_kg", "kg", "scalar", "mass", 0.0, 10.0),
+    Name("radius_m", "m", "scalar", "radius", 0.0, 0.5),
+    Name("lateral_friction", "1", "scalar", "friction coefficient against sliding", 0.0),
+    Name("spinning_friction", "m", "scalar", "torque against spinning, over normal force", 0.0),
+    Name("rolling_friction", "m", "scalar", "torque against rolling, over normal force", 0.0),
+    Name("random_force_n", "N", "xyz", "force that disturbs the object"),
 )
 
-
-def _object(name: str) -> tuple[Name, ...]:
-    table = f"object.{name}"
-    return (
-        Name(f"{table}.position_m", "m", "xyz", "added to the initial position", -1.0, 1.0),
-        Name(f"{table}.mass_kg", "kg", "scalar", "mass", 0.0, 10.0),
-        Name(f"{table}.radius_m", "m", "scalar", "radius", 0.0, 0.5),
-        Name(f"{table}.lateral_friction", "1", "scalar", "friction coefficient against sliding", 0.0),
-        Name(f"{table}.spinning_friction", "m", "scalar", "torque against spinning, over normal force", 0.0),
-        Name(f"{table}.rolling_friction", "m", "scalar", "torque against rolling, over normal force", 0.0),
-        Name(f"{table}.random_force_n", "N", "xyz", "force that disturbs the object"),
-    )
-
-
 _BOLT_ANGLES: Final = (
-    Name("object.bolt.psi_deg", "°", "scalar", "added to the initial angle psi", -180.0, 180.0),
-    Name("object.bolt.theta_deg", "°", "scalar", "added to the initial angle theta", -180.0, 180.0),
-    Name("object.bolt.phi_deg", "°", "scalar", "added to the initial angle phi", -180.0, 180.0),
+    Name("psi_deg", "°", "scalar", "added to the initial angle psi", -180.0, 180.0),
+    Name("theta_deg", "°", "scalar", "added to the initial angle theta", -180.0, 180.0),
+    Name("phi_deg", "°", "scalar", "added to the initial angle phi", -180.0, 180.0),
 )
 
 _SKIN: Final = (
-    Name("skin.x_m", "m", "scalar", "centre of the patch on a plane", -1.0, 1.0),
-    Name("skin.y_m", "m", "scalar", "centre of the patch along the finger", -1.0, 1.0),
-    Name("skin.beta_deg", "°", "scalar", "centre of the patch round the fingertip", -360.0, 360.0),
-    Name("skin.alpha_deg", "°", "scalar", "turn of the patch about its normal", -360.0, 360.0),
-    Name(
-        "skin.x_offset_m", "m", "scalar", "added to the nominal centre, as arc towards +beta or +x", -1.0, 1.0
-    ),
-    Name("skin.y_offset_m", "m", "scalar", "added to the nominal centre, along +y", -1.0, 1.0),
-    Name("skin.elasticity_pa_per_m", "Pa/m", "scalar", "stress over penetration, E", 0.0),
-    Name("skin.scale_per_n", "1/N", "scalar", "counts over taxel load, S, common to all taxels", 0.0),
-    Name("skin.scale_offset_per_n", "1/N", "taxel", "added to the common scale: S_j = S + this"),
-    Name("skin.taxel_offset_counts", "counts", "taxel", "added to the taxel's value"),
-    Name("skin.noise_sigma_counts", "counts", "taxel", "standard deviation of the taxel's noise", 0.0),
-    Name(
-        "skin.taxel_noise_counts", "counts", "taxel", "noise, added to the taxel's value on top of the offset"
-    ),
-    Name(
-        "skin.contact_law.exponent",
-        "1",
-        "scalar",
-        "power of the penetration that stress grows with",
-        0.3,
-        3.0,
-    ),
-    Name("skin.contact_law.spread_m2", "m²", "scalar", "variance by which pressure spreads", -1e-6, 1e-6),
-    Name(
-        "skin.contact_law.radius_scale",
-        "1",
-        "scalar",
-        "radius that a ball seems to have, over its own",
-        0.5,
-        2.0,
-    ),
-    Name(
-        "skin.contact_law.reference_radius_m", "m", "scalar", "radius of the ball that E belongs to", 0.0, 0.1
-    ),
+    Name("x_m", "m", "scalar", "centre of the patch on a plane", -1.0, 1.0),
+    Name("y_m", "m", "scalar", "centre of the patch along the finger", -1.0, 1.0),
+    Name("beta_deg", "°", "scalar", "centre of the patch round the fingertip", -360.0, 360.0),
+    Name("alpha_deg", "°", "scalar", "turn of the patch about its normal", -360.0, 360.0),
+    Name("x_offset_m", "m", "scalar", "added to the nominal centre, as arc towards +beta or +x", -1.0, 1.0),
+    Name("y_offset_m", "m", "scalar", "added to the nominal centre, along +y", -1.0, 1.0),
+    Name("elasticity_pa_per_m", "Pa/m", "scalar", "stress over penetration, E", 0.0),
+    Name("scale_per_n", "1/N", "scalar", "counts over taxel load, S, common to all taxels", 0.0),
+    Name("scale_offset_per_n", "1/N", "taxel", "added to the common scale: S_j = S + this"),
+    Name("taxel_offset_counts", "counts", "taxel", "added to the taxel's value"),
+    Name("noise_sigma_counts", "counts", "taxel", "standard deviation of the taxel's noise", 0.0),
+    Name("taxel_noise_counts", "counts", "taxel", "noise, added to the taxel's value on top of the offset"),
 )
 
+_CONTACT_LAW: Final = (
+    Name("exponent", "1", "scalar", "power of the penetration that stress grows with", 0.3, 3.0),
+    Name("spread_m2", "m²", "scalar", "variance by which pressure spreads", -1e-6, 1e-6),
+    Name("radius_scale", "1", "scalar", "radius that a ball seems to have, over its own", 0.5, 2.0),
+    Name("reference_radius_m", "m", "scalar", "radius of the ball that E belongs to", 0.0, 0.1),
+)
+
+_TABLES: Final = {
+    "finger": _FINGER,
+    "object.marble": _OBJECT,
+    "object.bolt": (*_OBJECT, *_BOLT_ANGLES),
+    "skin": _SKIN,
+    "skin.contact_law": _CONTACT_LAW,
+}
+
 NAMES: Final[dict[str, Name]] = {
-    name.path: name for name in (*_FINGER, *_object("marble"), *_object("bolt"), *_BOLT_ANGLES, *_SKIN)
+    f"{table}.{one.path}": replace(one, path=f"{table}.{one.path}")
+    for table, names in _TABLES.items()
+    for one in names
 }
 """Every parameter by its full name, in the order of the files; without effects."""
 
-TABLES: Final[tuple[str, ...]] = (
-    "finger", "object.marble", "object.bolt", "skin", "skin.contact_law", "skin.effects.NAME",
-)  # fmt: skip
+TABLES: Final[tuple[str, ...]] = (*_TABLES, "skin.effects.NAME")
 
 EFFECTS_PREFIX: Final = "skin.effects."
 
