@@ -1,4 +1,4 @@
-"""Samples of a series that are left out: spikes of taxels that drop out, and contacts that slide while they are held."""
+"""Samples of a series that are left out: spikes of taxels that drop out, contacts that slide while they are held."""
 
 from __future__ import annotations
 
