@@ -20,7 +20,7 @@ from skincal.dataset import (
     SurfaceSpec,
     TaxelPositions,
 )
-from skincal.dataset.model_objects import converter_of, indenter_of, layout_of, surface_of
+from skincal.dataset.dataset import converter_of, indenter_of, layout_of, surface_of
 from skincal.errors import Problem, WorkError
 from skincal.model import Converter, Indenter, Patch, SensorPose, Skin, SkinParameters, Surface, TaxelLayout
 from skincal.shown import Shown

@@ -199,7 +199,7 @@ def _show_plan(
     from skincal.collect.poses import with_poses
     from skincal.collect.posture import Fingers, Mount
     from skincal.collect.travel import duration_s
-    from skincal.report.plan import plan_figure
+    from skincal.report.hand import plan_figure
     from skincal.report.style import PICTURE_MARK, save_whole
     from skincal.robot import Kinematics
 

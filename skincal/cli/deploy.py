@@ -71,7 +71,7 @@ def deploy(
     irregularity stops the hand. OUT holds the run as a session, which `--driver replay` plays, with a picture.
     """
     from skincal.cli.live import RunProgress
-    from skincal.dataset.model_objects import layout_of
+    from skincal.dataset.dataset import layout_of
     from skincal.deploy import deploy as run
     from skincal.deploy import targets_of, write_record
     from skincal.deploy.estimate import estimate_error_m, estimate_positions
@@ -103,7 +103,7 @@ def deploy(
 
     def keep(found: Deployed, felt: np.ndarray | None, *, finished: bool, out: Path = out) -> dict[str, Any]:
         """Write the session, the numbers and, of a run that came to its end, the picture."""
-        from skincal.report.deploy import deploy_figure
+        from skincal.report.hand import deploy_figure
         from skincal.report.style import save
 
         content = {

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from skincal.collect.press_options import CollectOptions
 from skincal.dataset import DatasetMeta
-from skincal.dataset.model_objects import layout_of, pose_of, surface_of
+from skincal.dataset.dataset import layout_of, pose_of, surface_of
 from skincal.dataset.placement import patch_coordinates
 from skincal.model import SensorPose, Surface, TaxelLayout
 from skincal.model.arrays import FloatArray

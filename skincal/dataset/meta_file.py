@@ -15,9 +15,9 @@ from skincal.bounded import MOST_MESH_BYTES, parse_toml, read_bytes, read_text
 from skincal.covariates import ANY, POSITIVE
 from skincal.dataset import table_file
 from skincal.dataset.columns import ColumnReader, repeated
+from skincal.dataset.dataset import mesh_arrays
 from skincal.dataset.findings import Findings
 from skincal.dataset.keys import MILLIMETRES, TWICE
-from skincal.dataset.model_objects import mesh_arrays
 from skincal.dataset.schema import Table, load_toml, plain_table, read_table
 from skincal.dataset.spec import FORMAT, DatasetMeta, IndenterSpec, SensorSpec, SurfaceSpec
 from skincal.dataset.table_file import SUFFIXES, RawTable, file_state

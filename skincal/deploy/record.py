@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.dataset import HOLD, IDLE, Dataset, Frames, IndenterSpec, Presses, write_dataset
-from skincal.dataset.model_objects import layout_of, pose_of, surface_of
+from skincal.dataset.dataset import layout_of, pose_of, surface_of
 from skincal.hand.driver import HandState
 from skincal.model.arrays import FloatArray
 from skincal.robot.description import JOINT_FIELDS, joint_columns

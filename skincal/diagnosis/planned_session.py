@@ -11,7 +11,7 @@ from skincal.collect import CollectOptions, Mount, Plan
 from skincal.collect.poses import with_poses
 from skincal.collect.posture import Fingers
 from skincal.collect.travel import paces_s
-from skincal.dataset.model_objects import indenter_of
+from skincal.dataset.dataset import indenter_of
 from skincal.effects import Samples, Steps, hold_session, met_before
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.inference.session import GapSession

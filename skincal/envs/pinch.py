@@ -11,10 +11,10 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from skincal.dataset.dataset import pose_of, surface_of
 from skincal.dataset.findings import Findings
 from skincal.dataset.keys import Key, Length, Range
 from skincal.dataset.kinds import SURFACES, named
-from skincal.dataset.model_objects import pose_of, surface_of
 from skincal.dataset.schema import Table, load_toml, read_table
 from skincal.dataset.schema_errors import Violation, report
 from skincal.model import SensorPose, Surface

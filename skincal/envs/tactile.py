@@ -9,7 +9,7 @@ import numpy as np
 
 from skincal.calibration import MARGIN_M
 from skincal.calibration.parts import LAW
-from skincal.dataset.model_objects import converter_of, layout_of
+from skincal.dataset.dataset import converter_of, layout_of
 from skincal.effects import EffectSkin, Samples, SkinStream
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.envs.bodies import Body

@@ -1,21 +1,28 @@
-"""Reader of text files, and of tables of other formats: a recording in SI, with every bad cell reported."""
+"""Reader of text files and other tables: a recording in SI, joined by time with files that have their own clocks."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping as Map
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
+from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
 
+from skincal.covariates import POSITION
 from skincal.dataset.findings import Findings
+from skincal.errors import input_error
 from skincal.imports import targets
-from skincal.imports.join import assigned, join_file
-from skincal.imports.mapping import Mapping, Quantity, source_columns
+from skincal.imports.alignment import JoinedClock, NoOffsetError, estimate_offset
+from skincal.imports.clock import DAY_S, resampled, usual_step
+from skincal.imports.mapping import JoinedFile, Mapping, Quantity, source_columns
 from skincal.imports.mapping_file import CsvFormat, CsvSource
-from skincal.imports.recording import ReadFile, Recording, joined
+from skincal.imports.place_alignment import estimate_offset_by_place
+from skincal.imports.recording import Column, FloatArray, ReadFile, Recording, joined
 from skincal.imports.source_table import read_source_tables
-from skincal.imports.stamps import read_clock
+from skincal.imports.stamps import Kind, read_clock
 from skincal.imports.text_table import TextTable, column_names
 
 
@@ -134,3 +141,168 @@ def explain_missing(paths: Sequence[Path], form: CsvFormat, mapping: Mapping, fi
             f'time = {{ column = "...", unit = "..." }}, and write file = "{name}" in '
             f"{', '.join(f'[columns.{target}]' for target in wanted)}.",
         )  # fmt: skip
+
+
+STEPS_OLD = 3.0
+"""Number of its own steps for which a value of a joined file is valid, if the mapping sets no time."""
+
+APART_SIGMAS, APART_STEPS, LOOKED_S = 4.0, 2.0, 5.0
+"""Clocks that should agree differ beyond this many sigmas and steps; where several lags are as good, the search is
+limited to [s]:"""
+
+
+ZONE_S = 900.0
+"""Time zones differ by multiples of this [s]."""
+
+
+def assigned(
+    joined: Sequence[JoinedFile], given: Sequence[Path], folder: Path
+) -> tuple[list[Path], dict[str, list[Path]]]:
+    """Return the files of the command line that hold the taxels, and those of each table of ``[files]``.
+
+    Raises:
+        InputError: a file of ``[files]`` is neither given nor next to the mapping.
+    """
+    rest = list(given)
+    found: dict[str, list[Path]] = {}
+    for entry in joined:
+        own = [path for path in rest if fnmatch(path.name, Path(entry.form.file).name)]
+        rest = [path for path in rest if path not in own]
+        found[entry.name] = own or sorted(folder.glob(entry.form.file))
+        if not found[entry.name]:
+            fix = "Give it on the command line, or put it next to the mapping."
+            raise input_error(f"{entry.place} file", f"a file {entry.form.file}", "none", fix)
+    # A file that holds both has a clock for each.
+    return rest or list(given), found
+
+
+def join_file(
+    recording: Recording,
+    kind: Kind,
+    entry: JoinedFile,
+    paths: Sequence[Path],
+    mapping: Mapping,
+    findings: Findings,
+) -> Recording:
+    """Return the recording with the columns of one joined file at the times of the taxels.
+
+    Raises:
+        InputError: the file cannot be read, or the offset of its clock is unknown.
+    """
+    quantities = [q for q in mapping.quantities if q.topic == entry.name]
+    numbers, texts = source_columns(quantities if entry.time is None else (*quantities, entry.time))
+    tables = read_source_tables(paths, entry.form, numbers, texts, findings)
+    own = mapping.cut.own_clocks and len(paths) > 1
+    if own and len(paths) != len(recording.files):
+        expected = f"as many files as of the taxels ({len(recording.files)})"
+        findings.error(f"{entry.place} file", expected, len(paths))
+    findings.raise_errors()
+    clock = read_clock(tables, entry.time, entry.form, findings, own_clocks=own, slow=True)
+    files = [
+        {q.target: q.column(table.rows, table.text, table.numbers)[rows] for q in quantities}
+        for table, rows in zip(tables, clock.rows, strict=True)
+    ]
+    findings.raise_errors()
+    groups = [[i] for i in range(len(files))] if own else [[*range(len(files))]]
+    columns: dict[str, list[Column]] = {q.target: [] for q in quantities}
+    clocks: list[JoinedClock] = []
+    shared = [clock for clock in recording.clocks if clock.name == entry.form.clock]
+    for number, group in enumerate(groups):
+        rows = recording.part == number if own else np.ones(len(recording), dtype=bool)
+        times = np.concatenate([clock.times_s[i] for i in group])
+        order = np.argsort(times, kind="stable")
+        held = {name: np.concatenate([files[i][name] for i in group])[order] for name in columns}
+        ours, times, note = recording.columns["time_s"][rows], times[order], ""
+        if "day" in (kind, clock.kind):  # one of the two has no date, and they start at most half a day apart
+            times, note = times + DAY_S * np.rint((ours[0] - times[0]) / DAY_S), " (of the same day)"
+        if shared:
+            aligned = replace(shared[number], name=entry.name)
+        else:
+            aligned = _aligned(entry, mapping, ours, recording.counts[rows], times, held, note, findings)
+        onto = aligned.onto(times)
+        clocks.append(aligned)
+        for q in quantities:
+            columns[q.target].append(_onto(q, entry, onto, held[q.target], ours))
+    return replace(
+        recording,
+        columns={**recording.columns, **{name: np.concatenate(parts) for name, parts in columns.items()}},
+        notes=(*recording.notes, *clock.notes),
+        clocks=(*recording.clocks, *clocks),
+    )
+
+
+def _aligned(
+    entry: JoinedFile, mapping: Mapping, ours: FloatArray, images: FloatArray, times: FloatArray,
+    held: Map[str, Column], note: str, findings: Findings,
+) -> JoinedClock:  # fmt: skip
+    """Return the alignment of a file's clock with that of the taxels."""
+    own = [q for q in mapping.quantities if q.topic == entry.name and not q.is_text]
+    numbers = {q.target: held[q.target] for q in own if not targets.is_whole(q.target)}
+    if "force_n" in numbers:
+        numbers = {"force_n": numbers["force_n"]}
+    if isinstance(entry.form.offset_s, str):
+        try:
+            return _estimated(entry.name, mapping, ours, images, times, numbers, entry.form.within_s)
+        except NoOffsetError as error:
+            others = [other.name for other in mapping.joined if other.name != entry.name]
+            shares = f', or, if it is that of {others[0]}, set clock = "{others[0]}"' if others else ""
+            expected, fix = "an offset that the recordings determine", f"Give it in seconds{shares}."
+            raise input_error(f"{entry.place} offset_s", expected, error, fix) from error
+    onto = times + entry.form.offset_s
+    if onto[-1] < ours[0] or onto[0] > ours[-1]:
+        zone = ZONE_S * float(np.rint((ours[0] - onto[0]) / ZONE_S))
+        meets = onto[-1] + zone > ours[0] and onto[0] + zone < ours[-1] and abs(zone) <= DAY_S / 2
+        close = f" (for a time zone, {entry.form.offset_s + zone:g})" if zone and meets else ""
+        raise input_error(
+            entry.place, f"times within those of the taxels, {ours[0]:.12g} s to {ours[-1]:.12g} s",
+            f"{onto[0]:.12g} s to {onto[-1]:.12g} s{note}",
+            f"Their clocks differ: give offset_s, the time to add to its stamps{close}, or set "
+            'offset_s = "estimate".',
+        )  # fmt: skip
+    found = None
+    for within_s in (np.inf, LOOKED_S):
+        inside = (ours >= onto[0] - within_s) & (ours <= onto[-1] + within_s)
+        with suppress(ValueError):  # also NoOffsetError
+            found = _estimated(entry.name, mapping, ours[inside], images[inside], onto, numbers, within_s)
+            break
+    if found is None:
+        return JoinedClock(entry.name, entry.form.offset_s)
+    ends = onto[[0, -1]]
+    first, last = (found.onto(ends) - ends).tolist()
+    allowed = max(APART_SIGMAS * found.sigma_s, APART_STEPS * (usual_step(ours) + usual_step(times)))
+    if max(abs(first), abs(last)) > allowed:
+        runs = f"{found.offset_s:+.3g} ± {found.sigma_s:.2g} s"
+        better = f'{entry.form.offset_s + found.offset_s:.6g}, or "estimate"'
+        if abs(last - first) > allowed:
+            runs, better = f"{first:+.3g} s at the beginning and {last:+.3g} s at the end", '"estimate"'
+        findings.warn(
+            f"{entry.place} offset_s", f"the clock of the taxels, with {entry.form.offset_s:g} s added",
+            f"{found.by} correlates best with the taxels {runs} later",
+            f"Is the skin that slow, or do the clocks differ? If the clocks differ: offset_s = {better}.",
+        )  # fmt: skip
+    return replace(found, offset_s=entry.form.offset_s, sigma_s=np.nan, rate=0.0, estimated=False)
+
+
+def _estimated(
+    name: str, mapping: Mapping, ours: FloatArray, images: FloatArray, times: FloatArray,
+    numbers: Map[str, FloatArray], within_s: float,
+) -> JoinedClock:  # fmt: skip
+    """Return the offset by the correlation with the taxels; where nothing follows them, by where the images lie."""
+    places = {target: column for target, column in numbers.items() if target in POSITION}
+    try:
+        return estimate_offset(name, ours, images, times, numbers, within_s)
+    except NoOffsetError:
+        if not places:
+            raise
+    return estimate_offset_by_place(name, ours, images, mapping.centres_m, times, places, within_s)
+
+
+def _onto(
+    quantity: Quantity, entry: JoinedFile, times: FloatArray, column: Column, ours: FloatArray
+) -> Column:
+    age = STEPS_OLD * usual_step(times) if entry.form.max_age_s is None else entry.form.max_age_s
+    if column.dtype != object:
+        # Where the file has no value in a row, the row before is valid for as long as it may.
+        given = np.isfinite(column)
+        times, column = times[given], column[given]
+    return resampled(times, column, ours, quantity.resampling(entry.form.resample), age)

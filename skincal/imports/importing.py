@@ -13,10 +13,10 @@ import numpy as np
 
 from skincal.covariates import NORMAL, POSITION, TARGET
 from skincal.dataset import Dataset, check_dataset
+from skincal.dataset.dataset import surface_of
 from skincal.dataset.findings import Findings
 from skincal.dataset.folder import write_dataset_files
 from skincal.dataset.meta_file import FILE
-from skincal.dataset.model_objects import surface_of
 from skincal.dataset.spec import ClockSpec
 from skincal.errors import InputError, Problem, input_error
 from skincal.files import refuse_existing, whole_folder

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
-from skincal.dataset.model_objects import layout_of
+from skincal.dataset.dataset import layout_of
 from skincal.envs.trajectories import POLICY_HZ
 from skincal.files import real, whole_file
 from skincal.model import TaxelLayout

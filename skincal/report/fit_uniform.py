@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from skincal.calibrate import UniformOutcome
 from skincal.dataset import Dataset
-from skincal.report.fit_quantities import with_digits
+from skincal.report.fit import with_digits
 from skincal.report.page import picture, write_page
 from skincal.report.style import BLACK, BLUE, GREY, ORANGE, draw_taxels, equal_axes_mm, new_figure, styled
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from skincal.dataset.dataset import surface_of
 from skincal.dataset.findings import Findings
-from skincal.dataset.model_objects import surface_of
 from skincal.dataset.schema_errors import report
 from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.dataset.model_objects import pose_of
+from skincal.dataset.dataset import pose_of
 from skincal.errors import WorkError
 from skincal.model import Surface
 from skincal.model.arrays import FloatArray

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skincal.dataset.model_objects import converter_of, indenter_of, layout_of, surface_of
+from skincal.dataset.dataset import converter_of, indenter_of, layout_of, surface_of
 from skincal.effects import EffectSkin, Samples, SkinStream
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD
 from skincal.model import Contacts, Patch, Skin, SkinParameters

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from skincal.bounded import UnreadableError, read_bytes
-from skincal.dataset.model_objects import pose_of
+from skincal.dataset.dataset import pose_of
 from skincal.errors import input_error
 from skincal.model import Contacts
 from skincal.model.arrays import FloatArray

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from skincal.calibration import Calibration, effects_of, sensor_differences
-from skincal.dataset.model_objects import layout_of
+from skincal.dataset.dataset import layout_of
 from skincal.effects import effect
 from skincal.errors import InputError, Problem
 from skincal.model import ContactLaw, SensorPose

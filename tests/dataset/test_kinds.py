@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from skincal.dataset import IndenterSpec, SurfaceSpec
+from skincal.dataset.dataset import indenter_of, surface_of
 from skincal.dataset.kinds import INDENTERS, SURFACES, Kind
-from skincal.dataset.model_objects import indenter_of, surface_of
 from skincal.envs.pinch import read_pinch
 from skincal.errors import InputError
 from skincal.model import ClosedForm, SensorPose

@@ -9,4 +9,4 @@ from matplotlib.figure import Figure
 @pytest.fixture
 def no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawing takes as long as a second of rolling."""
-    monkeypatch.setattr("skincal.report.deploy.deploy_figure", lambda *_, **__: Figure())
+    monkeypatch.setattr("skincal.report.hand.deploy_figure", lambda *_, **__: Figure())

@@ -231,7 +231,7 @@ def test_an_interrupt_while_the_picture_is_drawn_loses_nothing(
     def interrupt(*_: object, **more: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("skincal.report.deploy.deploy_figure", interrupt)
+    monkeypatch.setattr("skincal.report.hand.deploy_figure", interrupt)
     out = tmp_path / "rolled"
     assert hold_still(out) == 130
     assert "The run so far is saved" in capsys.readouterr().err

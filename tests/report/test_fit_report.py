@@ -27,9 +27,8 @@ from skincal.fitting.problem import PressTable, Rig, build_problem
 from skincal.fitting.response import Nonlinearity
 from skincal.fitting.result import FitFinding, FitResult, GridResult, PressFit, Sigmas
 from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters
-from skincal.report.fit import FIGURES, why_unused, write_fit_report
+from skincal.report.fit import FIGURES, quantities, why_unused, with_digits, write_fit_report
 from skincal.report.fit_images import chosen_presses, images_figure, left_out
-from skincal.report.fit_quantities import quantities, with_digits
 from skincal.report.fit_residuals import Residuals, residuals_figure
 from skincal.report.fit_slack import measured_uv_m, slack_figure
 from skincal.report.fit_valley import valley_figure

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skincal.collect import Mount, full_plan
-from skincal.report.plan import plan_figure
+from skincal.report.hand import plan_figure
 from skincal.report.style import png_bytes
 from skincal.robot import bundled_hand
 
