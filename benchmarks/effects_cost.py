@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from skincal.dataset.model_objects import layout_of
+from skincal.dataset.dataset import layout_of
 from skincal.effects import EFFECTS
 from skincal.envs.drawing import RIG_EFFECTS
 from skincal.envs.pinch import read_pinch

@@ -64,16 +64,10 @@ NO_WORD_MENDS: Final = (
 
 @dataclass(frozen=True)
 class Wrapped:
-    """Readings that have wrapped.
+    """Readings that have wrapped, in words of some bits, of taxels with flat indices.
 
-    Attributes:
-        bits: size of the words.
-        word: type to read them as: ``uint16``, ``int16``, …; the level at rest may be another in it; '' if
-            none mends them.
-        taxels: flat indices of the taxels concerned.
-        readings: number of wrapped readings.
-        evidence: what separates them from the others, in words.
-        mend: correction in words.
+    ``word`` is the type to read them as (``uint16``, ``int16``, …; the level at rest may be another in it), '' if none
+    mends them; ``evidence`` says what separates them from the others, ``mend`` how to correct them.
     """
 
     bits: int

@@ -22,14 +22,10 @@ _LACKING = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)
 
 @contextmanager
 def alone(file: Path, place: Path, *, create: bool = False) -> Generator[int]:
-    """Exclude other processes while a block runs, and yield the lock's descriptor.
+    """Exclude other processes while a block runs, and yield the descriptor of a lock on a file.
 
-    On a file system without locks nobody is excluded.
-
-    Args:
-        file: the file to lock.
-        place: output that is worked on, for the error.
-        create: whether to create the file for the lock, and to remove it afterwards.
+    On a file system without locks nobody is excluded. ``place`` is the output that is worked on, for the error; with
+    ``create`` the file is made for the lock, and removed afterwards.
 
     Raises:
         InputError: another process holds the lock.

@@ -31,11 +31,8 @@ def whole_folder(
 ) -> Generator[Path]:
     """Yield a temporary folder to write into that becomes ``path`` when the block ends without an error.
 
-    Args:
-        path: the output folder.
-        force: whether to replace an earlier output.
-        marker: file that identifies a folder as an earlier output (see :func:`refuse_existing`).
-        later: names of files that will be written into it later.
+    With ``force`` it replaces an earlier output, which the file ``marker`` identifies (see :func:`refuse_existing`).
+    ``later`` are names of files that will be written into it later.
 
     Raises:
         InputError: the destination exists and must not be replaced.

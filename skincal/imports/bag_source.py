@@ -113,12 +113,7 @@ def _recording(
 
 @dataclass
 class Stream:
-    """Samples of one topic while they are read.
-
-    Attributes:
-        stamps_ns: times of the messages on their clock [ns].
-        samples: values by field path, or by name of a joint's column: one per message.
-    """
+    """Samples of one topic while they are read, by field path or joint: one per message, with its stamp [ns]."""
 
     topic: str
     rules: TopicRules

@@ -34,14 +34,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Imported:
-    """Result of an import: what was read, written and left out.
+    """Result of an import: what was read, written and left out, with reasons.
 
-    Attributes:
-        frames: number of frames; 0 where there are none.
-        dropped: samples that were left out, with reasons.
-        assumed: quantities that were assumed, not measured.
-        notes: repairs of the recording: clocks that wrap, stamps that are missing.
-        clocks: alignment of the clocks of other files with that of the taxels.
+    There may be no frames. ``assumed`` are quantities that were not measured, ``notes`` repairs of the recording
+    (clocks that wrap, stamps that are missing), ``clocks`` the alignment of other files' clocks with that of the
+    taxels.
     """
 
     folder: Path

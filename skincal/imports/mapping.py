@@ -124,11 +124,9 @@ def along_neighbours(change: FloatArray) -> FloatArray:
 class Taxels:
     """Source of the image.
 
-    Attributes:
-        names: columns of the source in its own flat order; empty for a bag.
-        order: for each of our taxels, in our flat order, its index in the source; shape (J,).
-        axes: source columns of a taxel, side by side in ``names``; its value is the length of their change from rest.
-        moments: whether rows follow one another in time.
+    ``names`` are the columns of the source in its own flat order, empty for a bag; ``order`` (J,) is, for each of our
+    taxels, its index in the source. The value of a taxel with several ``axes``, side by side in ``names``, is the
+    length of their change from rest. ``moments``: whether rows follow one another in time.
     """
 
     place: str
@@ -168,14 +166,9 @@ class JoinedFile:
 
 @dataclass(frozen=True)
 class Mapping:
-    """The content of a mapping file.
+    """The content of a mapping file; paths in it are relative to its folder.
 
-    Attributes:
-        path: the file; paths in it are relative to its folder.
-        meta: content of ``dataset.toml``.
-        quantities: one per column of the dataset.
-        positions: positions of taxels that form no grid.
-        meshes: content of mesh files by name.
+    ``meta`` is that of ``dataset.toml``; there is one quantity per column of the dataset.
     """
 
     path: Path

@@ -40,12 +40,8 @@ class Series:
 class Span:
     """A press in a series, as indices; ``stop`` and ``hold_stop`` are one past the last.
 
-    Attributes:
-        start: first sample of the contact, or of the ramp that leads to a plateau.
-        hold: first sample of the hold.
-        stop: end of the contact.
-        rising: whether the force rises before the hold, which is then loading.
-        branch: ``up`` or ``down`` for a plateau; '' for a single press.
+    It starts with the contact, or with the ramp that leads to a plateau. ``rising`` says that the force rises before
+    the hold, which is then loading; ``branch`` is ``up`` or ``down`` for a plateau, '' for a single press.
     """
 
     number: int

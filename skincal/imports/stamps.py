@@ -47,12 +47,9 @@ USUAL_STEP_S = 0.01
 
 @dataclass(frozen=True)
 class Clock:
-    """The clock of the files of one device.
+    """The clock of the files of one device: ascending times [s] of the rows of each file, and the order of the rows.
 
-    Attributes:
-        times_s: times of the rows of each file, ascending within a file [s].
-        rows: order of the rows of each file.
-        kind: ``day`` for times of day, ``date`` for times since 1970, ``number`` for any others.
+    ``kind`` is ``day`` for times of day, ``date`` for times since 1970, ``number`` for any others.
     """
 
     times_s: tuple[FloatArray, ...]

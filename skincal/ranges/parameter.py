@@ -21,15 +21,10 @@ Figures = Mapping[str, FloatArray]
 
 @dataclass(frozen=True)
 class Distribution:
-    """A distribution.
+    """A distribution: the names of its figures (fields of :class:`Parameter`), and what draws so many values.
 
-    Attributes:
-        figures: names of its figures, fields of :class:`Parameter`; ``sigma`` is at least 0.
-        draw: draws so many values.
-        middle: its middle, which stands for it where it is not drawn.
-        text: its figures in a few characters, for tables.
-        positive: whether its figures have to lie above 0.
-        rising: whether none of its figures may be above the next.
+    ``middle`` stands for it where it is not drawn, ``text`` shows its figures in tables. The figures have to lie above
+    0 if ``positive``; none of them may be above the next if ``rising``; ``sigma`` is at least 0.
     """
 
     figures: tuple[str, ...]

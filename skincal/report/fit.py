@@ -121,16 +121,10 @@ def _presses(result: FitResult, dataset: Dataset) -> list[tuple[str, ...]]:
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
-    """A parameter of a fit, in the unit of figures and tables.
+    """A parameter of a fit (one of ``PARAMETERS``), in the unit of figures and tables; ``factor`` converts to it.
 
-    Attributes:
-        name: name in the fit, one of ``PARAMETERS``.
-        label: displayed name.
-        factor: converts the fit's SI value to that unit.
-        low: lower end of the interval; -inf if the data do not bound it.
-        high: upper end; inf if the data do not bound it.
-        searched: low and high of the searched range; None for S, which is solved analytically.
-        draws: (N,) posterior draws.
+    Ends of the interval are infinite where the data do not bound it. ``searched`` is None for S, which is solved
+    analytically; ``draws`` (N,) are posterior draws.
     """
 
     name: str

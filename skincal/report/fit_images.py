@@ -177,15 +177,10 @@ def chosen_presses(rmse_counts: Floats, most: int) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class ShownPress:
-    """The images of a press.
+    """The images of a press in a row of the dataset, how it matches in words, and whether it does.
 
-    Attributes:
-        row: of the press in the dataset.
-        observed: (J,) observed values above rest; NaN where not read [counts].
-        simulated: (J,) simulated values at the best position within its slack [counts].
-        rmse_counts: root mean square difference over the taxels that were read [counts].
-        mark: how it matches, in words.
-        good: whether it matches.
+    Observed values (J,) lie above rest, NaN where not read [counts]; simulated ones are those at the best position
+    within the slack; their root mean square difference is that of the taxels that were read.
     """
 
     row: int

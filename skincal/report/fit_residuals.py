@@ -25,12 +25,10 @@ MOST_DOTS = 4000
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Simulated minus measured values of the included taxels.
+    """Simulated minus measured values (K, J) of the included taxels [counts]; NaN where a taxel is not included.
 
-    Attributes:
-        difference: (K, J) [counts]; NaN where a taxel is not included.
-        touched: (K, J) the taxel was read, and is or should be active.
-        level_counts: level, measured or simulated, from which a taxel is touched; noise alone does not reach it.
+    ``touched`` (K, J) are those that were read, and are or should be active: at ``level_counts`` or more, measured or
+    simulated, which noise alone does not reach.
     """
 
     difference: Floats
