@@ -115,19 +115,15 @@ def _check_model(dataset: Dataset, findings: Findings) -> bool:
     sensor = (
         f"{meta_file.FILE}, [sensor]" if dataset.positions is None else str(dataset.meta.sensor.positions)
     )
-    for place, expected, make in (
-        (sensor, "a layout of taxels", dataset.layout),
-        (f"{meta_file.FILE}, [surface]", "a surface", dataset.surface),
-        (f"{meta_file.FILE}, [indenter]", "an indenter", dataset.indenter),
-    ):
-        try:
-            make()
-        except ValueError as error:
-            findings.error(place, expected, error)
-            return False
-    place, expected = f"{meta_file.FILE}, [mount]", "a pose on the surface"
+    place, expected = sensor, "a layout of taxels"
     try:
-        points, _ = dataset.surface().wrap(dataset.nominal_pose(), dataset.layout().centres_m)
+        centres_m = dataset.layout().centres_m
+        place, expected = f"{meta_file.FILE}, [surface]", "a surface"
+        surface = dataset.surface()
+        place, expected = f"{meta_file.FILE}, [indenter]", "an indenter"
+        dataset.indenter()
+        place, expected = f"{meta_file.FILE}, [mount]", "a pose on the surface"
+        points, _ = surface.wrap(dataset.nominal_pose(), centres_m)
     except ValueError as error:
         findings.error(place, expected, error)
         return False

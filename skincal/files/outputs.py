@@ -125,7 +125,10 @@ def _put(new: Path, path: Path, force: bool, marker: str | None, mark: str) -> N
         fix = f"The new output is complete, as {kept}."
         raise InputError([replace(one, fix=fix) for one in error.problems]) from None
     finally:
-        sync_name(path)
+        with suppress(
+            OSError
+        ):  # some network file systems cannot, and a folder may be writable but not readable
+            _sync(path.parent)
 
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
@@ -187,12 +190,6 @@ def sync(path: Path) -> None:
         _sync(root)
     if not path.is_dir():
         _sync(path)
-
-
-def sync_name(path: Path) -> None:
-    """Sync the name of a file or folder to the disk."""
-    with suppress(OSError):  # some network file systems cannot, and a folder may be writable but not readable
-        _sync(path.parent)
 
 
 def _sync(path: str | Path) -> None:

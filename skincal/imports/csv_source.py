@@ -62,22 +62,17 @@ def _recording(
     mapping: Mapping, form: CsvSource, own: Sequence[Quantity], part: int, table: TextTable
 ) -> Recording:
     """Return one file; the clock of a time series is read separately, from all files together."""
-    timed = {"time_s"} if mapping.rows == targets.SERIES else set[str]()
-    columns = {
-        q.target: q.column(table.rows, table.text, table.numbers) for q in own if q.target not in timed
-    }
+    if mapping.rows == targets.SERIES:
+        own = [q for q in own if q.target != "time_s"]
+    columns = {q.target: q.column(table.rows, table.text, table.numbers) for q in own}
     raw = {name: table.numbers(name) for name in dict.fromkeys(mapping.taxels.names)}
     images = np.column_stack([raw[name] for name in mapping.taxels.names])
-    recording = Recording(
-        columns,
-        mapping.taxels.counts(images),
-        np.full(table.rows, part, dtype=np.int64),
-        (ReadFile(table.sheet.file, table.rows),),
-    )
+    parts, read = np.full(table.rows, part, dtype=np.int64), (ReadFile(table.sheet.file, table.rows),)
+    recording = Recording(columns, mapping.taxels.counts(images), parts, read)
     if form.drop_incomplete:
         return recording
     for quantity in own:
-        if quantity.target in columns and _needed(mapping, quantity):
+        if _needed(mapping, quantity):
             cells = [table.text(name) for name in quantity.sources]
             # Cells that are not numbers have been reported.
             reported = [column != "" for column in cells if column.dtype == object]

@@ -28,7 +28,6 @@ Order = Literal["file", "time"]
 Slides = Literal["cut", "keep", "refuse"]
 Count = Annotated[int, Key("a whole number, 0 or more", 0)]
 _Triple = tuple[float, float, float]
-_Quaternion = tuple[float, float, float, float]
 _Time = Annotated[float, Key("a time [s], 0 or more", 0.0)]
 
 
@@ -265,7 +264,9 @@ class Frame(Table, unknown="refuse"):
 
     matrix: Annotated[tuple[_Triple, _Triple, _Triple] | None, Key("three rows of three numbers")] = None
     rotation_deg: Annotated[_Triple | None, Key("three angles about x, y, z [deg]")] = None
-    quaternion_xyzw: Annotated[_Quaternion | None, Key("four numbers x, y, z, w")] = None
+    quaternion_xyzw: Annotated[tuple[float, float, float, float] | None, Key("four numbers x, y, z, w")] = (
+        None
+    )
     translation_m: Annotated[_Triple, Key("three numbers [m]")] = (0.0, 0.0, 0.0)
     project: bool = False
 
@@ -319,9 +320,6 @@ class TopicTable(Table, unknown="refuse"):
     lag_s: float = 0.0
 
 
-Definitions = Annotated[Mapping[str, str], Key('a table like { "my_msgs/msg/Skin" = "Skin.msg" }')]
-
-
 @dataclass(frozen=True)
 class BagTable(Table, unknown="refuse"):
     """``[bag]``: the bags, and the rules of topics without their own."""
@@ -330,7 +328,9 @@ class BagTable(Table, unknown="refuse"):
     files: Annotated[tuple[str, ...], Texts("names of bags")] = ()
     resample: Resampling = "previous"
     max_age_s: _Time = 0.1
-    definitions: Definitions = field(default_factory=dict[str, str])
+    definitions: Annotated[Mapping[str, str], Key('a table like { "my_msgs/msg/Skin" = "Skin.msg" }')] = (
+        field(default_factory=dict[str, str])
+    )
 
     def violations(self) -> Iterator[Violation]:
         """Yield names that are none of a type."""

@@ -87,11 +87,9 @@ def read_clock(
     if kind == "number":
         _check_unit([stamps for stamps, _ in read], time, findings, slow=slow)
     groups = [[i] for i in range(len(tables))] if own_clocks else [[*range(len(tables))]]
-    by_time = form.order == "time"
-    rows = [
-        np.argsort(clock.with_missing(one), kind="stable") if by_time else np.arange(len(one))
-        for one, _ in read
-    ]
+    rows = [np.arange(size) for size in sizes]
+    if form.order == "time":
+        rows = [np.argsort(clock.with_missing(one), kind="stable") for one, _ in read]
     times: list[FloatArray] = []
     notes: list[str] = []
     for group in groups:
@@ -103,10 +101,8 @@ def read_clock(
     for table, time_s in zip(tables, times, strict=True):
         _check_order(table, time_s, time, findings)
     if equal := sum(int((np.diff(part) == 0).sum()) for part in times):
-        said = (
-            f"{equal} rows have the stamp of the previous row; they were spread evenly up to the next stamp"
-        )
-        notes.append(f"{time.place}: {said}")
+        said = f"{equal} rows have the stamp of the previous row"
+        notes.append(f"{time.place}: {said}; they were spread evenly up to the next stamp")
     times_s = tuple(clock.spread_equal(part) if len(part) else part for part in times)
     return Clock(times_s, tuple(rows), kind, tuple(dict.fromkeys(notes)))
 
@@ -122,10 +118,8 @@ def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
         return np.where(np.isfinite(stamps), stamps, np.nan), "number"
     import pandas as pd
 
-    cells = pd.Series(
-        [" ".join(map(str.strip, row)).strip() for row in zip(*map(table.text, time.sources), strict=True)],
-        dtype=object,
-    )
+    parts = zip(*map(table.text, time.sources), strict=True)
+    cells = pd.Series([" ".join(map(str.strip, row)).strip() for row in parts], dtype=object)
     given = cells.to_numpy() != ""
     day = cells.str.replace(",", ".").str.fullmatch(TIME_OF_DAY).to_numpy(dtype=bool)
     if not time.format and day.any() and (day | ~given).all():
@@ -235,9 +229,8 @@ def _clock_digits(stamps: FloatArray) -> bool:
     given = stamps[np.isfinite(stamps)]
     steps = np.diff(given)
     over = np.where(steps > 4000, steps - 4000, steps) - 40  # a full hour, or a full minute
-    at = np.flatnonzero(
-        ((over > 0) & (over < 1 + clock.LARGEST_STEP * clock.usual_step(stamps))) | (steps < -235900)
-    )
+    largest = 1 + clock.LARGEST_STEP * clock.usual_step(stamps)
+    at = np.flatnonzero(((over > 0) & (over < largest)) | (steps < -235900))
     digits = (given % 100 < 60).all() and (given // 100 % 100 < 60).all() and given.max() < 240000
     return bool(at.size and digits and (given[at] % 100 > 55).all() and (given[at + 1] % 100 < 5).all())
 
@@ -280,7 +273,6 @@ def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings:
         f"counts to a limit{limit}, or split the file there and set own_clocks = true in "
         "[series]."
     )
-    got = f"{time_s[row]:.6g} s after {time_s[row - 1]:.6g} s" + (
-        f", and {back.size - 1} more steps back, of {largest:.3g} s at most" if back.size > 1 else ""
-    )
+    more = f", and {back.size - 1} more steps back, of {largest:.3g} s at most" if back.size > 1 else ""
+    got = f"{time_s[row]:.6g} s after {time_s[row - 1]:.6g} s{more}"
     findings.error(table.sheet.rows(time.sources[0], back), "times in order", got, fix)

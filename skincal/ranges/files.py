@@ -73,23 +73,19 @@ def _dump_toml(plain: Plain) -> str:
     return f"{tomli_w.dumps(rest)}\n{head}draws = [\n{rows}]\n"
 
 
-def _dump_yaml(plain: Plain) -> str:
-    return yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, allow_unicode=True, width=100)
-
-
-def _dump_json(plain: Plain) -> str:
-    return json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _load_yaml(text: str) -> object:
-    return checked(parsed("YAML", lambda given: yaml.load(given, _YamlLoader), text))
-
-
-_FORMATS: Final[dict[str, tuple[Callable[[str], object], Callable[[Plain], str]]]] = {
+_Format = tuple[Callable[[str], object], Callable[[Plain], str]]
+_YAML: Final[_Format] = (
+    lambda text: checked(parsed("YAML", lambda given: yaml.load(given, _YamlLoader), text)),
+    partial(yaml.safe_dump, sort_keys=False, default_flow_style=None, allow_unicode=True, width=100),
+)
+_FORMATS: Final[dict[str, _Format]] = {
     ".toml": (parse_toml, _dump_toml),
-    ".json": (partial(parse_json, object_pairs_hook=_json_table), _dump_json),
-    ".yaml": (_load_yaml, _dump_yaml),
-    ".yml": (_load_yaml, _dump_yaml),
+    ".json": (
+        partial(parse_json, object_pairs_hook=_json_table),
+        lambda plain: json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n",
+    ),
+    ".yaml": _YAML,
+    ".yml": _YAML,
 }
 """How a text is read and written, by the suffix."""
 

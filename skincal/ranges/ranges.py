@@ -136,8 +136,10 @@ class Ranges(Mapping[str, Parameter]):
             InputError: some are missing; the message names all of them.
         """
         if missing := [path for path in paths if path not in self]:
+            named = {path: f"{one.meaning} [{one.unit}]" for path, one in NAMES.items()}
+            wanted = [(path, named.get(path, "a range")) for path in missing]
             fix = "Add the table."
-            raise InputError([Problem(f"ranges, [{p}]", _meaning(p), "nothing", fix) for p in missing])
+            raise InputError([Problem(f"ranges, [{p}]", what, "nothing", fix) for p, what in wanted])
 
     def replace(self, parameters: Mapping[str, Parameter]) -> Ranges:
         """Return a copy with some parameters added or replaced."""
@@ -195,11 +197,6 @@ class Ranges(Mapping[str, Parameter]):
             for path, parameter in self._drawn[mode].items()
         }
         return drawn | together
-
-
-def _meaning(path: str) -> str:
-    name = find(path)
-    return f"{name.meaning} [{name.unit}]" if name and path in NAMES else "a range"
 
 
 Draw = float | FloatArray

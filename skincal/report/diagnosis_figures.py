@@ -28,9 +28,8 @@ def gap_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     """Draw the error before and after, and the noise, of every test press."""
     sums = diagnosis.gap.errors
     rms = np.sqrt(sums[:, :3] / np.maximum(sums[:, 3:], 1.0)) if len(sums) else np.zeros((0, 3))
-    figure = style.new_figure(
-        11, 3.6, f"Error on {len(sums)} test presses, used by neither fit nor selection"
-    )
+    title = f"Error on {len(sums)} test presses, used by neither fit nor selection"
+    figure = style.new_figure(11, 3.6, title)
     axes = figure.subplots()
     order = np.argsort(-rms[:, 0]) if len(rms) else np.zeros(0, dtype=int)
     x = np.arange(len(rms))
@@ -64,9 +63,8 @@ def curves_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     observations = np.flatnonzero(session.observation >= 0)
     time = np.zeros(len(session))
     time[session.observation[observations]] = session.samples.elapsed_s[observations]
-    figure = style.new_figure(
-        13, 3.2, "Counts over time, measured and simulated, of the most informative presses"
-    )
+    title = "Counts over time, measured and simulated, of the most informative presses"
+    figure = style.new_figure(13, 3.2, title)
     for axes, p in zip(
         np.ravel(figure.subplots(1, max(len(chosen), 1), squeeze=False)), chosen, strict=False
     ):
@@ -90,9 +88,8 @@ def where_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     fitter = diagnosis.observed.fitter
     from skincal.inference.start import raw_residual
 
-    models = [("base model", diagnosis.found.base)] + (
-        [("with the named effects", diagnosis.found.final)] if diagnosis.effects else []
-    )
+    models = [("base model", diagnosis.found.base), ("with the named effects", diagnosis.found.final)]
+    models = models if diagnosis.effects else models[:1]
     figure = style.new_figure(12, 3.8)
     panels = np.ravel(figure.subplots(1, 3, width_ratios=(1, 1, 1.6)))
     maps = []

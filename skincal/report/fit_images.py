@@ -88,7 +88,9 @@ class _Tiles:
     corners: Floats
     map_width: float
     map_height: float
-    rows: int
+    tile_width: float
+    width: float
+    height: float
 
     GAP, TITLE, BETWEEN = 0.2, 0.3, 0.32
 
@@ -98,20 +100,11 @@ class _Tiles:
         unit = float((high - low).max())
         at, half = (layout.centres_m - low) / unit, layout.sizes_m / unit / 2
         corners = at[:, None] + half[:, None] * CORNERS
-        width, height = (high - low) / unit
-        return cls(corners, float(width), float(height), max(1, math.ceil(presses / COLUMNS)))
-
-    @property
-    def tile_width(self) -> float:
-        return 3 * self.map_width + 2 * self.GAP
-
-    @property
-    def width(self) -> float:
-        return COLUMNS * self.tile_width + (COLUMNS + 1) * self.BETWEEN
-
-    @property
-    def height(self) -> float:
-        return self.rows * (self.map_height + self.TITLE + self.BETWEEN) + self.BETWEEN
+        (width, height), rows = ((high - low) / unit).tolist(), max(1, math.ceil(presses / COLUMNS))
+        tile = 3 * width + 2 * cls.GAP
+        all_width = COLUMNS * tile + (COLUMNS + 1) * cls.BETWEEN
+        all_height = rows * (height + cls.TITLE + cls.BETWEEN) + cls.BETWEEN
+        return cls(corners, width, height, tile, all_width, all_height)
 
     @property
     def size_in(self) -> tuple[float, float]:
