@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from skincal.hand.contract import ContractReport
+    from skincal.hand.driver import StageDriver
     from skincal.hand.registry import DriverOption
-    from skincal.hand.stage import StageDriver
     from skincal.robot import HandDescription
 
 _DRIVER = "A driver's name, or module:Class."
@@ -36,8 +36,7 @@ app = typer.Typer(
 def list_drivers(as_json: options.Json = False) -> None:
     """List the installed drivers with their options."""
     from skincal.errors import SkincalError
-    from skincal.hand.convert import is_text
-    from skincal.hand.registry import driver_class, driver_names, driver_options
+    from skincal.hand.registry import driver_class, driver_names, driver_options, is_text
 
     drivers: list[dict[str, Any]] = []
     lines: list[str] = []
@@ -60,7 +59,7 @@ def list_drivers(as_json: options.Json = False) -> None:
 
 
 def _option(one: DriverOption) -> dict[str, Any]:
-    from skincal.hand.convert import type_text
+    from skincal.hand.registry import type_text
 
     default = None if one.required else one.default
     return {
@@ -155,10 +154,11 @@ def test(
     Connects the hand about fifteen times; with --move, moves each joint by --step-deg and back at the end. Keep the
     hand's way clear. Exit status 0: every check passed; 1: one did not.
     """
-    from skincal.hand.contract import CheckResult, ContractOptions, run_contract
+    from skincal.hand.contract import CheckResult, ContractOptions
+    from skincal.hand.contract_checks import run_contract
+    from skincal.hand.driver import StageDriver
     from skincal.hand.guard_options import GuardOptions
     from skincal.hand.registry import create_driver, create_rig, parse_options
-    from skincal.hand.stage import StageDriver
     from skincal.hand.stage_checks import run_stage_checks
     from skincal.robot import check_limits
 

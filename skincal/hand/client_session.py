@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 from skincal.errors import quoted
 from skincal.hand.driver import HandCommand, HandDriver
 from skincal.hand.errors import HandError
-from skincal.hand.guard import GuardedHand
+from skincal.hand.guard import ContactForce, GuardedHand
 from skincal.hand.messages import Message, MessageError, encode, number, numbers, refusal_body, state_body
 from skincal.hand.sockets import zmq_module
-from skincal.hand.state_checks import ContactForce
 
 if TYPE_CHECKING:
     import zmq

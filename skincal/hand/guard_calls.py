@@ -29,11 +29,10 @@ from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
 import numpy as np
 
 from skincal.errors import one_line, quoted, shown, text_of
+from skincal.hand.calls import HURRY_S, CallTimeoutError, Stop, Worker, note_stop, raised_by, stopped
 from skincal.hand.driver import Command, Description, Driver, State
 from skincal.hand.errors import ADVICE, HandError, HandErrorKind, described
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.halt import HURRY_S, Stop, note_stop, stopped
-from skincal.hand.worker import CallTimeoutError, Worker, raised_by
 from skincal.model.arrays import FloatArray
 from skincal.signals import held_back
 
@@ -86,7 +85,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     @abstractmethod
     def _checks(self) -> tuple[Any, Any]:
-        """Return the checks of states and of commands of the connected rig (:mod:`skincal.hand.state_checks`)."""
+        """Return the checks of states and of commands of the connected rig (:mod:`skincal.hand.checks`)."""
 
     @property
     def description(self) -> Description:

@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 
 from skincal.errors import InputError, Problem, shown
-from skincal.hand.clock import ClockCheck
-from skincal.hand.command_checks import StepCheck
+from skincal.hand.checks import ClockCheck, StepCheck, TaxelCheck, check_numbers
+from skincal.hand.driver import FloatArray, StageDescription, StageDriver, StageState
 from skincal.hand.errors import HandError, HandErrorKind
 from skincal.hand.guard_calls import Guarded
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState
-from skincal.hand.state_checks import TaxelCheck, check_numbers
 
 ROUNDING_M = 1e-9
 """Tolerance of a command's limits, for rounding [m]."""
