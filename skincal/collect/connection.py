@@ -9,10 +9,9 @@ import numpy as np
 from skincal.collect.plan import PlannedPress
 from skincal.collect.posture import Fingers, Posture
 from skincal.collect.press import Press
-from skincal.collect.progress import MakeDriver
 from skincal.collect.record import frames_of, press_tables
 from skincal.collect.senses import Loop, Senses
-from skincal.collect.session import Session
+from skincal.collect.session import MakeDriver, Session
 from skincal.collect.travel import LOWEST_SHARE, Place, follow, way_over_skin, way_through_joints
 from skincal.errors import WorkError, input_error
 from skincal.hand import GuardedHand, GuardOptions, HandDriver

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray
 from skincal.robot import HandDescription, HandState, Kinematics, contact_from_joints
-from skincal.robot.contact import prepare_contacts
+from skincal.robot.kinematics import prepare_contacts
 from skincal.sim.bullet import Fingers
 from skincal.sim.drives import DriveParameters, Drives
 from skincal.sim.position_error import position_error, surface_error
