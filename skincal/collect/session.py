@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.collect.journal import Arrays, Journal
-from skincal.collect.plan import Plan, PlannedPress
+from skincal.collect.plan import CollectOptions, Plan, PlannedPress
 from skincal.collect.press import Moments
-from skincal.collect.press_options import CollectOptions
 from skincal.collect.senses import Sample
 from skincal.covariates import TARGET, TIMES
 from skincal.dataset import IDLE
