@@ -56,13 +56,7 @@ class Worker:
         Thread(target=self._work, name=name, daemon=True).start()
 
     def call(self, work: Callable[..., Any], *arguments: Any, timeout_s: float) -> Any:
-        """Make a call, and wait for it.
-
-        Raises:
-            CallTimeoutError: the call did not return within ``timeout_s``.
-            CallExitError: the call raised anything but an ``Exception``.
-            Exception: what the call raised.
-        """
+        """Make a call, and wait for it; errors are those of :func:`call_and_leave`."""
         self._ticket += 1
         self._jobs.put((self._ticket, work, arguments))
         return _result(self._results, self._ticket, timeout_s)

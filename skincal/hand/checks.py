@@ -167,7 +167,6 @@ class TaxelCheck:
             raise HandError(text, "taxels", value=silent_s, limit=limit_s)
 
     def _check(self, name: str, value: float, age_s: float) -> None:
-        """Raise the violation of a taxel, if there is one."""
         low, high, options = self._low, self._high, self._options
         if not math.isfinite(value):
             raise HandError(f"{name} is {value}; expected counts, or NaN without a reading", "taxels")

@@ -140,7 +140,6 @@ class Session:
                     return None
 
     def _reply_to(self, message: Message) -> Message:
-        """Do a request; return the reply."""
         try:
             kind, body = self._do(message)
             return Message(kind, message.number, self.token, body)

@@ -117,7 +117,6 @@ class StateCheck:
         self._force(state)
 
     def _form(self, state: Any) -> None:
-        """Check types and shapes."""
         if not isinstance(state, HandState):
             raise HandError(f"expected a HandState; got {shown(state)}", "state")
         for names, shape in ((_JOINT_FIELDS, self._joints_shape), (TAXEL_FIELDS, self._taxels_shape)):
@@ -206,7 +205,6 @@ class CommandCheck(StepCheck[HandState, HandCommand]):
         return self._limits.velocity_rad_per_s * self._passed_s(now_s)
 
     def _refuse(self, q: FloatArray, step: FloatArray, largest: FloatArray, now_s: float) -> None:
-        """Raise the violation of the first joint that has one."""
         for j, name in enumerate(self._joints):
             value = float(q[j])
             low, high = float(self._limits.lower_rad[j]), float(self._limits.upper_rad[j])

@@ -124,10 +124,8 @@ def create_rig(name: str, /, **options: Any) -> HandDriver | StageDriver:
     problems = [_unknown(name, key, known) for key in options if key not in known]
     for key, option in known.items():
         if option.required and key not in options:
-            expected, fix = (
-                f"the option {key} ({type_text(option.kind)})",
-                f"Add --driver-option {key}=VALUE.",
-            )
+            expected = f"the option {key} ({type_text(option.kind)})"
+            fix = f"Add --driver-option {key}=VALUE."
             problems.append(Problem(f'driver "{name}"', expected, "nothing", fix))
     values: dict[str, Any] = {}
     for key, value in options.items():

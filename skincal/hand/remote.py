@@ -167,7 +167,6 @@ class RemoteDriver(HandDriver):
         return socket
 
     def _ask(self, kind: str, body: dict[str, Any], expected: str) -> Message:
-        """Send a request over the session's connection and wait for the answer."""
         if self._socket is None:
             raise HandError(f"{kind}: the hand is not connected", "order")
         self._number += 1

@@ -204,7 +204,6 @@ class SimDriver(SimulatedDriver):
         hand.close()
 
     def _capped(self) -> HandDescription:
-        """Return the hand with its mounted cap."""
         hand, radius_m = self._description, self._indenter_radius_m
         if radius_m is None:
             return hand
