@@ -28,8 +28,7 @@ from skincal.envs.reference_hand import ReferenceHand
 from skincal.errors import SkincalError
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
-from skincal.hand.remote import RemoteDriver
-from skincal.hand.resend import ResendTimer
+from skincal.hand.remote import RemoteDriver, ResendTimer
 from skincal.hand.serve import HandServer
 from skincal.train import Policy, policy_path, read_policy
 

@@ -196,9 +196,8 @@ def _show_plan(
         write_plan(plan, file, force=force)
         answer(as_json, {"presses": len(plan), "plan": file}, f"plan: {file}")
         return
-    from skincal.collect.poses import with_poses
+    from skincal.collect.poses import duration_s, with_poses
     from skincal.collect.posture import Fingers, Mount
-    from skincal.collect.travel import duration_s
     from skincal.report.hand import plan_figure
     from skincal.report.style import PICTURE_MARK, save_whole
     from skincal.robot import Kinematics

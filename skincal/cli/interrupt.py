@@ -16,7 +16,7 @@ from skincal.errors import InputError, SkincalError, text_of
 from skincal.signals import ENDING, restore
 
 if TYPE_CHECKING:
-    from skincal.hand.halt import Stop
+    from skincal.hand.calls import Stop
 
 TOGETHER_S = 0.5
 """Signals that come within this time are one request: a second interrupt would cut off what the first one began [s]."""
@@ -74,7 +74,7 @@ def moving(saved: Callable[[], str] = lambda: "") -> Generator[None]:
         saved: saves what is left to save of the work of a verb that ends early, while signals wait, and returns what
             is saved.
     """
-    from skincal.hand.halt import stops_noted
+    from skincal.hand.calls import stops_noted
 
     # `interruptible` uses the alarm to check again.
     more = (number for number in ENDING if number != signal.SIGALRM)

@@ -1,4 +1,4 @@
-"""The entry point: collect the verbs, and turn errors into a few lines and an exit status."""
+"""The entry point: the verbs in the order of the work, and errors as a few lines and an exit status."""
 
 from __future__ import annotations
 
@@ -16,7 +16,22 @@ from typing import Annotated, Any
 import typer
 
 from skincal import compiling
-from skincal.cli import verbs
+from skincal.cli import (
+    audit,
+    collect,
+    dataset,
+    demo,
+    deploy,
+    diagnose,
+    export_dr,
+    fit,
+    hand,
+    imports,
+    predict,
+    rescale,
+    train,
+)
+from skincal.cli import eval as evaluation
 from skincal.cli.interrupt import Ended, interruptible, is_interrupt
 from skincal.cli.options import example
 from skincal.cli.terminal import json_alone, say
@@ -72,7 +87,26 @@ def _refuse_settings_here() -> None:
         raise input_error(str(here), "a working folder without settings of numba", got, fix)
 
 
-verbs.register(app)
+# A verb imports what it needs when it runs, so that help is fast.
+app.add_typer(dataset.app, name="dataset")
+app.add_typer(imports.app, name="import")
+app.add_typer(hand.app, name="hand")
+# Typer would cut a line made of a docstring in the list of verbs.
+for verb, function, epilog, line in (
+    ("collect", collect.collect, collect.EPILOG, "Press the skin with the hand's own indenter."),
+    ("fit", fit.fit, fit.EPILOG, "Fit pose, elasticity and scale to the presses of a dataset."),
+    ("predict", predict.predict, predict.EPILOG, "Write a dataset as a calibration predicts it."),
+    ("audit", audit.audit, audit.EPILOG, "Show which effects presses can reveal, and how weak."),
+    ("diagnose", diagnose.diagnose, diagnose.EPILOG, "Find what the model lacks, name it and add it."),
+    ("export-dr", export_dr.export_dr, export_dr.EPILOG, "Write the ranges to train a policy over."),
+    ("train", train.train, train.EPILOG, "Train a policy with soft actor-critic."),
+    ("eval", evaluation.evaluate, evaluation.EPILOG, "Compare policies, evaluated as published."),
+    ("deploy", deploy.deploy, deploy.EPILOG, "Run a policy on a hand, through its driver."),
+    ("rescale", rescale.rescale, rescale.EPILOG, "Find how much sensitivity a skin has lost by wear."),
+    ("serve-hand", hand.serve_hand, hand.SERVE_EPILOG, "Serve a hand to another computer or program."),
+    ("demo", demo.demo, demo.EPILOG, "Show the main job on a simulated hand."),
+):
+    app.command(verb, epilog=epilog, short_help=line)(function)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

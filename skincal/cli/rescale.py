@@ -35,9 +35,13 @@ def rescale(
     more.
     """
     from skincal.calibration import read_calibration, write_calibration
-    from skincal.deploy.rolling import recorded_sensitivity, simulated_sensitivities
     from skincal.deploy.run_file import read_run_file
-    from skincal.deploy.wear import estimate_wear, rescale_calibration
+    from skincal.deploy.wear import (
+        estimate_wear,
+        recorded_sensitivity,
+        rescale_calibration,
+        simulated_sensitivities,
+    )
     from skincal.files import refuse_existing
     from skincal.progress import stage_bars
 

@@ -2,12 +2,11 @@
 
 from skincal.collect.collection import Collected, collect
 from skincal.collect.journal import discard_session, journal_folder
-from skincal.collect.plan import KINDS, Plan, PlannedPress
+from skincal.collect.plan import KINDS, CollectOptions, Plan, PlannedPress
 from skincal.collect.plan_file import read_plan, write_plan
 from skincal.collect.posture import Mount
-from skincal.collect.press_options import CollectOptions
-from skincal.collect.progress import MakeDriver, Need, Progress
 from skincal.collect.protocols import PROTOCOLS, FullProtocol, PaperProtocol, full_plan, paper_plan
+from skincal.collect.session import MakeDriver, Need, Progress
 
 __all__ = [
     "KINDS", "PROTOCOLS", "CollectOptions", "Collected", "FullProtocol", "MakeDriver", "Mount", "Need",

@@ -15,13 +15,11 @@ from skincal.bounded import parse_toml, read_text
 from skincal.collect.assemble import dataset_of, rest_shifts
 from skincal.collect.connection import press_on_hand
 from skincal.collect.journal import Journal, digest_of, journal_folder, journal_lock
-from skincal.collect.plan import Plan
+from skincal.collect.plan import CollectOptions, Plan
 from skincal.collect.plan_file import plan_as_toml, read_plan
 from skincal.collect.poses import with_poses
 from skincal.collect.posture import Fingers, Mount
-from skincal.collect.press_options import CollectOptions
-from skincal.collect.progress import MakeDriver, Watch
-from skincal.collect.session import Session
+from skincal.collect.session import MakeDriver, Session, Watch
 from skincal.collect.stage import check_height, press_on_stage
 from skincal.dataset import Dataset, DatasetMeta, check_dataset, write_dataset
 from skincal.errors import InputError, Problem, input_error

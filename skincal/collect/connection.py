@@ -1,23 +1,126 @@
-"""The presses of one connection to the hand, and a session of connections: to the first site, between sites, home."""
+"""The presses of one connection to the hand, and free motion: to the first site, between sites and poses, home."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
 
-from skincal.collect.plan import PlannedPress
+from skincal.collect.plan import CollectOptions, PlannedPress
 from skincal.collect.posture import Fingers, Posture
 from skincal.collect.press import Press
-from skincal.collect.progress import MakeDriver
 from skincal.collect.record import frames_of, press_tables
 from skincal.collect.senses import Loop, Senses
-from skincal.collect.session import Session
-from skincal.collect.travel import LOWEST_SHARE, Place, follow, way_over_skin, way_through_joints
+from skincal.collect.session import MakeDriver, Session
 from skincal.errors import WorkError, input_error
 from skincal.hand import GuardedHand, GuardOptions, HandDriver
 from skincal.model.arrays import FloatArray
-from skincal.robot import place_indenter
+from skincal.robot import contact_from_joints, place_indenter
+
+WAYPOINT_M = 0.002
+"""Spacing of the solved points of a path; between them joints move evenly [m]."""
+
+CHECKED = 60
+"""Number of points of a joint-space path that are checked for contact."""
+
+LOWEST_SHARE = 0.5
+"""Part of the travelling height below which a joint-space path must not go."""
+
+PEAK = 1.875
+"""Ratio of the largest to the mean speed of a smooth motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Position of the indenter over the skin, at travelling height.
+
+    Attributes:
+        site: patch coordinates [m].
+        skin_rad: angles of the finger with the skin [rad].
+        links_rad: angles of all links (n,) [rad].
+    """
+
+    site: tuple[float, float]
+    skin_rad: FloatArray
+    links_rad: FloatArray
+
+
+def way_over_skin(
+    fingers: Fingers, start: Place, site: tuple[float, float], skin_rad: FloatArray, centre_height_m: float
+) -> FloatArray:
+    """Return angles of the links (W, n) [rad] on the way between two sites at one height; nothing is dragged.
+
+    Raises:
+        WorkError: the path leads out of reach.
+    """
+    length = float(np.hypot(site[0] - start.site[0], site[1] - start.site[1]))
+    turn = float(np.abs(skin_rad - start.skin_rad).max())
+    count = 2 + int(max(length / WAYPOINT_M, turn / 0.05))
+    shares = np.linspace(0.0, 1.0, count)[1:, None]
+    sites = (1 - shares) * np.asarray(start.site) + shares * np.asarray(site)
+    skins = (1 - shares) * start.skin_rad + shares * skin_rad
+    points, normals = fingers.mount.place(sites)
+    q = start.links_rad
+    way = [q]
+    for skin, centre in zip(skins, points + centre_height_m * normals, strict=True):
+        q = q.copy()
+        q[fingers.kinematics.skin.columns] = skin
+        q = place_indenter(fingers.kinematics, centre, q)
+        way.append(q)
+    return np.array(way)
+
+
+def way_through_joints(
+    fingers: Fingers, start_rad: FloatArray, end_rad: FloatArray, radius_m: float, least_m: float
+) -> FloatArray:
+    """Return a straight path (W, n) [rad] of the joints if the indenter stays off the skin; else one that first rises.
+
+    Raises:
+        WorkError: both paths lead through the finger.
+    """
+    indenter = fingers.kinematics.indenter.columns
+    first = start_rad.copy()
+    first[indenter] = fingers.kinematics.description.home_rad[indenter]
+    last = end_rad.copy()
+    last[indenter] = first[indenter]
+    for between in ([], [first], [last], [first, last]):
+        way = np.stack([start_rad, *between, end_rad])
+        dense = _spaced(way, np.linspace(0, len(way) - 1, CHECKED))
+        if _least_height(fingers, dense, radius_m) >= least_m:
+            return way
+    raise WorkError(
+        "free motion: expected a path from the hand's present angles to the first site on which the indenter stays "
+        f"{1e3 * least_m:.1f} mm off the skin; found none. Move the fingers apart, to the hand's home angles, and run "
+        "again."
+    )
+
+
+def _least_height(fingers: Fingers, links_rad: FloatArray, radius_m: float) -> float:
+    torques = np.zeros_like(links_rad)
+    contact = contact_from_joints(fingers.kinematics, links_rad, torques, indenter_radius_m=radius_m)
+    return float(contact.gap_m.min())
+
+
+def follow(
+    loop: Loop, way_rad: FloatArray, offset_rad: FloatArray, options: CollectOptions, length_m: float = 0.0
+) -> None:
+    """Move along a path, slowly at both ends, while an offset of the commanded angles fades out."""
+    turn = float(np.abs(np.diff(way_rad, axis=0)).max(axis=1).sum())
+    time_s = PEAK * max(turn / options.travel_rad_per_s, length_m / options.travel_m_per_s)
+    steps = loop.steps(time_s)
+    t = np.arange(1, steps + 1) / steps
+    smooth = t**3 * (10 - 15 * t + 6 * t**2)
+    for share, links in zip(smooth, _spaced(way_rad, smooth * (len(way_rad) - 1)), strict=True):
+        loop.step(links + (1 - share) * offset_rad)
+
+
+def _spaced(way_rad: FloatArray, places: FloatArray) -> FloatArray:
+    """Return the angles at positions along a path, counted in waypoints."""
+    low = np.minimum(places.astype(int), len(way_rad) - 2)
+    share = (places - low)[:, None]
+    return (1 - share) * way_rad[low] + share * way_rad[low + 1]
+
 
 APART_M = 1e-3
 """An indenter nearer to the skin than this is lifted before anything else [m]."""

@@ -1,16 +1,17 @@
-"""Search for hand poses: angles of the finger with the skin at which the indenter reaches every site with a reserve."""
+"""A plan on a hand: poses in which the indenter reaches every site with a reserve, and how long the presses take."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skincal.collect.plan import Plan, PlannedPress
+from skincal.collect.connection import PEAK
+from skincal.collect.plan import CollectOptions, Plan, PlannedPress
 from skincal.collect.posture import Fingers, Posture
-from skincal.collect.press_options import CollectOptions
+from skincal.collect.press import FAST
 from skincal.errors import InputError, Problem, WorkError
 from skincal.model.arrays import FloatArray
 
@@ -172,3 +173,35 @@ def _corners(sites_m: FloatArray) -> list[tuple[float, float]]:
     low, high = sites_m.min(axis=0), sites_m.max(axis=0)
     shares = [(0.5, 0.5), *itertools.product((0.0, 1.0), repeat=2), (0, 0.5), (1, 0.5), (0.5, 0), (0.5, 1)]
     return [(u_m, v_m) for u_m, v_m in (low + np.array(shares) * (high - low)).tolist()]
+
+
+POSE_S = 1.0
+"""Approximate time of a change of the pose [s]."""
+
+
+def paces_s(plan: Plan, fingers: Fingers, options: CollectOptions) -> Iterator[tuple[float, float]]:
+    """Yield estimates of the time from the press before to the contact, and of a ramp of the force, of each press [s].
+
+    Changes of the pose are left out.
+    """
+    first, before = plan.presses[0], plan.presses[0]
+    postures = {name: fingers.posture(first.site, angles, options) for name, angles in plan.poses.items()}
+    stiffness = {name: posture.stiffness_n_per_m for name, posture in postures.items()}
+    fast = FAST * options.approach_m_per_s
+    for press in plan.presses:
+        slow = min(options.approach_m_per_s, options.touch_n_per_s / stiffness[press.pose])
+        way = float(np.hypot(*np.subtract(press.site, before.site)))
+        idle_s = PEAK * way / options.travel_m_per_s + 2 * options.still_s + options.idle_s
+        idle_s += options.before_contact_m / slow + 2 * options.clearance_m / fast
+        yield idle_s, press.force_n / (stiffness[press.pose] * press.speed_m_per_s)
+        before = press
+
+
+def duration_s(plan: Plan, fingers: Fingers, options: CollectOptions) -> float:
+    """Return an estimate of a session's length on the hand's clock [s], accurate to about a tenth."""
+    poses = [press.pose for press in plan.presses]
+    changes = sum(pose != before for before, pose in itertools.pairwise(poses))
+    total = 2 * (options.rest_s + POSE_S) + POSE_S * changes
+    for press, (idle_s, ramp_s) in zip(plan.presses, paces_s(plan, fingers, options), strict=True):
+        total += idle_s + 2 * ramp_s + 3 * options.ease_s + options.reach_s / 4 + press.hold_s
+    return total

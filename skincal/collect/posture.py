@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.collect.press_options import CollectOptions
+from skincal.collect.plan import CollectOptions
 from skincal.dataset import DatasetMeta
 from skincal.dataset.dataset import layout_of, pose_of, surface_of
 from skincal.dataset.placement import patch_coordinates

@@ -7,9 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from skincal.collect.plan import PlannedPress
+from skincal.collect.plan import CollectOptions, PlannedPress
 from skincal.collect.posture import Posture
-from skincal.collect.press_options import CollectOptions
 from skincal.collect.senses import Loop, Sample
 from skincal.model.arrays import FloatArray
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.collect.journal import Arrays
+from skincal.collect.plan import CollectOptions
 from skincal.collect.press import Moments, Status
-from skincal.collect.press_options import CollectOptions
 from skincal.collect.senses import Sample
 from skincal.collect.session import Session
 from skincal.covariates import POSITION

@@ -14,7 +14,7 @@ from skincal.hand.guard import GuardedHand
 from skincal.hand.loop import ControlLoop
 from skincal.model.arrays import FloatArray
 from skincal.robot import JointContact, Kinematics, contact_from_joints
-from skincal.robot.contact import prepare_contacts
+from skincal.robot.kinematics import prepare_contacts
 
 LARGEST_TARE_N = 3.0
 """Largest force that torques at rest may correspond to; beyond, something touches, or a sensor is broken."""

@@ -2,24 +2,68 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import astuple
+from collections.abc import Callable, Mapping
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skincal.collect.journal import Arrays, Journal
-from skincal.collect.plan import Plan
+from skincal.collect.plan import CollectOptions, Plan, PlannedPress
 from skincal.collect.press import Moments
-from skincal.collect.press_options import CollectOptions
-from skincal.collect.progress import Need, Progress, StageSample, Watch
 from skincal.collect.senses import Sample
 from skincal.covariates import TARGET, TIMES
 from skincal.dataset import IDLE
+from skincal.hand import HandDriver, StageDriver, StageState
 from skincal.model.arrays import FloatArray
 
-GAP_S = 1.0
+
+@dataclass(frozen=True)
+class Need:
+    """State of a session for which a driver is created.
+
+    Attributes:
+        session_s: time at which the session's clock continues [s]; 0 at the start.
+        indenter_radius_m: radius of the indenter to mount [m]; None: the rig's own.
+    """
+
+    session_s: float = 0.0
+    indenter_radius_m: float | None = None
+    connections: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class StageSample:
+    """A state of a stage.
+
+    Attributes:
+        force_n: normal force without the reading at rest [N].
+        phase: phase of the press, by the code of the dataset.
+    """
+
+    time_s: float
+    force_n: float
+    state: StageState
+    phase: int
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """Progress of a session."""
+
+    done: int
+    total: int
+    planned: PlannedPress
+    doing: str
+    sample: Sample | StageSample
+
+
+MakeDriver = Callable[[Need], HandDriver | StageDriver]
+Watch = Callable[[Progress], None]
+
+
+PAUSE_S = 1.0
 """Gap in the session's clock when a session continues on another clock [s]."""
 
 
@@ -59,7 +103,7 @@ class Session:
         shift_s = -rig_s
         if np.isfinite(self.last_frame_s):
             shifts = [float(connection["shift_s"]) for connection in self.journal.connections()]
-            shift_s = max([*shifts[-1:], self.last_frame_s + GAP_S - rig_s])
+            shift_s = max([*shifts[-1:], self.last_frame_s + PAUSE_S - rig_s])
         self.journal.connected({"first": self.todo[0], "resumed": self._resumed, "shift_s": shift_s})
         self._resumed = False
         return shift_s

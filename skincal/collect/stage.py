@@ -10,8 +10,7 @@ from skincal.collect.journal import Arrays
 from skincal.collect.plan import Plan, PlannedPress
 from skincal.collect.posture import Mount
 from skincal.collect.press import Moments
-from skincal.collect.progress import MakeDriver, StageSample
-from skincal.collect.session import Session
+from skincal.collect.session import MakeDriver, Session, StageSample
 from skincal.covariates import POSITION
 from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD
 from skincal.errors import InputError, Problem, WorkError, input_error

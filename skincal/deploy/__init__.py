@@ -3,7 +3,7 @@
 Needs the core install and onnxruntime, but neither a learning library nor Gymnasium.
 """
 
-from skincal.deploy.motion import DeployOptions
+from skincal.deploy.handover import DeployOptions
 from skincal.deploy.policy_run import Deployed, deploy
 from skincal.deploy.record import Record, write_record
 from skincal.deploy.targets import letters, marble_targets, targets_of

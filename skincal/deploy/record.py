@@ -17,8 +17,7 @@ from skincal.model.arrays import FloatArray
 from skincal.robot.description import JOINT_FIELDS, joint_columns
 
 if TYPE_CHECKING:
-    from skincal.deploy.handover import PinchForces
-    from skincal.deploy.motion import Motion
+    from skincal.deploy.handover import Motion, PinchForces
     from skincal.robot import HandDescription
 
 

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.collect import CollectOptions, Mount, Plan
-from skincal.collect.poses import with_poses
+from skincal.collect.poses import paces_s, with_poses
 from skincal.collect.posture import Fingers
-from skincal.collect.travel import paces_s
 from skincal.dataset.dataset import indenter_of
 from skincal.effects import Samples, Steps, hold_session, met_before
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNLOAD

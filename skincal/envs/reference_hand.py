@@ -26,7 +26,7 @@ from skincal.envs.world import World
 from skincal.errors import input_error
 from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.errors import HandError
-from skincal.hand.simulated import SimulatedDriver, write_truth
+from skincal.hand.sim import SimulatedDriver, write_truth
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
 from skincal.robot import HandDescription

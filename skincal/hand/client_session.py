@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 from skincal.errors import quoted
 from skincal.hand.driver import HandCommand, HandDriver
 from skincal.hand.errors import HandError
-from skincal.hand.guard import GuardedHand
+from skincal.hand.guard import ContactForce, GuardedHand
 from skincal.hand.messages import Message, MessageError, encode, number, numbers, refusal_body, state_body
 from skincal.hand.sockets import zmq_module
-from skincal.hand.state_checks import ContactForce
 
 if TYPE_CHECKING:
     import zmq
@@ -141,7 +140,6 @@ class Session:
                     return None
 
     def _reply_to(self, message: Message) -> Message:
-        """Do a request; return the reply."""
         try:
             kind, body = self._do(message)
             return Message(kind, message.number, self.token, body)

@@ -1,30 +1,45 @@
-"""The contract of drivers, as checks that run against a driver.
+"""Checks of drivers against the contract: how they are run, and the hand or stage under test.
 
-Each check creates its own driver, and moves no joint by more than ``step_rad``; the hand must be able to move that far
-without touching anything. Calls are made as the guard makes them, so that a call that hangs fails only its own check.
-Every state and command is checked as by the guard, including the contact force, and a hand that breaks a limit is
-stopped.
+Each check creates its own driver. Calls are made as the guard makes them, so that a call that hangs fails only its own
+check. Every state and command is checked as by the guard, including the contact force, and a rig that breaks a limit
+is stopped. The checks are in :mod:`skincal.hand.contract_checks` and :mod:`skincal.hand.stage_checks`.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Self, TypeVar
 
 from skincal.errors import quoted
-from skincal.hand.contract_checks import CHECKS, Check
-from skincal.hand.driver import HandDriver
+from skincal.hand.calls import HURRY_S, STOPPED, CallTimeoutError, call_and_leave, note_stop, raised_by
+from skincal.hand.driver import HandDriver, HandState
 from skincal.hand.errors import HandError
+from skincal.hand.guard import ContactForce, GuardedHand
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.halt import HURRY_S, STOPPED
-from skincal.hand.state_checks import ContactForce
-from skincal.hand.trial import FailedCheckError, SkippedCheckError, Trial
-from skincal.hand.worker import CallTimeoutError, raised_by
 from skincal.robot import HandDescription, joint_contact_force
 from skincal.signals import held_back
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
+
+CONNECT_S = 30.0
+"""Longest time for creating, connecting and closing [s]."""
+
+
+Rig = TypeVar("Rig")
+
+Check = Callable[..., str | None]
+"""A check: of a hand it takes a trial; it returns what was measured, or raises."""
+
+
+class FailedCheckError(Exception):
+    """A failed check; the text says what was found."""
+
+
+class SkippedCheckError(Exception):
+    """A check that does not apply; the text says why."""
 
 
 @dataclass(frozen=True)
@@ -98,21 +113,6 @@ Outcome = tuple[str, str, bool]
 Progress = Callable[[CheckResult], None]
 
 
-def run_contract(
-    name: str,
-    make: Callable[[], HandDriver],
-    options: ContractOptions | None = None,
-    progress: Progress = lambda result: None,
-) -> ContractReport:
-    """Run every check against a driver of a hand."""
-    chosen = options or ContractOptions()
-
-    def attempt(check: Check, could_stop: bool) -> Outcome:
-        return _attempt(check, make, replace(chosen, move=chosen.move and could_stop))
-
-    return run_checks(name, CHECKS, attempt, progress)
-
-
 def run_checks(
     name: str, checks: Sequence[Check], attempt: Callable[[Check, bool], Outcome], progress: Progress
 ) -> ContractReport:
@@ -165,9 +165,76 @@ def outcome(run: Callable[[], str | None], limit_s: float) -> Outcome:
         return FAILED, text, not unstopped
 
 
-def _attempt(
-    check: Callable[[Trial], str | None], make: Callable[[], HandDriver], options: ContractOptions
-) -> Outcome:
+class Trial(GuardedHand):
+    """A hand under test: every state and command is checked, and calls that hang are abandoned."""
+
+    def __init__(self, driver: HandDriver, options: ContractOptions, make: Callable[[], HandDriver]) -> None:
+        super().__init__(driver, options.guard, clock=options.clock)
+        self.driver, self.options, self.make = driver, options, make
+        note_stop(self._halt)  # it may move before it is connected
+
+    @classmethod
+    def of(cls, make: Callable[[], HandDriver], options: ContractOptions) -> Self:
+        """Create a driver and return its trial."""
+        return cls(created(make), options, make)
+
+    def connect(self) -> None:
+        """Connect the driver."""
+        # First, as it may have to compile, and a connected hand is not to wait.
+        self._contact_force = self.options.contact_force(self.description)
+        super().connect()
+
+    def states(self, count: int) -> list[HandState]:
+        """Return a number of consecutive states."""
+        return [self.observe() for _ in range(count)]
+
+    def own_state(self) -> HandState:
+        """Return the next state, checked, as the driver gives it: it may share its arrays with others."""
+        start_s = self._clock()
+        state: HandState = self._call("observe", self.driver.observe, timeout_s=self.options.call_s)
+        self._checked(state, start_s)
+        return state
+
+    def time_stop(self) -> float:
+        """Stop the hand from another thread; return the duration [s]."""
+        start = time.monotonic()
+        try:
+            call_and_leave(self.driver.stop, self.options.stop_s, "trial stop")
+        except CallTimeoutError:
+            raise FailedCheckError(f"stop() did not return within {self.options.stop_s:g} s") from None
+        return time.monotonic() - start
+
+    def end(self, close_s: float = CONNECT_S) -> str:
+        """Stop the hand and release it, in whatever state it is; return the failure to stop, or ''."""
+        trouble = self._halt()
+        with suppress(Exception):
+            call_and_leave(self.driver.close if self._worker is None else self.close, close_s, "trial end")
+        return trouble
+
+
+def created(make: Callable[[], Rig], timeout_s: float | None = None) -> Rig:
+    """Create a driver, which may hang.
+
+    Raises:
+        CallTimeoutError: it was not created in time.
+        CallExitError: it raised anything but an ``Exception``.
+    """
+    return call_and_leave(make, timeout_s or CONNECT_S, "make a driver")
+
+
+def close_directly(driver: Any) -> None:
+    """Call ``close`` of a driver that is not connected, or not any more."""
+    call_and_leave(driver.close, CONNECT_S, "close")
+
+
+def expect(good: bool, got: str) -> None:
+    """Fail the check with what was found, if a condition does not hold."""
+    if not good:
+        raise FailedCheckError(got)
+
+
+def try_hand(check: Check, make: Callable[[], HandDriver], options: ContractOptions) -> Outcome:
+    """Run a check on a new hand, and stop and release it; return the outcome."""
     trial: Trial | None = None
 
     def run() -> str | None:

@@ -1,4 +1,8 @@
-"""The checks of the contract. A function's name is the check's name, and its docstring the expected behaviour."""
+"""The contract of drivers of a hand, as checks that run against a driver.
+
+A function's name is the check's name, and its docstring the expected behaviour. No check moves a joint by more than
+``step_rad``; the hand must be able to move that far without touching anything.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +15,25 @@ from typing import Any
 import numpy as np
 
 from skincal.errors import SkincalError, quoted, text_of
-from skincal.hand.driver import HandCommand, HandState
+from skincal.hand.calls import CallTimeoutError, call_and_leave
+from skincal.hand.contract import (
+    CONNECT_S,
+    Check,
+    ContractOptions,
+    ContractReport,
+    FailedCheckError,
+    Outcome,
+    Progress,
+    SkippedCheckError,
+    Trial,
+    close_directly,
+    expect,
+    run_checks,
+    try_hand,
+)
+from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
-from skincal.hand.trial import CONNECT_S, FailedCheckError, SkippedCheckError, Trial, close_directly, expect
-from skincal.hand.worker import CallTimeoutError, call_and_leave
 from skincal.robot.description import ARRAYS
-
-Check = Callable[..., str | None]
-"""A check: of a hand it takes a trial; it returns what was measured, or raises."""
 
 
 def description_is_sound(trial: Trial) -> str:
@@ -270,6 +285,21 @@ CHECKS: tuple[Check, ...] = (
     commands_are_followed,
 )
 """The checks in this order: the hand does not move before everything else is known to work."""
+
+
+def run_contract(
+    name: str,
+    make: Callable[[], HandDriver],
+    options: ContractOptions | None = None,
+    progress: Progress = lambda result: None,
+) -> ContractReport:
+    """Run every check against a driver of a hand."""
+    chosen = options or ContractOptions()
+
+    def attempt(check: Check, could_stop: bool) -> Outcome:
+        return try_hand(check, make, replace(chosen, move=chosen.move and could_stop))
+
+    return run_checks(name, CHECKS, attempt, progress)
 
 
 def _go(trial: Trial, goal: np.ndarray[Any, Any], periods: int) -> HandState:

@@ -1,6 +1,6 @@
-"""The driver interface of a hand: connect, observe, act, stop.
+"""The driver interfaces of a hand and of a stage: connect, observe, act, stop.
 
-A driver is thin: it moves values between a hand and these types. It enforces no limits and needs no time-outs; the
+A driver is thin: it moves values between a rig and these types. It enforces no limits and needs no time-outs; the
 guard (:mod:`skincal.hand.guard`) has them, so that a driver that forgets them does no harm.
 """
 
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
+from skincal.dataset import DatasetMeta
 from skincal.model.arrays import FloatArray
 from skincal.robot.description import HandDescription, HandState
 
@@ -108,3 +109,45 @@ class HandDriver(Driver[HandDescription, HandState, HandCommand]):
             self.stop()
         finally:
             self.close()
+
+
+@dataclass(frozen=True, eq=False)
+class StageDescription:
+    """Description of a stage with its sensor.
+
+    Attributes:
+        name: name of the rig.
+        meta: metadata of its datasets: sensor, surface (a plane), indenter, mount, position.
+        lower_m: smallest x, y, z of the indenter's tip (3,), in the frame of the dataset [m].
+        upper_m: largest x, y, z (3,) [m].
+        max_speed_m_per_s: largest commanded speed of the tip [m/s].
+        max_force_n: largest allowed reading of the load cell [N].
+    """
+
+    name: str
+    meta: DatasetMeta
+    lower_m: FloatArray
+    upper_m: FloatArray
+    max_speed_m_per_s: float
+    max_force_n: float
+
+
+@dataclass(frozen=True, eq=False)
+class StageState:
+    """State of a stage at one moment.
+
+    Attributes:
+        time_s: clock of the stage [s]; it never goes back.
+        position_m: measured position of the indenter's tip (3,), in the frame of the dataset [m].
+        force_n: reading of the load cell along the normal, positive when pressing [N].
+        taxels: taxel values (rows * cols,), flat index r * cols + c; NaN for a taxel that does not respond.
+    """
+
+    time_s: float
+    position_m: FloatArray
+    force_n: float
+    taxels: FloatArray
+
+
+class StageDriver(Driver[StageDescription, StageState, FloatArray]):
+    """A stage; a command is the next position of the indenter's tip (3,) [m]."""

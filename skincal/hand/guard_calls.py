@@ -18,7 +18,7 @@ import gc
 import sys
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from copy import copy
 from dataclasses import fields, is_dataclass
@@ -29,11 +29,10 @@ from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
 import numpy as np
 
 from skincal.errors import one_line, quoted, shown, text_of
+from skincal.hand.calls import HURRY_S, CallTimeoutError, Stop, Worker, note_stop, raised_by, stopped
 from skincal.hand.driver import Command, Description, Driver, State
 from skincal.hand.errors import ADVICE, HandError, HandErrorKind, described
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.halt import HURRY_S, Stop, note_stop, stopped
-from skincal.hand.worker import CallTimeoutError, Worker, raised_by
 from skincal.model.arrays import FloatArray
 from skincal.signals import held_back
 
@@ -62,6 +61,8 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     rig: ClassVar[str]
     """Name of the kind of rig in errors."""
+    advice: ClassVar[Mapping[HandErrorKind, str]] = ADVICE
+    """Advice by kind of error, where there is any."""
 
     def __init__(
         self,
@@ -86,7 +87,7 @@ class Guarded(ABC, Generic[Description, State, Command]):
 
     @abstractmethod
     def _checks(self) -> tuple[Any, Any]:
-        """Return the checks of states and of commands of the connected rig (:mod:`skincal.hand.state_checks`)."""
+        """Return the checks of states and of commands of the connected rig."""
 
     @property
     def description(self) -> Description:
@@ -326,14 +327,11 @@ class Guarded(ABC, Generic[Description, State, Command]):
     def _fail(self, violation: HandError, cause: BaseException | None = None) -> NoReturn:
         """Stop the rig and raise the violation, with what became of the rig; only the first failure counts."""
         trouble = self._halt()
-        end = trouble or f"{stopped(self.rig)} {self._advice(violation.kind)}".rstrip()
+        end = trouble or f"{stopped(self.rig)} {self.advice.get(violation.kind, '')}".rstrip()
         error = violation.again(f"{self.name}: {violation}. {end}", stopped=not trouble)
         with self._lock:
             self._failure = self._failure or error
         raise error from cause
-
-    def _advice(self, kind: HandErrorKind) -> str:
-        return ADVICE.get(kind, "")
 
     def _idle(self) -> None:
         """Run in the worker: stop a rig that has not been called for ``idle_s``."""

@@ -17,13 +17,13 @@ from skincal.errors import input_error
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
 from skincal.hand.messages import REPLIES, Message, MessageError, decode, encode, number, refusal_of, state_of
-from skincal.hand.resend import ResendTimer
 from skincal.hand.sockets import checked_address, client_keys, prepared, zmq_module
 from skincal.robot import hand_named
 from skincal.robot.description import HandDescription
 
 if TYPE_CHECKING:
     import zmq
+
 
 CALL_S, CONNECT_S, STOP_S = 5.0, 30.0, 0.4
 """Longest duration of a call, of connecting and of stopping while the server reports that it is busy [s]."""
@@ -167,7 +167,6 @@ class RemoteDriver(HandDriver):
         return socket
 
     def _ask(self, kind: str, body: dict[str, Any], expected: str) -> Message:
-        """Send a request over the session's connection and wait for the answer."""
         if self._socket is None:
             raise HandError(f"{kind}: the hand is not connected", "order")
         self._number += 1
@@ -235,3 +234,38 @@ class RemoteDriver(HandDriver):
         if kind == "hello":
             text += f": no server listens there, or none that admits a client {keys}"
         return HandError(text, "lost")
+
+
+SHORTEST_S, LONGEST_S = 0.02, 0.2
+"""Bounds of the time until a request is repeated; the longest one holds until an answer has been timed [s]."""
+
+
+class ResendTimer:
+    """Estimates how long an answer takes, from those to requests that were sent once.
+
+    Answers to repeated requests tell no time, as nobody knows which of the requests they answer (Karn's algorithm).
+    """
+
+    def __init__(self) -> None:
+        self._mean_s, self._spread_s = LONGEST_S, 0.0
+        self._timed = False
+        self._backoff = 1.0
+
+    @property
+    def wait_s(self) -> float:
+        """Time after which a request is repeated [s]."""
+        wait_s = self._backoff * (self._mean_s + 4 * self._spread_s)
+        return min(max(wait_s, SHORTEST_S), LONGEST_S)
+
+    def answered(self, took_s: float) -> None:
+        """Take in the time of an answer to a request that was sent once [s]."""
+        if self._timed:
+            self._spread_s += (abs(took_s - self._mean_s) - self._spread_s) / 4
+            self._mean_s += (took_s - self._mean_s) / 8
+        else:
+            self._mean_s, self._spread_s, self._timed = took_s, took_s / 2, True
+        self._backoff = 1.0
+
+    def repeated(self) -> None:
+        """Wait twice as long from now on, until an answer is timed again."""
+        self._backoff = min(2 * self._backoff, LONGEST_S / SHORTEST_S)

@@ -119,19 +119,12 @@ def _from_frames(folder: Path, frames: Frames, joints: int) -> list[HandState]:
     desired = q if desired is None else desired
     stamps = _column(frames, "taxel_time_s", times)
     temperature = _column(frames, "temperature_c", np.full(len(times), np.nan))
-    counts, taxels = frames.counts, len(frames.counts[0])
+    rows = zip(times, q, dq, tau, desired, frames.counts, stamps, temperature, strict=True)
     return [
         HandState(
-            time_s=float(times[i]),
-            q_rad=q[i],
-            dq_rad_per_s=dq[i],
-            tau_nm=tau[i],
-            q_desired_rad=desired[i],
-            taxels=counts[i],
-            taxel_time_s=np.full(taxels, stamps[i]),
-            temperature_c=float(temperature[i]),
+            float(t), angles, speeds, torques, targets, counts, np.full(len(counts), stamp), float(heat)
         )
-        for i in range(len(times))
+        for t, angles, speeds, torques, targets, counts, stamp, heat in rows
     ]
 
 

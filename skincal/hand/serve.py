@@ -17,15 +17,14 @@ from typing import Any, NoReturn, Self
 
 from skincal.bounded import memory_bytes
 from skincal.errors import SkincalError, text_of
+from skincal.hand.calls import STOPPED, CallExitError, CallTimeoutError, call_and_leave
 from skincal.hand.client_session import Session
 from skincal.hand.driver import HandDriver
 from skincal.hand.errors import HandError
+from skincal.hand.guard import ContactForce
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.halt import STOPPED
 from skincal.hand.messages import REQUESTS, Message, MessageError, decode, encode, refusal_body
 from skincal.hand.sockets import Keys, checked_address, prepared, zmq_module
-from skincal.hand.state_checks import ContactForce
-from skincal.hand.worker import CallExitError, CallTimeoutError, call_and_leave
 from skincal.robot import HandDescription, check_limits
 
 POLL_MS = 100

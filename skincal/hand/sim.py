@@ -1,23 +1,80 @@
-"""Driver of the simulated hand, with which every step can be tried without a hand."""
+"""Driver of the simulated hand, with which every step can be tried without a hand; what all simulated hands share."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+import threading
+from abc import abstractmethod
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
 from skincal.calibration import read_calibration
 from skincal.errors import input_error
-from skincal.hand.driver import HandCommand, HandState
+from skincal.files import whole_file
+from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
-from skincal.hand.simulated import SimulatedDriver, write_truth
 from skincal.robot import hand_named
 from skincal.robot.description import HandDescription
 from skincal.sim import SimOptions, SimulatedHand, SkinMemory, Truth, TruthOptions
 from skincal.sim.physics_client import check_engine
+
+
+class SimulatedDriver(HandDriver):
+    """A simulated hand; one that has been stopped holds its motors until it is connected again.
+
+    Args:
+        rate_hz: rate of states and commands [Hz].
+        physics_hz: rate of the physics [Hz].
+
+    Raises:
+        InputError: the rate does not fit the physics.
+    """
+
+    def __init__(self, rate_hz: int, physics_hz: int) -> None:
+        if not 0 < rate_hz <= physics_hz or physics_hz % rate_hz:
+            expected = f"a divisor of the physics' {physics_hz} Hz"
+            raise input_error(f'driver "{self.name}", option rate_hz', expected, rate_hz)
+        self._steps, self._physics_hz = physics_hz // rate_hz, physics_hz
+        self._moving, self._halted = threading.Lock(), threading.Event()
+
+    @property
+    def period_s(self) -> float:
+        """Time between two states [s]."""
+        return self._steps / self._physics_hz
+
+    @abstractmethod
+    def _hold(self) -> None:
+        """Hold the motors where they are, which releases the forces; do nothing without a connection."""
+
+    @contextmanager
+    def _simulating(self) -> Generator[None]:
+        """Keep :meth:`stop` out while physics runs, after the hold that an earlier one asked for."""
+        with self._moving:
+            if self._halted.is_set():
+                self._hold()
+            yield
+
+    def stop(self) -> None:
+        """Hold the motors where they are, which releases the forces."""
+        self._halted.set()
+        # While physics runs, the next period begins with the hold.
+        if self._moving.acquire(blocking=False):
+            try:
+                self._hold()
+            finally:
+                self._moving.release()
+
+
+def write_truth(path: Path, kind: str, truth: Mapping[str, Any]) -> None:
+    """Write what is hidden from a fit, plain numbers, lists and texts, as a JSON file of some format."""
+    with whole_file(path, force=True, mark=kind) as file:
+        file.write_text(json.dumps({"format": kind, **truth}, indent=2) + "\n", encoding="utf-8")
+
 
 TRUTH_FORMAT = "skincal-sim-truth/1"
 _TRUTH_STREAM, _NOISE_STREAM = 0, 1
@@ -147,7 +204,6 @@ class SimDriver(SimulatedDriver):
         hand.close()
 
     def _capped(self) -> HandDescription:
-        """Return the hand with its mounted cap."""
         hand, radius_m = self._description, self._indenter_radius_m
         if radius_m is None:
             return hand

@@ -7,13 +7,21 @@ from collections.abc import Callable
 
 import numpy as np
 
-from skincal.hand.contract import ContractReport, Outcome, Progress, outcome, run_checks
-from skincal.hand.contract_checks import Check
+from skincal.hand.calls import call_and_leave
+from skincal.hand.contract import (
+    Check,
+    ContractReport,
+    Outcome,
+    Progress,
+    SkippedCheckError,
+    created,
+    expect,
+    outcome,
+    run_checks,
+)
+from skincal.hand.driver import StageDriver, StageState
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.stage import StageDriver, StageState
 from skincal.hand.stage_guard import GuardedStage, check_stage
-from skincal.hand.trial import SkippedCheckError, created, expect
-from skincal.hand.worker import call_and_leave
 
 STEP_M, PERIODS, STOP_S = 0.2e-3, 20, 0.5
 """Motion of the tip [m]; number of states that are checked; longest duration of ``stop`` [s]."""

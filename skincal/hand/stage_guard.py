@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 
 from skincal.errors import InputError, Problem, shown
-from skincal.hand.clock import ClockCheck
-from skincal.hand.command_checks import StepCheck
-from skincal.hand.errors import HandError, HandErrorKind
+from skincal.hand.checks import ClockCheck, StepCheck, TaxelCheck, check_numbers
+from skincal.hand.driver import FloatArray, StageDescription, StageDriver, StageState
+from skincal.hand.errors import HandError
 from skincal.hand.guard_calls import Guarded
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState
-from skincal.hand.state_checks import TaxelCheck, check_numbers
 
 ROUNDING_M = 1e-9
 """Tolerance of a command's limits, for rounding [m]."""
@@ -30,16 +28,13 @@ moves next to a person (0.25 m/s, ISO 10218-1), and ten times the force that a s
 class GuardedStage(Guarded[StageDescription, StageState, FloatArray]):
     """A stage that is safe to move; arguments are those of :class:`~skincal.hand.guard_calls.Guarded`."""
 
-    rig = "stage"
+    rig, advice = "stage", {}
 
     def _check_limits(self) -> None:
         check_stage(self.description, beyond=self._options.beyond_limits)
 
     def _checks(self) -> tuple[StageStateCheck, StageCommandCheck]:
         return StageStateCheck(self._made, self._options), StageCommandCheck(self._made)
-
-    def _advice(self, kind: HandErrorKind) -> str:
-        return ""
 
 
 def check_stage(rig: StageDescription, *, beyond: bool = False) -> None:

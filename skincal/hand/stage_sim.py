@@ -8,9 +8,9 @@ from typing import Annotated
 import numpy as np
 
 from skincal.dataset import DatasetMeta, IndenterSpec, MountSpec, PositionSpec, SensorSpec, SurfaceSpec
+from skincal.hand.driver import FloatArray, StageDescription, StageDriver, StageState
 from skincal.hand.errors import HandError
-from skincal.hand.simulated import write_truth
-from skincal.hand.stage import FloatArray, StageDescription, StageDriver, StageState
+from skincal.hand.sim import write_truth
 from skincal.model import (
     Contacts,
     Converter,

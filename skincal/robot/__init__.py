@@ -1,7 +1,6 @@
 """The hand: its description, its kinematics, and the contact inferred from its joints."""
 
 from skincal.robot.chain import Chain, TipFrames
-from skincal.robot.contact import JointContact, contact_from_joints, joint_contact_force
 from skincal.robot.description import (
     FingerDescription,
     HandDescription,
@@ -11,7 +10,13 @@ from skincal.robot.description import (
     check_limits,
 )
 from skincal.robot.hand_file import DEFAULT_HAND, FORMAT, bundled_hand, hand_named, read_hand
-from skincal.robot.kinematics import Kinematics, place_indenter
+from skincal.robot.kinematics import (
+    JointContact,
+    Kinematics,
+    contact_from_joints,
+    joint_contact_force,
+    place_indenter,
+)
 from skincal.robot.urdf import urdf_with_sphere
 
 __all__ = [

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.dataset import DatasetMeta
 from skincal.errors import InputError, Problem
@@ -178,23 +177,13 @@ def check_limits(description: HandDescription, *, beyond: bool = False) -> None:
         ("compliance_rad_per_nm", give, MOST_COMPLIANCE_RAD_PER_NM, "rad/(N m)"),
         ("max_force_n", np.array([description.max_force_n]), MOST_FORCE_N, "N"),
     )
-    if problems := [_problem(description, *row) for row in rows if not beyond and _exceeds(row[1], row[2])]:
+    problems: list[Problem] = []
+    for name, values, bound, unit in rows if not beyond else ():
+        # Allow for rounding of degrees; a NaN sets no limit at all.
+        if not (values <= bound * (1 + 1e-9)).all():
+            worst = int(np.argmax(np.where(np.isnan(values), math.inf, values)))
+            joint = "" if name == "max_force_n" else f" of {description.joints[worst]}"
+            place = f'limits of the hand "{description.name}", {name}{joint}'
+            problems.append(Problem(place, f"at most {bound:g} {unit}", f"{values[worst]:.6g} {unit}", FIX))
+    if problems:
         raise InputError(problems)
-
-
-def _exceeds(values: NDArray[np.float64], bound: float) -> bool:
-    # Allow for rounding of degrees; a NaN sets no limit at all.
-    return not bool((values <= bound * (1 + 1e-9)).all())
-
-
-def _problem(
-    description: HandDescription, name: str, values: NDArray[np.float64], bound: float, unit: str
-) -> Problem:
-    worst = int(np.argmax(np.where(np.isnan(values), math.inf, values)))
-    joint = "" if name == "max_force_n" else f" of {description.joints[worst]}"
-    return Problem(
-        f'limits of the hand "{description.name}", {name}{joint}',
-        f"at most {bound:g} {unit}",
-        f"{values[worst]:.6g} {unit}",
-        FIX,
-    )

@@ -13,7 +13,7 @@ from skincal.errors import input_error
 from skincal.model import Contacts
 from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics
-from skincal.robot.contact import contact_rows
+from skincal.robot.kinematics import contact_rows
 
 
 @dataclass(frozen=True, eq=False)

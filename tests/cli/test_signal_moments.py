@@ -30,7 +30,7 @@ from skincal.signals import ENDING, restore
 QUICK = GuardOptions(timeout_s=1.0, connect_timeout_s=1.0, stop_timeout_s=0.5)
 WATCHED = (
     "skincal/hand/guard_calls",
-    "skincal/hand/halt",
+    "skincal/hand/calls",
     "skincal/signals",
     "skincal/cli/interrupt",
     "/contextlib",

@@ -10,9 +10,9 @@ import pytest
 from hands import other_hand
 
 from skincal.collect import Collected, Mount, Need, Plan, PlannedPress, Progress, collect, full_plan
+from skincal.collect.plan import CollectOptions
 from skincal.collect.poses import find_poses, reach_of
 from skincal.collect.posture import Fingers
-from skincal.collect.press_options import CollectOptions
 from skincal.dataset import check_dataset
 from skincal.hand.sim import SimDriver
 from skincal.robot import Kinematics, bundled_hand, contact_from_joints

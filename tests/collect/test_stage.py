@@ -12,7 +12,7 @@ from commands import run
 
 from skincal.collect import Collected, Progress, collect
 from skincal.collect.plan import Plan, PlannedPress
-from skincal.collect.progress import Watch
+from skincal.collect.session import Watch
 from skincal.collect.stage import stage_plan
 from skincal.dataset import HOLD, read_dataset
 from skincal.dataset.folder import Check

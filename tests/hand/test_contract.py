@@ -17,8 +17,9 @@ import pytest
 from hand_fakes import FakeHand, Hands, changed, tiny_description
 from test_replay import recorded
 
-from skincal.hand import remote, replay, trial
-from skincal.hand.contract import CheckResult, ContractOptions, ContractReport, run_contract
+from skincal.hand import contract, remote, replay
+from skincal.hand.contract import CheckResult, ContractOptions, ContractReport
+from skincal.hand.contract_checks import run_contract
 from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.errors import HandError
 from skincal.hand.remote import RemoteDriver
@@ -334,7 +335,7 @@ def test_an_interrupt_while_the_hand_moves_is_no_failed_check() -> None:
 
 
 def test_a_driver_that_is_never_made_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trial, "CONNECT_S", 0.02)
+    monkeypatch.setattr(contract, "CONNECT_S", 0.02)
 
     def hangs() -> FakeHand:
         time.sleep(1.5)

@@ -14,8 +14,15 @@ from hand_fakes import FakeHand
 
 from skincal.errors import InputError, WorkError
 from skincal.hand import registry
-from skincal.hand.convert import converted, type_text
-from skincal.hand.registry import create_driver, driver_class, driver_names, driver_options, parse_options
+from skincal.hand.registry import (
+    converted,
+    create_driver,
+    driver_class,
+    driver_names,
+    driver_options,
+    parse_options,
+    type_text,
+)
 
 
 class OptionHand(FakeHand):

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.remote_cost import Clock
-from skincal.hand.contract import ContractOptions, run_contract
+from skincal.hand.contract import ContractOptions
+from skincal.hand.contract_checks import run_contract
 from skincal.hand.registry import create_driver, driver_options
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -12,7 +12,7 @@ from sessions import move, press, pressed, session
 from skincal.errors import InputError, WorkError
 from skincal.robot import Kinematics, bundled_hand, contact_from_joints, read_hand
 from skincal.sim import SimOptions, SimulatedHand, TrueContact
-from skincal.sim.bullet import summed_force
+from skincal.sim.physics_client import summed_force
 from skincal.sim.touch import contact_stiffness
 
 
@@ -200,7 +200,7 @@ def test_a_urdf_that_pybullet_cannot_load(tmp_path: Path) -> None:
     empty = tmp_path / "empty.urdf"
     empty.write_text("<robot/>")
     with pytest.raises(WorkError, match="PyBullet can load"):
-        from skincal.sim.bullet import Fingers
+        from skincal.sim.physics_client import Fingers
 
         Fingers(replace(bundled_hand(), urdf=empty), SimOptions(), 1e4)
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from skincal.hand.clock import DRIFT, ClockCheck
+from skincal.hand.checks import DRIFT, ClockCheck
 from skincal.hand.errors import HandError
 from skincal.hand.guard_options import GuardOptions
 

@@ -1,14 +1,16 @@
-"""A worker thread for calls that may hang, so that the caller can abandon them."""
+"""Calls of a driver that may hang: a worker thread, calls that are abandoned, and the stop of a rig."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any, TypeVar
 
 from skincal.errors import quoted
+from skincal.signals import held_back
 
 SLICE_S = 0.02
 """Length of a single wait [s]: a Ctrl-C just before a wait does not end it, but the next one can."""
@@ -54,13 +56,7 @@ class Worker:
         Thread(target=self._work, name=name, daemon=True).start()
 
     def call(self, work: Callable[..., Any], *arguments: Any, timeout_s: float) -> Any:
-        """Make a call, and wait for it.
-
-        Raises:
-            CallTimeoutError: the call did not return within ``timeout_s``.
-            CallExitError: the call raised anything but an ``Exception``.
-            Exception: what the call raised.
-        """
+        """Make a call, and wait for it; errors are those of :func:`call_and_leave`."""
         self._ticket += 1
         self._jobs.put((self._ticket, work, arguments))
         return _result(self._results, self._ticket, timeout_s)
@@ -134,3 +130,72 @@ def _result(results: SimpleQueue[Result], ticket: int, timeout_s: float) -> Any:
     if error is not None:
         raise CallExitError(quoted(error)) from error
     return value
+
+
+def stopped(rig: str) -> str:
+    """Return the statement that a rig was stopped, valid only after its ``stop`` returned."""
+    return f"The {rig} was stopped."
+
+
+STOPPED = stopped("hand")
+
+HURRY_S = 2.0
+"""Longest time for closing while somebody waits for the end [s]."""
+
+
+class Stop:
+    """The stop of a rig: what is said of the rig follows from this alone.
+
+    Args:
+        stop: the driver's ``stop``.
+        timeout_s: longest time of a call [s].
+        name: the driver's name.
+        rig: the kind of rig.
+
+    Attributes:
+        asked: it was called: the rig is to move no more.
+        trouble: what went wrong with the last call; empty: it returned, the rig is stopped; None: neither is known.
+    """
+
+    def __init__(self, stop: Callable[[], None], timeout_s: float, name: str, rig: str = "hand") -> None:
+        self._stop, self._timeout_s, self.name, self.rig = stop, timeout_s, name, rig
+        self.asked = False
+        self.trouble: str | None = None
+
+    def __call__(self) -> str:
+        """Call the driver's ``stop``, a second time if it raises; this is not interrupted. Return the trouble."""
+        self.asked = True
+        trouble, power = "", f"Cut the {self.rig}'s power."
+        with held_back():
+            for _ in range(2):
+                try:
+                    call_and_leave(self._stop, self._timeout_s, f"stop {self.name}")
+                    trouble = ""
+                    break
+                except CallTimeoutError:
+                    trouble = f"stop() did not return within {self._timeout_s:g} s! {power}"
+                    break
+                except Exception as error:
+                    trouble = f"stop() failed! {quoted(raised_by(error))}. {power}"
+        self.trouble = trouble
+        return trouble
+
+
+_NOTED: list[dict[tuple[str, str], Stop]] = []
+
+
+@contextmanager
+def stops_noted() -> Generator[dict[tuple[str, str], Stop]]:
+    """Yield the stops of the rigs that are connected during a block, by kind and name: the last one of each."""
+    noted: dict[tuple[str, str], Stop] = {}
+    _NOTED.append(noted)
+    try:
+        yield noted
+    finally:
+        _NOTED.remove(noted)
+
+
+def note_stop(stop: Stop) -> None:
+    """Note the stop of a rig that is about to be connected."""
+    for noted in _NOTED:
+        noted[stop.rig, stop.name] = stop

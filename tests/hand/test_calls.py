@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 from hand_fakes import FakeHand
 
+from skincal.hand.calls import STOPPED, Stop
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.halt import STOPPED, Stop
 from skincal.signals import ENDING, held_back
 
 QUICK = GuardOptions(timeout_s=0.3, connect_timeout_s=0.3, stop_timeout_s=0.1)
