@@ -10,7 +10,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.effects.applied import Applied, Missing, applied, at_work
 from skincal.effects.effect import (
     InputEffect,
     LawEffect,
@@ -20,6 +19,7 @@ from skincal.effects.effect import (
     Stage,
     State,
 )
+from skincal.effects.registry import Applied, Missing, applied, at_work
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model import Pressures, Skin, Surface
