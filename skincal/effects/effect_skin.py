@@ -24,7 +24,7 @@ from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model import Pressures, Skin, Surface
 from skincal.model.arrays import FloatArray, IntArray
-from skincal.model.spreading import spread_weights
+from skincal.model.skin import spread_weights
 
 
 @dataclass(frozen=True, eq=False)

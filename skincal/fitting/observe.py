@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from skincal.fitting.types import Bools, Floats
-from skincal.model.converter import Converter
+from skincal.model.skin import Converter
 from skincal.model.rest import RestLevels, levels_from_presses
 
 _CLIP_SIGMAS = 8.0
