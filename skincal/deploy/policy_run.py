@@ -13,8 +13,8 @@ from skincal.deploy.handover import Handover, PinchForces
 from skincal.deploy.motion import DeployOptions, Motion, Watch
 from skincal.deploy.observation import PolicyObservation
 from skincal.deploy.record import Record
+from skincal.envs.grasp import Postures
 from skincal.envs.pinch import Pinch
-from skincal.envs.postures import Postures
 from skincal.envs.trajectories import POLICY_HZ
 from skincal.errors import WorkError, input_error
 from skincal.hand.driver import HandDriver

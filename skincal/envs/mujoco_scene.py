@@ -20,10 +20,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from skincal.envs.bodies import Part
-from skincal.envs.pinch import Pinch
-from skincal.envs.pinch_urdf import pinch_urdf
-from skincal.envs.scene import LARGEST_FORCE_N, PHYSICS_HZ, Scene
-from skincal.envs.scene_state import Frame, Grip, Placed, Point, Touching, merged
+from skincal.envs.pinch import Pinch, pinch_urdf
+from skincal.envs.scene import (
+    LARGEST_FORCE_N,
+    PHYSICS_HZ,
+    Frame,
+    Grip,
+    Placed,
+    Point,
+    Scene,
+    Touching,
+    merged,
+)
 from skincal.errors import input_error
 from skincal.model.arrays import FloatArray
 

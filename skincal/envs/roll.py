@@ -14,18 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.envs.bodies import Body, body_of
 from skincal.envs.bullet_scene import BulletScene
-from skincal.envs.drawing import Value, Values, array, is_chosen
-from skincal.envs.needed import ranges_for
+from skincal.envs.drawing import Value, Values, array, is_chosen, ranges_for
 from skincal.envs.observations import KINDS, Observation, ObservationStack, state_values
 from skincal.envs.picture import Board, Picture, PictureState, display_there, picture
 from skincal.envs.pinch import Pinch, read_pinch
 from skincal.envs.rewards import reward_terms
 from skincal.envs.scene import PHYSICS_HZ, Scene, check_engine, make_scene
-from skincal.envs.sensing import View
 from skincal.envs.tactile import SkinContact, drawn_age_s
 from skincal.envs.task_options import EpisodeOptions, TaskOptions, read_options
 from skincal.envs.trajectories import POLICY_HZ
-from skincal.envs.world import World
+from skincal.envs.world import View, World
 from skincal.errors import input_error
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges

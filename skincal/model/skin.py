@@ -15,8 +15,7 @@ from skincal.model.law import ContactLaw, StressLaw
 from skincal.model.layout import TaxelLayout
 from skincal.model.patch import Patch
 from skincal.model.press.call import Entries, press
-from skincal.model.response import Status
-from skincal.model.response import Pressures, SkinResponse, refuse
+from skincal.model.response import Pressures, SkinResponse, Status, refuse
 
 _WIDTH_M = 3e-4
 """Standard deviation of the Gaussian for the finite difference [m]: about a cell, so that the points resolve it."""

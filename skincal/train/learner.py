@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from skincal.errors import input_error
 from skincal.train.curve import Round, RoundWatch
-from skincal.train.network import EPSILON, Network
+from skincal.train.policy_file import EPSILON, Network
 from skincal.train.settings import Settings
 
 ACTOR_KEY: Final = "policy"
