@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from pathlib import Path
 from typing import Final
 
@@ -85,7 +86,7 @@ class Drawer:
         drawn = {path: v for path, v in sample.items() if path in self.nominal and is_chosen(path, randomize)}
         chosen = {path: self._shaped(path, value) for path, value in (given or {}).items()}
         values = self.nominal | drawn | chosen
-        return {path: _copy(value) for path, value in values.items()}, sample
+        return {path: copy(value) for path, value in values.items()}, sample
 
     def step(
         self,
@@ -97,7 +98,7 @@ class Drawer:
         """Return the draws of a step, noise and forces; nominal values where nothing is randomized."""
         drawn = self._draw(rng, "step", episode)
         return {
-            path: v if is_chosen(path, randomize) and path not in (given or ()) else _copy(self.nominal[path])
+            path: v if is_chosen(path, randomize) and path not in (given or ()) else copy(self.nominal[path])
             for path, v in drawn.items()
             if path in self.nominal
         }
@@ -205,10 +206,6 @@ def _matches(path: str, name: str) -> bool:
 def is_chosen(path: str, randomize: Sequence[str] | None) -> bool:
     """Return whether a parameter is among those that are randomized; None: all are."""
     return randomize is None or any(_matches(path, name) for name in randomize)
-
-
-def _copy(value: Value) -> Value:
-    return value if isinstance(value, float) else np.array(value)
 
 
 def number(values: Values, path: str) -> float:

@@ -44,9 +44,8 @@ def cluster_mapper(address: str) -> Generator[Mapper]:
     except (OSError, ValueError) as error:
         expected = f"the address of a Dask scheduler that answers within {CONNECT_S} s"
         fix = "Start one with: dask scheduler; and on each machine: dask worker ADDRESS --nthreads 1"
-        raise input_error(
-            f"--scheduler {address}", expected, text_of(error, 120) or type(error).__name__, fix
-        ) from None
+        got = text_of(error, 120) or type(error).__name__
+        raise input_error(f"--scheduler {address}", expected, got, fix) from None
     futures: list[Any] = []
 
     def spread(function: Callable[[Any], Any], arguments: Sequence[Any], /) -> Iterable[Any]:
