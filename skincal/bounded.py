@@ -23,7 +23,7 @@ from typing import IO, Any, Final, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.errors import quoted, text_of
+from skincal.errors import one_line, quoted, text_of
 from skincal.files import open_input
 
 MOST_TEXT_BYTES: Final = 8 << 20
@@ -98,7 +98,7 @@ def read_bytes(path: Path, most: int = MOST_TEXT_BYTES, within: Path | None = No
         size = max(os.fstat(stream.fileno()).st_size, 1 << 16)
         content = stream.read(min(size, most) + 1)
     if len(content) > most:
-        raise UnreadableError(f"a file of at most {_size(most)}", "a larger one")
+        raise UnreadableError(f"a file of at most {most >> 20} MiB", "a larger one")
     return content
 
 
@@ -245,7 +245,7 @@ def _check_text(text: str, place: tuple[str, ...]) -> None:
 
 
 def _beyond(place: tuple[str, ...], expected: str, got: str) -> UnreadableError:
-    return UnreadableError(expected, f"{got} in {_cut('.'.join(place), 80)}" if place else got)
+    return UnreadableError(expected, f"{got} in {one_line('.'.join(place), 80)}" if place else got)
 
 
 def read_arrays(
@@ -263,7 +263,7 @@ def read_arrays(
     with open_input(path, within) as stream, _whole(".npz"), zipfile.ZipFile(stream) as archive:
         members = archive.infolist()
         if sum(member.file_size for member in members) > most:
-            raise UnreadableError(f"arrays of at most {_size(most)}", "larger ones")
+            raise UnreadableError(f"arrays of at most {most >> 20} MiB", "larger ones")
         found: dict[str, NDArray[Any]] = {}
         for member in members:
             with archive.open(member) as content:
@@ -329,11 +329,3 @@ def memory_bytes() -> int:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (ValueError, OSError):
         return 16 << 30
-
-
-def _size(count: int) -> str:
-    return f"{count >> 20} MiB"
-
-
-def _cut(text: str, most: int = 200) -> str:
-    return text if len(text) <= most else f"{text[: most - 1]}…"

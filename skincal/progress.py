@@ -1,4 +1,7 @@
-"""Progress bars on standard error: one a stage, gone at the end, nothing where it is no terminal."""
+"""Whom to tell of what takes long: of compilation, and progress bars on standard error.
+
+Bars are gone at the end, and there are none where it is no terminal.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
+
+on_compile: Callable[[], None] | None = None
+"""Called once in a process before the skin model is compiled, which takes seconds; not where the cache has it."""
+
+NOTE = "skincal: compiling the skin model or the fit, once on this machine (about 15 s)"
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from skincal.calibration.calibration import Calibration
 from skincal.calibration.parts import Effect, Numbers
 from skincal.effects import EffectSkin, SkinStream, effect
-from skincal.effects.applied import Missing
+from skincal.effects.registry import Missing
 from skincal.model.arrays import FloatArray
 
 

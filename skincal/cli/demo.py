@@ -106,8 +106,6 @@ def close_a_gap(out: Path) -> dict[str, Any]:
     """Collect a second session from a skin with an effect that no fit includes, fit it coarsely, and diagnose it."""
     run, cal, closed = (str(out / name) for name in ("gap", "gap-cal", "gap-closed"))
     hidden = ("--effect", HIDDEN, "--truth", str(out / "gap-truth.json"))
-    from skincal.sample import sample_path
-
     plan = str(sample_path("short-plan.toml"))
     skincal("collect", "--driver", "sim", "--seed", SEED, "--plan", plan, *hidden, "--out", run)
     coarse = ("--y-step-mm", "0.5", "--alpha-step-deg", "5", "--e-count", "12", "--no-report")
@@ -115,6 +113,23 @@ def close_a_gap(out: Path) -> dict[str, Any]:
     found = json.loads(skincal("diagnose", run, cal, "--out", closed, "--json", quiet=True))
     skincal("export-dr", closed, "--out", str(out / "gap-ranges.toml"), "--json", quiet=True)
     return found
+
+
+def sample_path(name: str) -> Path:
+    """Path of a sample: the dataset ``paper-like``, or the plan ``short-plan.toml``.
+
+    Raises:
+        WorkError: the installation lacks it.
+    """
+    from skincal.errors import WorkError
+
+    here = Path(__file__).parents[1]
+    for folder in (here / "sample_data", here.parent / "data"):
+        if (folder / name).exists():
+            return folder / name
+    raise WorkError(
+        f"sample {name}: expected it in the installed package; got nothing. Install skincal again."
+    )
 
 
 def skincal(*arguments: str, quiet: bool = False) -> str:

@@ -138,7 +138,7 @@ def evaluate(
 
 def _ranges(task: Task, ranges: Path | None, calibration: Path | None) -> Ranges | None:
     """Return the ranges of a file, or of a calibration with its posterior draws where it has some."""
-    from skincal.envs.needed import check_ranges, ranges_for
+    from skincal.envs.drawing import check_ranges, ranges_for
 
     if calibration is None:
         return None if ranges is None else ranges_for(OBJECTS[task], ranges)

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
-from skincal import compiling
+from skincal import progress
 from skincal.cli import (
     audit,
     collect,
@@ -129,7 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     arguments = [a for a in arguments if a != "--debug"]
     _write_any_text()
     logging.getLogger("skincal").handlers[:] = [_LogMessages()]
-    compiling.on_compile = lambda: say(compiling.NOTE)
+    progress.on_compile = lambda: say(progress.NOTE)
     try:
         with json_alone("--json" in arguments), interruptible():
             status = app(args=arguments, prog_name="skincal", standalone_mode=False)

@@ -142,7 +142,7 @@ def _check_like(run: Path, work: Work, before: Work) -> None:
 
 
 def _ranges(task: Task, file: Path | None) -> Ranges:
-    from skincal.envs.needed import ranges_for
+    from skincal.envs.drawing import ranges_for
 
     return ranges_for(OBJECTS[task], file or TASK_PRESETS[task])
 
@@ -208,7 +208,7 @@ def _train_estimator(
     out: Path, others: list[str], ranges: Path | None, seed: int, *, as_json: bool, force: bool
 ) -> None:
     """Draw hands from the ranges, learn, and write a file of plain numbers."""
-    from skincal.envs.needed import ranges_for
+    from skincal.envs.drawing import ranges_for
     from skincal.envs.pinch import read_pinch
     from skincal.files import refuse_existing
     from skincal.progress import stage_bars

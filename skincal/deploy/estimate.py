@@ -11,7 +11,7 @@ import numpy as np
 
 from skincal.deploy.record import Record
 from skincal.envs.pinch import Pinch
-from skincal.envs.sensing import Sensor
+from skincal.envs.world import Sensor
 from skincal.model.arrays import FloatArray
 from skincal.train.estimator import Estimator
 

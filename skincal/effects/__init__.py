@@ -1,7 +1,6 @@
 """Effects of a skin beyond the base model: one file per effect, one registry, whole sessions or sample by sample."""
 
 from skincal.covariates import COVARIATES
-from skincal.effects.applied import Applied
 from skincal.effects.effect import (
     Effect,
     InputEffect,
@@ -14,33 +13,12 @@ from skincal.effects.effect import (
 from skincal.effects.effect_skin import Contacted, EffectSkin, SkinStream
 from skincal.effects.holds import HoldSession, Steps, hold_session, hold_times, met_before
 from skincal.effects.parameter import EffectParameter, Values, start
-from skincal.effects.registry import EFFECTS, effect
+from skincal.effects.registry import EFFECTS, Applied, effect
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 
 __all__ = [
-    "COVARIATES",
-    "EFFECTS",
-    "Applied",
-    "Contacted",
-    "Effect",
-    "EffectParameter",
-    "EffectSkin",
-    "HoldSession",
-    "InputEffect",
-    "LawEffect",
-    "MemoryEffect",
-    "Samples",
-    "Setting",
-    "SignalEffect",
-    "SkinStream",
-    "SpreadEffect",
-    "Stage",
-    "Steps",
-    "Values",
-    "effect",
-    "hold_session",
-    "hold_times",
-    "met_before",
-    "start",
-]
+    "COVARIATES", "EFFECTS", "Applied", "Contacted", "Effect", "EffectParameter", "EffectSkin", "HoldSession",
+    "InputEffect", "LawEffect", "MemoryEffect", "Samples", "Setting", "SignalEffect", "SkinStream",
+    "SpreadEffect", "Stage", "Steps", "Values", "effect", "hold_session", "hold_times", "met_before", "start",
+]  # fmt: skip

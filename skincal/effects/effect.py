@@ -10,12 +10,12 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.effects.parameter import TYPICAL_TOP_COUNTS, EffectParameter, Scene, Start, Values, checked
+from skincal.effects.parameter import TYPICAL_TOP_COUNTS, EffectParameter, Scene, Start, Values
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
-from skincal.errors import input_error
+from skincal.errors import InputError, Problem, input_error
 from skincal.model import Patch, StressLaw, TaxelLayout
-from skincal.model.arrays import FloatArray, IntArray
+from skincal.model.arrays import FloatArray, IntArray, frozen
 
 State = Any
 """What an effect with memory carries from one sample to the next; None before the first."""
@@ -102,7 +102,25 @@ class Effect(ABC):
         Raises:
             InputError: unknown parameters, or values out of bounds.
         """
-        return checked(self.name, self.parameters, given, taxels)
+        known = {parameter.name: parameter for parameter in self.parameters}
+        expected = f"parameters among {', '.join(known)}"
+        problems = [
+            Problem(f"effect {self.name}", expected, f'"{name}"') for name in given if name not in known
+        ]
+        arrays: dict[str, FloatArray] = {}
+        for name, parameter in known.items():
+            array = np.array(given.get(name, parameter.neutral), dtype=np.float64)
+            if fault := parameter.fault(array, taxels):
+                problems.append(Problem(f"effect {self.name}, parameter {name}", *fault))
+                continue
+            if parameter.shape == "per-taxel":
+                array = np.broadcast_to(array, (taxels,)).copy()
+            elif parameter.shape == "per-pose":
+                array = np.atleast_1d(array)
+            arrays[name] = frozen(array)
+        if problems:
+            raise InputError(problems)
+        return Values(arrays)
 
     def is_neutral(self, values: Values) -> bool:
         """Return whether the effect has no influence at these values."""

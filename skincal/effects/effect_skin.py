@@ -10,7 +10,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.effects.applied import Applied, Missing, applied, at_work
 from skincal.effects.effect import (
     InputEffect,
     LawEffect,
@@ -20,11 +19,12 @@ from skincal.effects.effect import (
     Stage,
     State,
 )
+from skincal.effects.registry import Applied, Missing, applied, at_work
 from skincal.effects.samples import Samples
 from skincal.effects.setting import Setting
 from skincal.model import Pressures, Skin, Surface
 from skincal.model.arrays import FloatArray, IntArray
-from skincal.model.spreading import spread_weights
+from skincal.model.skin import spread_weights
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from skincal.effects.effect import MemoryEffect, State
-from skincal.effects.loops import Loop
 from skincal.effects.parameter import Values, form, start, strength
+from skincal.effects.recursion import Loop
 from skincal.effects.samples import Samples
 from skincal.model.arrays import FloatArray
 

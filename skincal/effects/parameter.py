@@ -10,8 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skincal.errors import InputError, Problem
-from skincal.model.arrays import FloatArray, frozen
+from skincal.model.arrays import FloatArray
 
 Shape = Literal["scalar", "per-taxel", "per-pose"]
 Role = Literal["strength", "form", "onset"]
@@ -101,7 +100,7 @@ class Values(Mapping[str, FloatArray]):
     """Checked parameters of an effect by name: read-only arrays, () for one number, (J,) or (poses,) for more."""
 
     def __init__(self, arrays: Mapping[str, FloatArray]) -> None:
-        """Store arrays that :func:`checked` has checked."""
+        """Store arrays that :meth:`Effect.checked` has checked."""
         self._arrays = dict(arrays)
 
     def __getitem__(self, name: str) -> FloatArray:
@@ -124,33 +123,6 @@ class Values(Mapping[str, FloatArray]):
     def key(self) -> tuple[tuple[str, tuple[int, ...], bytes], ...]:
         """Hashable key, equal for equal values."""
         return tuple((name, array.shape, array.tobytes()) for name, array in self._arrays.items())
-
-
-def checked(
-    effect: str, parameters: tuple[EffectParameter, ...], given: Mapping[str, ArrayLike], taxels: int
-) -> Values:
-    """Return the values of all parameters of an effect: given ones, and neutral or default ones for the rest.
-
-    Raises:
-        InputError: unknown parameters, or values out of bounds.
-    """
-    known = {parameter.name: parameter for parameter in parameters}
-    expected = f"parameters among {', '.join(known)}"
-    problems = [Problem(f"effect {effect}", expected, f'"{name}"') for name in given if name not in known]
-    arrays: dict[str, FloatArray] = {}
-    for name, parameter in known.items():
-        array = np.array(given.get(name, parameter.neutral), dtype=np.float64)
-        if fault := parameter.fault(array, taxels):
-            problems.append(Problem(f"effect {effect}, parameter {name}", *fault))
-            continue
-        if parameter.shape == "per-taxel":
-            array = np.broadcast_to(array, (taxels,)).copy()
-        elif parameter.shape == "per-pose":
-            array = np.atleast_1d(array)
-        arrays[name] = frozen(array)
-    if problems:
-        raise InputError(problems)
-    return Values(arrays)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from skincal.effects.parameter import Values, form, start, strength
 from skincal.errors import input_error
 from skincal.model import Patch
 from skincal.model.arrays import FloatArray, as_floats
-from skincal.model.spreading import gaussian_parts
+from skincal.model.skin import gaussian_parts
 
 _NODES = 8
 _LEAST_TAIL = 0.02

@@ -14,10 +14,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from skincal.envs.bodies import Body
-from skincal.envs.pinch import Pinch
-from skincal.envs.pinch_urdf import pinch_urdf
-from skincal.envs.scene import LARGEST_FORCE_N, PHYSICS_HZ, Scene
-from skincal.envs.scene_state import Frame, Grip, Placed, Point, Touching, merged
+from skincal.envs.pinch import Pinch, pinch_urdf
+from skincal.envs.scene import (
+    LARGEST_FORCE_N,
+    PHYSICS_HZ,
+    Frame,
+    Grip,
+    Placed,
+    Point,
+    Scene,
+    Touching,
+    merged,
+)
 from skincal.model.arrays import FloatArray
 from skincal.sim.physics_client import Client
 

@@ -1,8 +1,10 @@
-"""Values of an episode: drawn from ranges, nominal, or given."""
+"""Values of an episode: drawn from the ranges that its task needs, nominal, or given."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -12,7 +14,7 @@ from skincal.effects import EFFECTS
 from skincal.envs.pinch import Pinch
 from skincal.errors import InputError, Problem, input_error
 from skincal.model.arrays import FloatArray
-from skincal.ranges import NAMES, PRESETS, Ranges
+from skincal.ranges import NAMES, PRESETS, Ranges, preset, read_ranges
 from skincal.ranges.names import EFFECTS_PREFIX, find
 from skincal.ranges.parameter import Mode
 from skincal.ranges.ranges import Draw, Draws
@@ -24,6 +26,10 @@ Values = dict[str, Value]
 
 RIG_EFFECTS: Final = tuple(name for name, effect in EFFECTS.items() if effect.of_rig)
 """Effects of the rig that measured, not of the skin: where the true contact is known they have no place."""
+_ALTERNATIVES: Final = {"skin.y_offset_m": ("skin.y_m",), "skin.x_offset_m": ("skin.beta_deg",)}
+"""Alternatives to a preset's parameter: a calibrated centre for an offset from the nominal one."""
+_EACH_STEP: Final = ("joint_noise_rad", "random_force_n", "taxel_noise_counts")
+"""Parameters that may be drawn in each step."""
 
 
 class Drawer:
@@ -80,7 +86,7 @@ class Drawer:
         drawn = {path: v for path, v in sample.items() if path in self.nominal and is_chosen(path, randomize)}
         chosen = {path: self._shaped(path, value) for path, value in (given or {}).items()}
         values = self.nominal | drawn | chosen
-        return {path: _copy(value) for path, value in values.items()}, sample
+        return {path: copy(value) for path, value in values.items()}, sample
 
     def step(
         self,
@@ -92,7 +98,7 @@ class Drawer:
         """Return the draws of a step, noise and forces; nominal values where nothing is randomized."""
         drawn = self._draw(rng, "step", episode)
         return {
-            path: v if is_chosen(path, randomize) and path not in (given or ()) else _copy(self.nominal[path])
+            path: v if is_chosen(path, randomize) and path not in (given or ()) else copy(self.nominal[path])
             for path, v in drawn.items()
             if path in self.nominal
         }
@@ -202,10 +208,6 @@ def is_chosen(path: str, randomize: Sequence[str] | None) -> bool:
     return randomize is None or any(_matches(path, name) for name in randomize)
 
 
-def _copy(value: Value) -> Value:
-    return value if isinstance(value, float) else np.array(value)
-
-
 def number(values: Values, path: str) -> float:
     """Return a draw that is one number."""
     value = values[path]
@@ -218,3 +220,64 @@ def array(values: Values, path: str) -> FloatArray:
     value = values[path]
     assert not isinstance(value, float | int)
     return value
+
+
+def ranges_for(kind: ObjectName, ranges: Ranges | str | Path | None) -> Ranges:
+    """Ranges as given, from a file, of a preset by its name, or (None) the preset ``iros24``; checked for a task.
+
+    Raises:
+        InputError: the file cannot be read, or anything in it is wrong or missing.
+    """
+    if ranges is None or (isinstance(ranges, str) and ranges in PRESETS):
+        ranges = preset(ranges or "iros24")
+    if isinstance(ranges, Ranges):
+        check_ranges(ranges, kind)
+        return ranges
+    found = read_ranges(ranges)
+    check_ranges(found, kind, Path(ranges).name)
+    return found
+
+
+def check_ranges(ranges: Ranges, kind: ObjectName, place: str = "ranges") -> None:
+    """Check that ranges hold all parameters of a task, and that they are drawn when the task can use them.
+
+    They must hold all that the preset they started from randomizes of the task.
+
+    Raises:
+        InputError: naming every one that is missing, and what it is, and all that is drawn at the wrong time.
+    """
+    there = {*ranges, *(ranges.joint.columns if ranges.joint else ())}
+    if "skin.x_m" in there:
+        raise InputError([_flat(place, kind)])
+    base = PRESETS.get(ranges.provenance.get("preset", ""), PRESETS["iros24"])
+    found = [
+        _missing(path, place)
+        for path in base
+        if path.startswith((f"object.{kind}.", "finger.", "skin."))
+        and path not in there
+        and not there.intersection(_ALTERNATIVES.get(path, ()))
+    ]
+    found += [
+        Problem(f"{place}, [{path}] mode", "episode: the task does not draw it anew in each step", "step")
+        for path, parameter in ranges.items()
+        if parameter.mode == "step" and not path.endswith(_EACH_STEP)
+    ]
+    if found:
+        raise InputError(found)
+
+
+def _flat(place: str, kind: ObjectName) -> Problem:
+    got = "those of a flat pad (skin.x_m instead of skin.beta_deg)"
+    fix = (
+        "The task has no flat fingertip: pose and E of a pad on a bench do not carry over to one that is bent. "
+        "Calibrate the sensor on the finger (collect on the hand, or a stage with the fingertip), or take over "
+        "skin.scale_per_n alone by hand."
+    )
+    return Problem(place, f"ranges of a skin on a round fingertip, as the {kind} task has", got, fix)
+
+
+def _missing(path: str, place: str) -> Problem:
+    name = NAMES[path]
+    expected = f"{name.meaning} [{name.unit}]: distribution, mode, source, and figures"
+    fix = f'Add the table; for a fixed value: distribution = "constant", value = … in {name.unit}.'
+    return Problem(f"{place}, [{path}]", expected, "no such table", fix)

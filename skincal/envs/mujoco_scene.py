@@ -20,10 +20,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from skincal.envs.bodies import Part
-from skincal.envs.pinch import Pinch
-from skincal.envs.pinch_urdf import pinch_urdf
-from skincal.envs.scene import LARGEST_FORCE_N, PHYSICS_HZ, Scene
-from skincal.envs.scene_state import Frame, Grip, Placed, Point, Touching, merged
+from skincal.envs.pinch import Pinch, pinch_urdf
+from skincal.envs.scene import (
+    LARGEST_FORCE_N,
+    PHYSICS_HZ,
+    Frame,
+    Grip,
+    Placed,
+    Point,
+    Scene,
+    Touching,
+    merged,
+)
 from skincal.errors import input_error
 from skincal.model.arrays import FloatArray
 
@@ -276,9 +284,5 @@ def _mujoco() -> Any:
         fix = "pip install 'skincal[mujoco]'"
         raise input_error("engine mujoco", "MuJoCo to be installed", error, fix) from error
     # Its warnings would go to standard output and to a file in the user's folder; what matters is seen in the state.
-    module.set_mju_user_warning(_drop_warning)
+    module.set_mju_user_warning(lambda _text: None)
     return module
-
-
-def _drop_warning(text: object) -> None:
-    """Drop a warning of MuJoCo."""

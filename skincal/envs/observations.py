@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skincal.envs.drawing import EFFECTS_PREFIX, Values
-from skincal.envs.sensing import View
+from skincal.envs.world import View
 from skincal.model.arrays import FloatArray
 from skincal.tasks import PolicyKind
 

@@ -14,8 +14,8 @@ import numpy as np
 from skincal.envs.bodies import Body
 from skincal.envs.drawing import EFFECTS_PREFIX, Values, array, number
 from skincal.envs.roll import RollEnv
-from skincal.envs.sensing import View
 from skincal.envs.tactile import SkinContact
+from skincal.envs.world import View
 from skincal.errors import input_error
 from skincal.model import Contacts
 from skincal.model.arrays import FloatArray

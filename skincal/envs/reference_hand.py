@@ -16,13 +16,11 @@ import numpy as np
 
 from skincal.effects import EFFECTS
 from skincal.envs.bodies import BODIES, body_of, turn_of
-from skincal.envs.drawing import RIG_EFFECTS, Values, array, number
-from skincal.envs.needed import ranges_for
+from skincal.envs.drawing import RIG_EFFECTS, Values, array, number, ranges_for
 from skincal.envs.pinch import read_pinch
 from skincal.envs.scene import PHYSICS_HZ, Scene, check_engine, make_scene
-from skincal.envs.sensing import View
 from skincal.envs.tactile import drawn_age_s
-from skincal.envs.world import World
+from skincal.envs.world import View, World
 from skincal.errors import input_error
 from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.errors import HandError

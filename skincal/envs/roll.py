@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from copy import copy
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -14,18 +15,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.envs.bodies import Body, body_of
 from skincal.envs.bullet_scene import BulletScene
-from skincal.envs.drawing import Value, Values, array, is_chosen
-from skincal.envs.needed import ranges_for
+from skincal.envs.drawing import Values, array, is_chosen, ranges_for
 from skincal.envs.observations import KINDS, Observation, ObservationStack, state_values
 from skincal.envs.picture import Board, Picture, PictureState, display_there, picture
 from skincal.envs.pinch import Pinch, read_pinch
 from skincal.envs.rewards import reward_terms
 from skincal.envs.scene import PHYSICS_HZ, Scene, check_engine, make_scene
-from skincal.envs.sensing import View
 from skincal.envs.tactile import SkinContact, drawn_age_s
 from skincal.envs.task_options import EpisodeOptions, TaskOptions, read_options
 from skincal.envs.trajectories import POLICY_HZ
-from skincal.envs.world import World
+from skincal.envs.world import View, World
 from skincal.errors import input_error
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
@@ -114,7 +113,6 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         return TaskOptions()
 
     def _body(self, values: Values) -> Body:
-        """Return the object of an episode."""
         return body_of(self._object, values)
 
     def _initial_positions_m(self, values: Values) -> list[FloatArray]:
@@ -237,7 +235,6 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
         self._view: View = self.world.look()
 
     def _dropped(self) -> bool:
-        """Return whether the object is lost."""
         return self._view.dropped
 
     def _present_views(self) -> list[View]:
@@ -345,8 +342,8 @@ class RollEnv(gymnasium.Env[Observation, NDArray[np.float32]], EzPickle):
             "success": ended and not self._dropped(),
             "reward_terms": dict(terms),
             "session_s": self._age_s,
-            "randomized": {path: _plain(value) for path, value in self.world.values.items()},
-            "noise": {path: _plain(value) for path, value in self.world.noise.items()},
+            "randomized": {path: copy(value) for path, value in self.world.values.items()},
+            "noise": {path: copy(value) for path, value in self.world.noise.items()},
         }
 
     def render(self) -> Picture | None:  # type: ignore[override]
@@ -385,7 +382,3 @@ def _worst(values: FloatArray) -> float:
     """Return the largest value; one that is not finite counts as far beyond the limit."""
     worst = float(values.max())
     return worst if math.isfinite(worst) else float(np.where(np.isfinite(values), values, 1e3).max())
-
-
-def _plain(value: Value) -> Value:
-    return value.copy() if isinstance(value, np.ndarray) else value

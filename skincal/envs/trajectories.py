@@ -59,18 +59,16 @@ def circle(steps: int) -> FloatArray:
     return np.stack([out * np.cos(angle), out * np.sin(angle)], axis=1)
 
 
-def still(steps: int) -> FloatArray:
-    """Return the centre of the sensor (steps, 2) [m]."""
-    return np.zeros((steps, 2))
-
-
 def sine(steps: int, frequency_hz: float) -> FloatArray:
     """Return the bolt's way along its normal (steps, 1) [m]."""
     phase = 2 * np.pi * frequency_hz * np.arange(steps) / POLICY_HZ
     return BOLT_AMPLITUDE_M * np.sin(phase)[:, None]
 
 
-FIXED: Final[dict[str, Callable[[int], FloatArray]]] = {"circle": circle, "still": still}
+FIXED: Final[dict[str, Callable[[int], FloatArray]]] = {
+    "circle": circle,
+    "still": lambda steps: np.zeros((steps, 2)),
+}
 """Trajectories of the marble that are always the same, by name."""
 
 

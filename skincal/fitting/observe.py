@@ -14,8 +14,8 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from skincal.fitting.types import Bools, Floats
-from skincal.model.converter import Converter
 from skincal.model.rest import RestLevels, levels_from_presses
+from skincal.model.skin import Converter
 
 _CLIP_SIGMAS = 8.0
 """Distance from a bound of the converter, in sigmas, beyond which clipping has no effect: a numerical tolerance."""

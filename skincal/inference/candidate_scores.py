@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
+from skincal.effects.parameter import Scene
 from skincal.effects.samples import Samples
-from skincal.effects.starts import Scene
 from skincal.fitting.tasks import Mapper
 from skincal.inference.blocks import Whitened
 from skincal.inference.check import misfit

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skincal.effects import EffectParameter, Stage, effect
-from skincal.effects.starts import Scene, Start
+from skincal.effects.parameter import Scene, Start
 from skincal.inference.forward import Effects, Forward, StatePrediction
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray

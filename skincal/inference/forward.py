@@ -15,8 +15,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from skincal.effects import EffectSkin, InputEffect, LawEffect, Samples, SpreadEffect, effect
-from skincal.effects.applied import at_work
 from skincal.effects.effect import Stage
+from skincal.effects.registry import at_work
 from skincal.inference.noise import Noise
 from skincal.inference.press_table import STEP_M, Presses, PressTable, press_table
 from skincal.inference.session import GapSession

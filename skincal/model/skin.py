@@ -1,4 +1,4 @@
-"""The skin: contacts in, tactile images out (paper, section II-A)."""
+"""The skin: contacts in, tactile images out (paper, section II-A); its converter, and the spreading of loads."""
 
 from __future__ import annotations
 
@@ -6,17 +6,56 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from skincal.model.arrays import FloatArray, floats, positive
+from skincal.model.arrays import FloatArray, IntArray, floats, positive
 from skincal.model.contact import Contacts
-from skincal.model.converter import Converter
 from skincal.model.indenters import Indenter
 from skincal.model.law import ContactLaw, StressLaw
+from skincal.model.layout import TaxelLayout
 from skincal.model.patch import Patch
 from skincal.model.press.call import Entries, press
-from skincal.model.press.status import Status
-from skincal.model.response import Pressures, SkinResponse, refuse
-from skincal.model.spreading import spread_weights
+from skincal.model.response import Pressures, SkinResponse, Status, refuse
+
+_WIDTH_M = 3e-4
+"""Standard deviation of the Gaussian for the finite difference [m]: about a cell, so that the points resolve it."""
+
+
+@dataclass(frozen=True)
+class Converter:
+    """The last stage of the skin: round, then clip (the paper's sensor: whole numbers from 0 to 255).
+
+    Attributes:
+        value_min: lowest value [counts]; ``None`` for no clipping below.
+        value_max: highest value [counts]; ``None`` for no clipping above.
+        integer: round to the nearest whole number (halves to the even one, as numpy does).
+    """
+
+    value_min: float | None = 0.0
+    value_max: float | None = 255.0
+    integer: bool = True
+
+    def __post_init__(self) -> None:
+        low = -np.inf if self.value_min is None else self.value_min
+        high = np.inf if self.value_max is None else self.value_max
+        if not low < high:
+            raise ValueError(
+                f"converter: expected value_min < value_max; got {self.value_min} and {self.value_max}"
+            )
+
+    @classmethod
+    def none(cls) -> Converter:
+        """Return a converter that changes nothing."""
+        return cls(value_min=None, value_max=None, integer=False)
+
+    def apply(self, values: ArrayLike) -> FloatArray:
+        """Return counts for values of any shape [counts]; NaN stays NaN."""
+        counts = np.array(values, dtype=np.float64)
+        if self.integer:
+            np.rint(counts, out=counts)
+        if self.value_min is not None:
+            np.maximum(counts, self.value_min, out=counts)
+        return counts if self.value_max is None else np.minimum(counts, self.value_max, out=counts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,3 +179,55 @@ class Skin:
         if self.contact is None or self.spreading is None:
             return loads
         return self.pressures(indenter, contacts).loads(self.spreading)
+
+
+def spread_weights(patch: Patch, variance_m2: float) -> FloatArray:
+    """Return weights (N, J) of points in taxels for a spreading of small variance, linearised in the variance.
+
+    The weights are extrapolated from no spreading and one Gaussian of fixed width; a negative variance sharpens.
+
+    Args:
+        patch: the tactile points.
+        variance_m2: variance along each axis [m²].
+
+    Raises:
+        ValueError: the patch lacks the coordinates of its points.
+    """
+    if patch.uv_m is None:
+        raise ValueError("spreading: expected a patch cut from a surface; got one without uv_m")
+    own = np.zeros((len(patch), patch.layout.taxels))
+    sensed = patch.taxel >= 0
+    own[sensed, patch.taxel[sensed]] = 1.0
+    widths = np.array([np.sqrt(2.0) * _WIDTH_M])
+    (across, column), (along, row) = (gaussian_parts(patch.uv_m, patch.layout, widths, k) for k in (0, 1))
+    return own + variance_m2 / _WIDTH_M**2 * (across[0][column] * along[0][row] - own)
+
+
+def gaussian_parts(
+    uv: FloatArray, layout: TaxelLayout, widths: FloatArray, axis: int
+) -> tuple[FloatArray, IntArray]:
+    """Return the fractions of Gaussians around points that lie on taxels, along one axis.
+
+    Points of a patch lie in rows and columns, so that the error functions are computed once per row or column.
+
+    Args:
+        uv: (N, 2) points in patch coordinates [m].
+        layout: the taxels.
+        widths: (m,) root of twice the variance of each Gaussian [m].
+        axis: 0 across, 1 along.
+
+    Returns:
+        Fractions (m, n, J) for m widths at the n distinct coordinates, and the index (N,) of each point's coordinate.
+    """
+    from scipy.special import erf  # slow import, and few skins have a cover
+
+    places, which = np.unique(uv[:, axis], return_inverse=True)
+    half = layout.sizes_m[:, axis] / 2
+    lower, upper = (
+        np.asarray(
+            erf((layout.centres_m[:, axis] + side * half - places[:, None]) / widths[:, None, None]),
+            dtype=np.float64,
+        )
+        for side in (-1, 1)
+    )
+    return (upper - lower) / 2, np.asarray(which, dtype=np.int64)

@@ -13,18 +13,23 @@ from skincal.tasks import PUBLISHED_STEPS, BackendName, PolicyKind, Task
 if TYPE_CHECKING:
     from skincal.train.curve import Round, read_curve
     from skincal.train.environments import make_environment, maker, parallel
-    from skincal.train.network import Network
     from skincal.train.onnx_file import write_policy
-    from skincal.train.policy_file import Description, Policy, bundled_policies, policy_path, read_policy
+    from skincal.train.policy_file import (
+        Description,
+        Network,
+        Policy,
+        bundled_policies,
+        policy_path,
+        read_policy,
+    )
     from skincal.train.settings import PpoSettings, Settings, Work
     from skincal.train.training_run import Trained, begin, read_run, train
 
 _MODULES = {
     "curve": "Round read_curve",
     "environments": "make_environment maker parallel",
-    "network": "Network",
     "onnx_file": "write_policy",
-    "policy_file": "Description Policy bundled_policies policy_path read_policy",
+    "policy_file": "Description Network Policy bundled_policies policy_path read_policy",
     "settings": "PpoSettings Settings Work",
     "training_run": "Trained begin read_run train",
 }

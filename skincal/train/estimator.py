@@ -16,7 +16,7 @@ from skincal.bounded import MOST_TAXELS, decode, parse_json, read_arrays
 from skincal.errors import input_error, text_of
 from skincal.files import reason, whole_file
 from skincal.model.arrays import FloatArray
-from skincal.train.network import Network
+from skincal.train.policy_file import Network
 
 FORMAT: Final = "skincal-estimator/1"
 SPAN_M: Final = 0.012

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from skincal.envs.bodies import body_of
 from skincal.envs.drawing import Drawer
 from skincal.envs.pinch import Pinch
-from skincal.envs.sensing import Sensor
 from skincal.envs.tactile import SkinContact, TactileSkin, drawn_age_s
 from skincal.envs.trajectories import POLICY_HZ, wander
+from skincal.envs.world import Sensor
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
 from skincal.ranges.files import digest

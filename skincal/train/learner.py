@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from skincal.errors import input_error
 from skincal.train.curve import Round, RoundWatch
-from skincal.train.network import EPSILON, Network
+from skincal.train.policy_file import EPSILON, Network
 from skincal.train.settings import Settings
 
 ACTOR_KEY: Final = "policy"
@@ -90,13 +90,13 @@ class Learner(ABC):
         return Network.build(seen.mean, seen.var, self.settings.observation_clip, self._actor_layers())
 
     def arrays(self) -> Arrays:
-        """The state except for networks and optimisers: memory, normalisation, counters and random generators."""
+        """The state except for networks and optimisers: normalisation and counters."""
         counters = [self.model.num_timesteps, self.model._n_updates, self.model._episode_num]
         found: Arrays = {"counters": np.array(counters, dtype=np.int64)}
         for key, value in self._statistics.items():
             found |= {f"seen/{key}/mean": value.mean, f"seen/{key}/var": value.var}
             found[f"seen/{key}/count"] = np.array(value.count)
-        return found | self._memory()
+        return found
 
     def restore(self, arrays: Arrays) -> None:
         """Take over what :meth:`arrays` gave."""
@@ -105,15 +105,6 @@ class Learner(ABC):
         for key, value in self._statistics.items():
             value.mean, value.var = arrays[f"seen/{key}/mean"].copy(), arrays[f"seen/{key}/var"].copy()
             value.count = float(arrays[f"seen/{key}/count"])
-        self._restore_memory(arrays)
-
-    def _memory(self) -> Arrays:
-        """Replay buffer of a run."""
-        return {}
-
-    def _restore_memory(self, arrays: Arrays) -> None:
-        """Take over what :meth:`_memory` gave."""
-        del arrays
 
     def random_state(self) -> dict[str, Any]:
         """State of the generators that sampling and random actions draw from, as JSON has it.
@@ -182,14 +173,16 @@ class OffPolicyLearner(Learner):
         deviation = self.settings.target_entropy / network.actions - 0.5 * np.log(2 * np.pi * np.e)
         self._set_actor(list(zip(network.weights, network.biases, strict=True)), float(deviation))
 
-    def _memory(self) -> Arrays:
-        """Return the filled part of the replay buffer, shapes (steps, environments, …)."""
+    def arrays(self) -> Arrays:
+        """See :meth:`Learner.arrays`; with the filled part of the replay buffer, shapes (steps, environments, …)."""
         buffer = self._buffer
         filled = buffer.buffer_size if buffer.full else buffer.pos
         arrays = {f"buffer/{name}": part[:filled] for name, part in _buffer_parts(buffer).items()}
-        return arrays | {"buffer_at": np.array([buffer.pos, int(buffer.full)])}
+        return super().arrays() | arrays | {"buffer_at": np.array([buffer.pos, int(buffer.full)])}
 
-    def _restore_memory(self, arrays: Arrays) -> None:
+    def restore(self, arrays: Arrays) -> None:
+        """See :meth:`Learner.restore`."""
+        super().restore(arrays)
         buffer, (position, full) = self._buffer, arrays["buffer_at"]
         buffer.pos, buffer.full = int(position), bool(full)
         for name, part in _buffer_parts(buffer).items():

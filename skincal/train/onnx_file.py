@@ -17,8 +17,7 @@ from skincal.dataset.findings import Findings
 from skincal.dataset.schema import read_table
 from skincal.errors import InputError, text_of
 from skincal.files import whole_file
-from skincal.train.network import Network
-from skincal.train.policy_file import DESCRIPTION_KEY, FORMAT, INPUT, OUTPUT, Description
+from skincal.train.policy_file import DESCRIPTION_KEY, FORMAT, INPUT, OUTPUT, Description, Network
 
 OPSET: Final = 17
 IR_VERSION: Final = 8

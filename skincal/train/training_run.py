@@ -283,17 +283,13 @@ def _backend(work: Work) -> type[Learner]:
     """Return the learner of a run, whose libraries are loaded only now."""
     name = work.backend
     try:
-        if isinstance(work.settings, PpoSettings):
-            from skincal.train.ppo_learner import PpoLearner
-
-            return PpoLearner
-        if name is BackendName.sbx:
+        if name is BackendName.sbx and isinstance(work.settings, Settings):
             from skincal.train.sbx_learner import SbxLearner
 
             return SbxLearner
-        from skincal.train.sb3_learner import Sb3Learner
+        from skincal.train.sb3_learner import PpoLearner, Sb3Learner
 
-        return Sb3Learner
+        return PpoLearner if isinstance(work.settings, PpoSettings) else Sb3Learner
     except ModuleNotFoundError as error:
         fix = f"pip install 'skincal[{'sbx' if name is BackendName.sbx else 'train'}]'"
         raise input_error(f"--backend {name}", f"the package {error.name}", "nothing", fix) from error

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from skincal.errors import InputError, Problem, WorkError, input_error
+from skincal.errors import InputError, Problem, WorkError, input_error, text_of
 from skincal.fitting.tasks import Mapper
 from skincal.version import __version__
 
@@ -44,7 +44,8 @@ def cluster_mapper(address: str) -> Generator[Mapper]:
     except (OSError, ValueError) as error:
         expected = f"the address of a Dask scheduler that answers within {CONNECT_S} s"
         fix = "Start one with: dask scheduler; and on each machine: dask worker ADDRESS --nthreads 1"
-        raise input_error(f"--scheduler {address}", expected, _reason(error), fix) from None
+        got = text_of(error, 120) or type(error).__name__
+        raise input_error(f"--scheduler {address}", expected, got, fix) from None
     futures: list[Any] = []
 
     def spread(function: Callable[[Any], Any], arguments: Sequence[Any], /) -> Iterable[Any]:
@@ -107,8 +108,3 @@ def _require_versions(of_workers: dict[str, dict[str, str]]) -> None:
     ]
     if problems:
         raise InputError(problems)
-
-
-def _reason(error: BaseException) -> str:
-    text = " ".join(str(error).split())
-    return text[:120] or type(error).__name__

@@ -17,14 +17,14 @@ from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, Any
 
+from skincal.signals import held_back
+
 if TYPE_CHECKING:
     from skincal.fitting.tasks import Mapper
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _COLLECTIONS = (200_000, 20, 20)
 """Thresholds of garbage collection that leave of its time, a fifteenth of a fit's with Python's own, a quarter."""
-_REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""What may interrupt the first process, if it has handlers for it."""
 
 
 def available_cores() -> int:
@@ -154,9 +154,12 @@ def _end_with_first() -> None:
 
 
 def _start(pool: ProcessPoolExecutor, count: int) -> None:
-    """Start the workers with Ctrl-C blocked: while they import, they do not yet ignore it."""
+    """Start the workers with Ctrl-C blocked: while they import, they do not yet ignore it.
+
+    What would end this process comes afterwards, so that no worker is left half started.
+    """
     _begin_tracker()
-    with interrupt_afterwards():
+    with held_back():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             with _without_main():
@@ -192,24 +195,6 @@ def _begin_tracker() -> None:
         resource_tracker.ensure_running()
     finally:
         signal.signal(signal.SIGHUP, before)
-
-
-@contextmanager
-def interrupt_afterwards() -> Generator[None]:
-    """Hold back interrupts to the end of the block, so that no worker is left half started."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    handled = [number for number in _REQUESTS if callable(signal.getsignal(number))]
-    before = {number: signal.signal(number, lambda number, _: came.append(number)) for number in handled}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    if came:
-        signal.raise_signal(came[0])
 
 
 def _end(pool: ProcessPoolExecutor) -> None:

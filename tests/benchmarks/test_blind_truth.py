@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from published import FINGER, LAYOUT
 
 from benchmarks.blind import truth
 from benchmarks.blind.__main__ import main
@@ -28,17 +29,7 @@ from benchmarks.blind.truth.strength import Refit
 from benchmarks.blind.truth.writing import press_columns, sealed, unsealed
 from skincal.dataset import read_dataset
 from skincal.effects import EFFECTS as CATALOGUE
-from skincal.model import (
-    Contacts,
-    Converter,
-    Cylinder,
-    Patch,
-    SensorPose,
-    Skin,
-    SkinParameters,
-    Sphere,
-    TaxelLayout,
-)
+from skincal.model import Contacts, Converter, Patch, SensorPose, Skin, SkinParameters, Sphere
 
 FOLDER = Path(truth.__file__).parent
 E_PA_PER_M = 3e8
@@ -69,11 +60,10 @@ def test_foundation_agrees_with_skincals_contact():
     along = np.array([22.5e-3, 26e-3, 20.5e-3])
     force = np.array([0.3, 1.0, 5.0])
     pose = SensorPose(0.0235, float(np.radians(5.0)), float(np.radians(2.0)))
-    surface, layout = Cylinder(0.0115), TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
-    patch = Patch.build(surface, layout, pose, resolution_m=0.1e-3)
+    patch = Patch.build(FINGER, LAYOUT, pose, resolution_m=0.1e-3)
     skin = Skin(patch, SkinParameters(E_PA_PER_M, 70.0), Converter.none())
     points = on_finger(arc, along)
-    expected = 70 * skin.loads(Sphere(0.006), Contacts(points, surface.normal_at(points), force))
+    expected = 70 * skin.loads(Sphere(0.006), Contacts(points, FINGER.normal_at(points), force))
     centres = centres_m(0.0235, 2.0, 5.0)
     images = ImageStore(Foundation(), 6.0 / E_PA_PER_M).images(ContactKind(0.006), 5.0)
     places = (centres[:, 0] - arc[:, None], centres[:, 1] - along[:, None])

@@ -28,7 +28,7 @@ from skincal.fitting.fit_options import FitOptions
 from skincal.fitting.grid import GridSlab
 from skincal.fitting.problem import NO_DENSITY, FitError
 from skincal.model import Cylinder, Plane
-from skincal.workers.processes import interrupt_afterwards, mapper
+from skincal.workers.processes import mapper
 from tests.fitting.conftest import QUICK, ROUGH
 
 
@@ -104,14 +104,6 @@ def test_a_fit_that_is_killed_leaves_no_worker(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=50)
     assert done.returncode == -signal.SIGKILL
     assert len(done.stdout.split()) == 2
-
-
-def test_an_interrupt_while_workers_start_comes_afterwards() -> None:
-    begun = False
-    with pytest.raises(KeyboardInterrupt), interrupt_afterwards():
-        os.kill(os.getpid(), signal.SIGINT)
-        begun = True
-    assert begun
 
 
 def test_an_interrupt_with_cancelled_work_is_quiet(capfd: pytest.CaptureFixture[str]) -> None:

@@ -12,9 +12,9 @@ from report.diagnosis_cases import calibration
 
 from skincal.calibrate.data_findings import search_for_order, with_findings_of_check
 from skincal.calibration import Finding
+from skincal.cli.demo import sample_path
 from skincal.dataset import read_dataset
 from skincal.errors import Problem
-from skincal.sample import sample_path
 
 DEAD = Finding("dead_taxel", "warning", "Taxel (0, 1) does not answer.", "Check its wiring.")
 

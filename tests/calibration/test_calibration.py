@@ -6,22 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from calibrations import make_calibration, on_a_plane
+from published import FINGER, LAYOUT
 
 from skincal.calibration import Calibration, Effect, Loss, ModelParameters, Provenance
 from skincal.dataset import Dataset
 from skincal.effects import EFFECTS
 from skincal.errors import WorkError
-from skincal.model import (
-    Contacts,
-    Cylinder,
-    Patch,
-    Plane,
-    SensorPose,
-    Skin,
-    SkinParameters,
-    Sphere,
-    TaxelLayout,
-)
+from skincal.model import Contacts, Patch, Plane, SensorPose, Skin, SkinParameters, Sphere
 
 
 def press(skin, radius_m=0.0115):
@@ -33,8 +24,7 @@ def press(skin, radius_m=0.0115):
 
 def test_the_skin_is_the_one_built_by_hand():
     pose = SensorPose(0.0235, np.radians(-3.0), beta_rad=np.radians(2.1))
-    layout = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
-    by_hand = Skin(Patch.build(Cylinder(0.0115), layout, pose), SkinParameters(5.1e8, 68.0))
+    by_hand = Skin(Patch.build(FINGER, LAYOUT, pose), SkinParameters(5.1e8, 68.0))
     skin = make_calibration().skin()
     image = press(skin)
     np.testing.assert_array_equal(image, press(by_hand))

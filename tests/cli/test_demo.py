@@ -19,7 +19,6 @@ from skincal.collect.journal import Journal
 from skincal.errors import InputError
 from skincal.files import alone, whole_folder
 from skincal.files.manifest import NAME
-from skincal.sample import NAMES, sample_path
 
 
 def left_behind(out: Path) -> Path:
@@ -93,7 +92,7 @@ def test_session_is_no_demonstration(folder: Path) -> None:
 
 
 def test_samples_are_there() -> None:
-    assert all(sample_path(name).exists() for name in NAMES)
+    assert all(demo.sample_path(name).exists() for name in ("paper-like", "short-plan.toml"))
 
 
 def test_failed_verb_ends_the_demonstration(

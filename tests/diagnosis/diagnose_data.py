@@ -9,7 +9,7 @@ import numpy as np
 from effects.effect_sessions import BASE, contacts_at
 from published import META
 
-from skincal.dataset import Dataset, Frames, Presses
+from skincal.dataset import HOLD, Dataset, Frames, Presses
 from skincal.effects import Samples, Steps, hold_session, hold_times
 from skincal.model import Sphere
 
@@ -52,6 +52,19 @@ def moving(presses: int = 16, seed: int = 2) -> Dataset:
         np.where(idle, 0.0, samples.contacts.force_n), place, counts,
     )  # fmt: skip
     return Dataset(META, table, frames)
+
+
+def reading(given: Dataset, counts: np.ndarray, **sensor: float) -> Dataset:
+    """Return the session with other counts (M, J) in its frames, and their means over the holds in its presses."""
+    assert given.frames is not None
+    press, holding = given.frames.press, given.frames.phase == HOLD
+    held = [counts[(press == p) & holding].mean(axis=0) for p in given.presses.press]
+    return replace(
+        given,
+        meta=replace(given.meta, sensor=replace(given.meta.sensor, **sensor)),
+        presses=replace(given.presses, counts=np.array(held)),
+        frames=replace(given.frames, counts=counts),
+    )
 
 
 def still(*, clock: bool = False) -> Dataset:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from published import FINGER, LAYOUT
+from published import FINGER, LAYOUT, presses_on
 
 from skincal.effects import (
     COVARIATES,
@@ -18,7 +19,7 @@ from skincal.effects import (
     hold_session,
     hold_times,
 )
-from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters, Sphere
+from skincal.model import Patch, SensorPose, Skin, SkinParameters, Sphere
 
 Floats = NDArray[np.float64]
 
@@ -27,12 +28,8 @@ SKIN = Skin(PATCH, SkinParameters(4e8, 70.0))
 BASE = EffectSkin(SKIN, FINGER)
 
 
-def contacts_at(across_m: object, along_m: object, force_n: object) -> Contacts:
-    """Contacts at arc lengths from the middle of the patch."""
-    across, along, force = np.broadcast_arrays(*np.atleast_1d(across_m, along_m, force_n))
-    start = np.tile([0.0, 0.0235, 0.0115], (len(across), 1))
-    points = FINGER.offset(start, across.astype(float), along.astype(float))
-    return Contacts(points, FINGER.normal_at(points), force.astype(float))
+contacts_at = partial(presses_on, FINGER)
+"""Contacts at arc lengths across and along from the middle of the patch [m], and forces [N]."""
 
 
 def session(presses: int = 24, steps: Steps | None = None, seed: int = 3) -> HoldSession:

@@ -10,9 +10,9 @@ from effect_sessions import BASE, SHORT, contacts_at, skin_with
 from scipy.signal import lsim
 
 from skincal.effects import Samples, SkinStream, effect
+from skincal.effects.parameter import Start
 from skincal.effects.recursion import relaxed
 from skincal.effects.samples import HOLD, IDLE, LOAD, UNKNOWN, UNLOAD
-from skincal.effects.starts import Start
 from skincal.model import Converter, Sphere
 
 BALL = Sphere(0.006)

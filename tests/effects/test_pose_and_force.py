@@ -11,7 +11,7 @@ from effect_sessions import BASE, FINGER, LAYOUT, SESSION, SKIN, contacts_at, rm
 from skincal.effects import Samples, Setting
 from skincal.effects.cover import Cover
 from skincal.effects.force_bias import ForceBias
-from skincal.effects.starts import Scene
+from skincal.effects.parameter import Scene
 from skincal.errors import InputError
 from skincal.model import Contacts, FlatPunch, Sphere, contact_rotations
 

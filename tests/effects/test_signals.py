@@ -9,7 +9,7 @@ import pytest
 from effect_sessions import BASE, LAYOUT, SESSION, SKIN, VALUES, contacts_at, skin_with
 
 from skincal.effects import EFFECTS, EffectSkin, Samples, SignalEffect
-from skincal.effects.starts import Scene
+from skincal.effects.parameter import Scene
 from skincal.errors import InputError
 from skincal.model import Plane, Sphere
 

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from calibrations import on_a_plane
 from making import BOLT, MARBLE, make
 
+from skincal.envs.drawing import ranges_for
 from skincal.errors import InputError
-from skincal.ranges import Parameter, Ranges, preset, write_ranges
+from skincal.ranges import Parameter, Ranges, from_calibration, preset, write_ranges
 
 
 def draws(env: Any, seeds: range, **options: Any) -> list[dict[str, Any]]:
@@ -149,3 +151,13 @@ def test_options_that_make_no_sense_are_refused_in_words(options: dict[str, Any]
 def test_arguments_that_make_no_sense_are_refused_in_words(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         make(**arguments)
+
+
+@pytest.mark.parametrize("task", ["marble", "bolt"])
+def test_ranges_of_a_flat_pad_are_refused_with_the_reason(tmp_path: Path, task):
+    write_ranges(from_calibration(on_a_plane()), tmp_path / "ranges.toml")
+    with pytest.raises(InputError) as refused:
+        ranges_for(task, tmp_path / "ranges.toml")
+    assert "flat pad" in str(refused.value)
+    assert "ranges.toml" in str(refused.value)
+    assert "Add the table" not in str(refused.value)

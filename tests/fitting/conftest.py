@@ -7,24 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from published import FINGER, LAYOUT
+from published import RADIUS_M as RADIUS
 
 from skincal.fitting.fit_options import FitOptions, GridSteps, SearchBox
 from skincal.fitting.observe import Readout
 from skincal.fitting.problem import PressTable, Rig
-from skincal.model import (
-    Contacts,
-    Converter,
-    Cylinder,
-    Patch,
-    SensorPose,
-    Skin,
-    SkinParameters,
-    Sphere,
-    TaxelLayout,
-)
-
-RADIUS = 0.0115
-LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
+from skincal.model import Contacts, Converter, Patch, SensorPose, Skin, SkinParameters, Sphere
 
 
 @dataclass(frozen=True)
@@ -35,15 +24,21 @@ class Truth:
     elasticity_pa_per_m: float = 4e8
     scale_per_n: float = 68.0
 
+    @property
+    def macro(self) -> np.ndarray:
+        """Centre [m], turn [rad], log E and log S (5,)."""
+        logs = math.log(self.elasticity_pa_per_m), math.log(self.scale_per_n)
+        return np.array([self.across_m, self.y_m, self.alpha_rad, *logs])
+
 
 def rig(readout: Readout | None = None) -> Rig:
     readout = readout or Readout(0, 255, True)
-    return Rig(LAYOUT, Cylinder(RADIUS), (Sphere(0.006),), readout, 1e-3, 2e-3)
+    return Rig(LAYOUT, FINGER, (Sphere(0.006),), readout, 1e-3, 2e-3)
 
 
 def skin(truth: Truth) -> Skin:
     pose = SensorPose(truth.y_m, truth.alpha_rad, truth.across_m / RADIUS)
-    patch = Patch.build(Cylinder(RADIUS), LAYOUT, pose)
+    patch = Patch.build(FINGER, LAYOUT, pose)
     return Skin(patch, SkinParameters(truth.elasticity_pa_per_m, truth.scale_per_n), Converter.none())
 
 
@@ -61,10 +56,9 @@ def make_session(
     centre = np.array([truth.across_m, truth.y_m])
     where = centre + rng.uniform(-6.5e-3, 6.5e-3, (presses, 2))
     force = rng.uniform(1.0, 4.0, presses)
-    surface = Cylinder(RADIUS)
     beta = where[:, 0] / RADIUS
     points = np.stack([RADIUS * np.sin(beta), where[:, 1], RADIUS * np.cos(beta)], axis=1)
-    values = skin(truth).values(Sphere(0.006), Contacts(points, surface.normal_at(points), force))
+    values = skin(truth).values(Sphere(0.006), Contacts(points, FINGER.normal_at(points), force))
     noisy = values[:, None, :] + noise * rng.standard_normal((presses, frames, LAYOUT.taxels))
     counts = np.clip(np.rint(noisy), 0, 255).mean(axis=1) if noise > 0 else values
     error = np.clip(position_sigma_m * rng.standard_normal((presses, 2)), -1.8e-3, 1.8e-3)

@@ -12,8 +12,8 @@ import pytest
 FIT = """
 import hashlib, sys
 import numpy as np
-from skincal import compiling
-compiling.on_compile = lambda: print("compiling", file=sys.stderr)
+from skincal import progress
+progress.on_compile = lambda: print("compiling", file=sys.stderr)
 from skincal.fitting.grid import evaluate_slab
 from skincal.fitting.problem import build_problem
 from skincal.fitting.solve import micro_settings, plan_grid

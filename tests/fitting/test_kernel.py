@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from published import LAYOUT
 from scipy.ndimage import gaussian_filter
 
 from skincal.fitting.kernel import build_table, gaussian_blur
@@ -23,7 +24,6 @@ from skincal.model import (
 )
 from tests.fitting.looking import look_up_level, shares
 
-LAYOUT = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
 UNEVEN = TaxelLayout(
     1,
     3,

@@ -51,7 +51,7 @@ class _Both:
 @pytest.fixture(scope="module")
 def both() -> list[_Both]:
     truth = Truth()
-    centre = np.array([truth.across_m, truth.y_m, truth.alpha_rad, math.log(truth.elasticity_pa_per_m)])
+    centre = truth.macro[:4]
     found = []
     for seed in (0, 5):
         table, _ = make_session(truth, presses=20, seed=seed)

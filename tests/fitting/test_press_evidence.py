@@ -31,9 +31,7 @@ def test_presses_of_one_taxel_have_the_mass_of_the_integral() -> None:
     problem = build_problem(rig(), table, min_active=1)
     problem = problem.subset(problem.active[problem.rows] == 1, "two taxels")
     assert len(problem) >= 8
-    macro = np.array([
-        truth.across_m, truth.y_m, truth.alpha_rad, math.log(truth.elasticity_pa_per_m), math.log(truth.scale_per_n)
-    ])  # fmt: skip
+    macro = truth.macro
     model = Neighbourhood.around(macro).model(problem)
     places = find_places(model, macro, SIGMAS)
     slacks = find_narrow_slacks(model, places, macro, SIGMAS)
@@ -67,9 +65,7 @@ def test_a_press_at_the_middle_of_a_taxel_tells_e() -> None:
     table.counts[:3] = skin(truth).values(Sphere(0.006), contacts)
     problem = build_problem(rig(), table, min_active=1)
     problem = problem.subset(problem.rows < 3, "not in the middle")
-    macro = np.array([
-        truth.across_m, truth.y_m, truth.alpha_rad, math.log(truth.elasticity_pa_per_m), math.log(truth.scale_per_n)
-    ])  # fmt: skip
+    macro = truth.macro
     model = Neighbourhood.around(macro).model(problem)
     at = macro + step * np.outer([1.0, -1.0], np.eye(5)[3])
     slacks = find_narrow_slacks(model, find_places(model, macro, COARSE), macro, COARSE)

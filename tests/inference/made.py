@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis.diagnose_data import moving
+from diagnosis.diagnose_data import moving, reading
 from report.diagnosis_cases import calibration
 from sharing import made_once
 
-from skincal.dataset import HOLD, Dataset, Presses
+from skincal.dataset import Dataset
 from skincal.diagnosis.diagnosis import Diagnosis
 from skincal.diagnosis.workflow import diagnose
 from skincal.effects import Samples
@@ -58,14 +58,7 @@ def made(
         counts = change(counts, said.frames.time_s)
     noise = np.hypot(1.0, grows * np.maximum(counts, 0.0)) * rng.standard_normal(counts.shape)
     counts = np.clip(step * np.rint((counts + rest + noise) / step), 0, 255 + rest)
-    frames = replace(said.frames, counts=counts)
-    held = [counts[(frames.press == p) & (frames.phase == HOLD)].mean(axis=0) for p in given.presses.press]
-    table = Presses(
-        given.presses.press, given.presses.position_m, given.presses.force_n, np.array(held),
-        columns=given.presses.columns,
-    )  # fmt: skip
-    meta = replace(given.meta, sensor=replace(given.meta.sensor, value_max=255 + rest))
-    return replace(given, meta=meta, presses=table, frames=frames)
+    return reading(given, counts, value_max=255 + rest)
 
 
 def bare_loads(skin: Skin, indenter: Indenter, contacts: Contacts) -> np.ndarray:

@@ -7,12 +7,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from diagnosis.diagnose_data import moving
+from diagnosis.diagnose_data import moving, reading
 from inference.made import made
 from report.diagnosis_cases import calibration
 
 from skincal.calibration import FittedLaw
-from skincal.dataset import HOLD, Dataset, Presses
+from skincal.dataset import Dataset
 from skincal.diagnosis.diagnosis import Diagnosis
 from skincal.diagnosis.observed import observe
 from skincal.diagnosis.summary import summary
@@ -35,14 +35,7 @@ def with_law(presses: int = 24) -> Dataset:
     counts = np.rint(
         40 + 2 * np.nan_to_num(said.frames.counts) + rng.standard_normal(said.frames.counts.shape)
     )
-    frames = replace(said.frames, counts=counts)
-    held = [counts[(frames.press == p) & (frames.phase == HOLD)].mean(axis=0) for p in given.presses.press]
-    table = Presses(
-        given.presses.press, given.presses.position_m, given.presses.force_n, np.array(held),
-        columns=given.presses.columns,
-    )  # fmt: skip
-    meta = replace(given.meta, sensor=replace(given.meta.sensor, value_max=1023))
-    return replace(given, meta=meta, presses=table, frames=frames)
+    return reading(given, counts, value_max=1023)
 
 
 @cache

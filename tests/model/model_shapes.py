@@ -6,17 +6,7 @@ import numpy as np
 import trimesh
 from published import RADIUS_M
 
-from skincal.model import (
-    Contacts,
-    FlatPunch,
-    Indenter,
-    MeshIndenter,
-    MeshSurface,
-    Patch,
-    SensorPose,
-    Sphere,
-    Surface,
-)
+from skincal.model import Contacts, FlatPunch, Indenter, MeshIndenter, MeshSurface, Patch, SensorPose, Sphere
 
 POSE = SensorPose(y_m=0.0235, alpha_rad=0.3, beta_rad=0.1)
 
@@ -61,14 +51,6 @@ def indenters() -> dict[str, Indenter]:
         "bolt mesh": bolt_mesh(),
         "box mesh": box_mesh(),
     }
-
-
-def presses_on(surface: Surface, across_m: object, along_m: object, force_n: object) -> Contacts:
-    """Presses at arc lengths from the point beta = 0, y = 23.5 mm."""
-    across, along, force = np.broadcast_arrays(*np.atleast_1d(across_m, along_m, force_n))
-    start = np.tile([0.0, 0.0235, RADIUS_M], (len(across), 1))
-    points = surface.offset(start, across, along)
-    return Contacts(points, surface.normal_at(points), np.asarray(force, dtype=float))
 
 
 def plain_cast(

@@ -15,8 +15,8 @@ import skincal
 IMAGE = """
 import hashlib, sys
 import numpy as np
-from skincal import compiling
-compiling.on_compile = lambda: print("compiling", file=sys.stderr)
+from skincal import progress
+progress.on_compile = lambda: print("compiling", file=sys.stderr)
 from skincal.model import *
 assert "numba" not in sys.modules, "numba imported before the first press"
 layout = TaxelLayout.grid(2, 2, taxel_size_m=2e-3, pitch_m=3e-3)

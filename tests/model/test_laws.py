@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from model_shapes import box_mesh, presses_on, sphere_mesh
-from published import FINGER, LAYOUT, RADIUS_M
+from model_shapes import box_mesh, sphere_mesh
+from published import FINGER, LAYOUT, RADIUS_M, presses_on
 
 from skincal.model import (
     Converter,

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 from calibrations import make_calibration
-from diagnosis.diagnose_data import moving
+from diagnosis.diagnose_data import moving, reading
 from sharing import made_once
 
 from skincal.calibration import Calibration, Effect, ModelParameters
-from skincal.dataset import HOLD, Dataset, Presses
+from skincal.dataset import Dataset
 from skincal.diagnosis.diagnosis import Diagnosis
 from skincal.diagnosis.workflow import diagnose, refitted_effects
 from skincal.prediction import predict_dataset
@@ -34,19 +34,9 @@ def session(
 ) -> Dataset:
     """A session with frames, as a skin with these effects answers."""
     given = moving(presses)
-    assert given.frames is not None
     said = predict_dataset(calibration(effects), given).dataset
     assert said.frames is not None
-    rng = np.random.default_rng(seed)
-    frames = replace(said.frames, counts=_read(said.frames.counts, rng))
-    held = [
-        frames.counts[(frames.press == p) & (frames.phase == HOLD)].mean(axis=0) for p in given.presses.press
-    ]
-    table = Presses(
-        given.presses.press, given.presses.position_m, given.presses.force_n, np.array(held),
-        columns=given.presses.columns,
-    )  # fmt: skip
-    return replace(given, presses=table, frames=frames)
+    return reading(given, _read(said.frames.counts, np.random.default_rng(seed)))
 
 
 def _read(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from published import LAYOUT
 
-from skincal.model import TaxelLayout
 from skincal.report.evaluation import (
     Evaluated,
     curves_figure,
@@ -59,8 +59,7 @@ def test_the_error_is_drawn_in_millimetres_with_its_interval():
 
 
 def test_three_runs_of_each_policy_are_drawn():
-    layout = TaxelLayout.grid(4, 4, taxel_size_m=0.0025, pitch_m=0.004)
-    figure = runs_figure({"a": some_runs(), "b": some_runs(2)}, layout)
+    figure = runs_figure({"a": some_runs(), "b": some_runs(2)}, LAYOUT)
     first, second = figure.axes
     assert [line.get_label() for line in first.lines if not line.get_label().startswith("_")] == [
         "target", "run 1", "run 2", "run 3",

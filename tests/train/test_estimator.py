@@ -16,7 +16,7 @@ from commands import run
 from skincal.deploy import deploy, marble_targets
 from skincal.deploy.estimate import estimate_error_m, estimate_positions
 from skincal.deploy.record import Record
-from skincal.envs.needed import ranges_for
+from skincal.envs.drawing import ranges_for
 from skincal.envs.pinch import read_pinch
 from skincal.envs.reference_hand import ReferenceHand
 from skincal.errors import InputError

@@ -8,17 +8,17 @@ import time
 
 import pytest
 
-from skincal import compiling
+from skincal import progress
 from skincal.workers.processes import mapper, rare_collections
 
 
 def _says(_: int) -> tuple[int, bool]:
     time.sleep(0.2)  # so that each process gets one
-    return os.getpid(), compiling.on_compile is not None
+    return os.getpid(), progress.on_compile is not None
 
 
 def test_first_process_works_too_and_alone_says_it_compiles(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(compiling, "on_compile", lambda: None)
+    monkeypatch.setattr(progress, "on_compile", lambda: None)
     with mapper(2) as spread:
         ((worker, says),) = spread(_says, [0])  # it has begun
         assert worker != os.getpid() and not says

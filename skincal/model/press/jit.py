@@ -16,7 +16,7 @@ from typing import Any, TypeVar, cast
 import numba
 from numba.core import event
 
-from skincal import compiling
+from skincal import progress
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -80,8 +80,8 @@ class _Listener(event.Listener):
 
     def on_start(self, event: Any) -> None:
         """See :class:`numba.core.event.Listener`."""
-        if compiling.on_compile is not None and not self.reported:
-            compiling.on_compile()
+        if progress.on_compile is not None and not self.reported:
+            progress.on_compile()
         self.reported = True
 
     def on_end(self, event: Any) -> None:
@@ -92,6 +92,6 @@ _LISTENER = _Listener()
 
 
 def reporting_compilation() -> AbstractContextManager[None]:
-    """Return a context that reports a compilation once per process (:mod:`skincal.compiling`)."""
+    """Return a context that reports a compilation once per process (:mod:`skincal.progress`)."""
     install: Any = event.install_listener  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
     return install("numba:compile", _LISTENER)

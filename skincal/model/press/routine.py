@@ -21,7 +21,7 @@ from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.press.balance import Law, depth_of
 from skincal.model.press.jit import device, plain_device
 from skincal.model.press.meet import FAR, Frame, bound_tile, meet, paraboloid
-from skincal.model.press.status import Status
+from skincal.model.response import Status
 
 AHEAD = 1.15
 """Limit of the first pass over the guessed depth. A guess that is too low only costs a second pass."""
