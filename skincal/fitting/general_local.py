@@ -86,15 +86,9 @@ class LocalPlaces:
 
     @classmethod
     def of(cls, problem: FitProblem, points_m: Floats, centre_m: Floats) -> LocalPlaces | None:
-        """Lay out the surface around a place.
+        """Lay out the surface around the sensor's nominal centre (2,) [m]; None if the taxels do not fit on it there.
 
-        Args:
-            problem: its surface and taxels.
-            points_m: (M, 3) measured contact points of the session [m].
-            centre_m: (2,) nominal centre of the sensor, across and along [m].
-
-        Returns:
-            None if the taxels do not fit on the surface there.
+        ``points_m`` (M, 3) are the measured contact points of the session.
         """
         rig = problem.rig
         bounds = np.abs(rig.layout.bounds_m).max(axis=0)

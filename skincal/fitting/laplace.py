@@ -103,14 +103,7 @@ def measure_fold(model: PressModel, state: PressStates) -> Fold:
 
 
 def weigh_untracked_mirrors(model: PressModel, state: PressStates, fold: Fold, tracked: Bools) -> Floats:
-    """Return the weight, 0 to 1, of each press's mirror position (n,) where it is not tracked as a position of its own.
-
-    Args:
-        model: the presses.
-        state: fitted presses.
-        fold: bend of their residuals.
-        tracked: (n,) whether the mirror position is among the positions.
-    """
+    """Return the weight, 0 to 1, of each press's mirror position (n,); 0 where it is ``tracked`` as a position."""
     counts = np.where((fold.a > MERGED) & (fold.a <= JOINED_BELOW) & ~tracked, 1.0, 0.0)
     rows = np.flatnonzero((fold.a > JOINED_BELOW) & (fold.a < ALONE_BELOW) & ~tracked)
     if not len(rows):
@@ -129,12 +122,7 @@ def weigh_untracked_mirrors(model: PressModel, state: PressStates, fold: Fold, t
 
 
 def log_volume(fold: Fold, mirror: Floats) -> Floats:
-    """Return the log of the nuisance volume (n,), up to a constant.
-
-    Args:
-        fold: bend of the residuals.
-        mirror: (n,) additional weight of the mirror position, from :func:`weigh_untracked_mirrors`.
-    """
+    """Return the log of the nuisance volume (n,), up to a constant, with the weights of the mirror positions (n,)."""
     # A lobe of weight 1 + m has 1 + m times the volume, so its curvature falls by the square.
     bent = fold.half_bend * _curvature(fold.a) / (1.0 + mirror) ** 2
     corrected = fold.stiffness - fold.along_bend + bent
@@ -181,8 +169,10 @@ def eliminate_nuisance(
 ) -> tuple[Floats, Floats]:
     """Return gradient (W, T) and Hessian (W, T, T) of Q/2 by the shared errors, with slack and force eliminated.
 
+    The prior precision of the shared errors is not included.
+
     Args:
-        shared: present values; their prior precision is not included.
+        shared: present values.
         state: presses fitted at N positions for W macro points, W * N pairs.
         weight: (W, N) of the positions.
         macro: whether to prepend the five macro variables.

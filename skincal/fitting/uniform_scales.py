@@ -117,8 +117,7 @@ def bootstrap_common_scale(
 ) -> Floats:
     """Return draws of the common scale [1/N] by a bootstrap over presses; arguments as for :func:`fit_scales`.
 
-    Draws in which no taxel responds, as of one press resampled again and again, are left out, so there may be
-    fewer than ``count``.
+    Draws in which no taxel responds, as of one press resampled again and again, are left out.
     """
     rows = rng.integers(0, len(values), (count, len(values)))
     drawn = [

@@ -35,6 +35,11 @@ class Truth:
     elasticity_pa_per_m: float = 4e8
     scale_per_n: float = 68.0
 
+    @property
+    def macro(self) -> np.ndarray:
+        logs = math.log(self.elasticity_pa_per_m), math.log(self.scale_per_n)
+        return np.array([self.across_m, self.y_m, self.alpha_rad, *logs])
+
 
 def rig(readout: Readout | None = None) -> Rig:
     readout = readout or Readout(0, 255, True)

@@ -9,18 +9,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from skincal.fitting.fit_findings import NONLINEAR_NATS
-from skincal.fitting.observe import Readout
-from skincal.fitting.posterior import Bounds, Peak
-from skincal.fitting.problem import FitProblem, build_problem
-from skincal.fitting.readings import STRAIGHT
-from skincal.fitting.response import (
+from skincal.fitting.alternatives import (
     Nonlinearity,
     candidate_responses,
     invert_response,
     weigh_responses,
     with_response,
 )
+from skincal.fitting.fit_findings import NONLINEAR_NATS
+from skincal.fitting.observe import Readout
+from skincal.fitting.posterior import Bounds, Peak
+from skincal.fitting.problem import FitProblem, build_problem
+from skincal.fitting.readings import STRAIGHT
 from skincal.fitting.tasks import Neighbourhood, climb_near
 from tests.fitting.conftest import BOX, Truth, make_session, rig
 
@@ -36,11 +36,6 @@ def bent_problem(curve: Curve | None, seed: int = 0) -> FitProblem:
     return build_problem(rig(UNCLIPPED), replace(table, counts=counts))
 
 
-def start_of(truth: Truth) -> np.ndarray:
-    logs = np.log([truth.elasticity_pa_per_m, truth.scale_per_n])
-    return np.array([truth.across_m, truth.y_m, truth.alpha_rad, *logs])
-
-
 CURVES: dict[str, tuple[Curve | None, int]] = {
     "straight": (None, 0),
     "saturates": (lambda x: x / (1 + (x / 60) ** 4) ** 0.25, 1),
@@ -53,7 +48,7 @@ CURVES: dict[str, tuple[Curve | None, int]] = {
 @cache
 def climbed(name: str) -> tuple[FitProblem, Peak, list[Peak]]:
     """Presses that are read by a curve, the peak of a straight response, and those of all."""
-    problem, start = bent_problem(CURVES[name][0]), start_of(Truth())
+    problem, start = bent_problem(CURVES[name][0]), Truth().macro
     low = np.array([BOX.across_m[0], BOX.y_m[0], BOX.alpha_rad[0], *(start[3:] - 3)])
     high = np.array([BOX.across_m[1], BOX.y_m[1], BOX.alpha_rad[1], *(start[3:] + 3)])
     bounds, around = Bounds(low, high), Neighbourhood.around(start)
@@ -101,7 +96,7 @@ def test_typical_readings_stay() -> None:
 def test_images_by_a_response(truth: Truth) -> None:
     """Compiled values are those of the formula; slopes are a straight response's times that of the formula."""
     problem = bent_problem(None)
-    start, sigmas = start_of(truth), np.array([5e-4, 0.01, 0.3, 0.01, 0.01, 1e-5])
+    start, sigmas = truth.macro, np.array([5e-4, 0.01, 0.3, 0.01, 0.01, 1e-5])
     press, nuisance = np.arange(len(problem)), np.zeros((len(problem), 3))
     around, step = Neighbourhood.around(start), 1e-4
     straight = around.model(problem).evaluate(start, sigmas, press, nuisance)

@@ -10,9 +10,8 @@ import pytest
 
 from skincal.fitting.fit_options import FitOptions, GridSteps, SearchBox
 from skincal.fitting.general import evaluate_pose, evaluate_slab
-from skincal.fitting.general_contacts import MARGIN_M, ContactMap
 from skincal.fitting.general_local import LocalPlaces
-from skincal.fitting.general_skin import SkinShares
+from skincal.fitting.general_skin import MARGIN_M, ContactMap, SkinShares
 from skincal.fitting.general_table import (
     ROUGH,
     SkinTable,
@@ -22,8 +21,7 @@ from skincal.fitting.general_table import (
     split_presses,
     tabulate_presses,
 )
-from skincal.fitting.grid import MacroGrid
-from skincal.fitting.micro import MicroSettings
+from skincal.fitting.grid import MacroGrid, MicroSettings
 from skincal.fitting.posterior import Bounds
 from skincal.fitting.problem import FitProblem, PressTable, build_problem
 from skincal.fitting.result import FitResult
@@ -36,11 +34,6 @@ from tests.fitting.looking import see
 
 SETTINGS = MicroSettings(0.5, 1e-3, 2e-3)
 REACH = TableReach(0.5e-3, 0.06, 0.5, levels=5, step_m=0.3e-3, resolution_m=0.5e-3)
-
-
-def _macro(truth: Truth) -> np.ndarray:
-    e, s = math.log(truth.elasticity_pa_per_m), math.log(truth.scale_per_n)
-    return np.array([truth.across_m, truth.y_m, truth.alpha_rad, e, s])
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +60,7 @@ def eight(problem: FitProblem) -> FitProblem:
 
 @pytest.fixture(scope="module")
 def tabled(eight: FitProblem, truth: Truth) -> SkinTable:
-    return _tabled(eight, _macro(truth), REACH)
+    return _tabled(eight, truth.macro, REACH)
 
 
 def _tabled(problem: FitProblem, macro: np.ndarray, reach: TableReach) -> SkinTable:
@@ -149,7 +142,7 @@ class TestShares:
 
     def test_are_zero_where_the_taxels_have_no_place(self, on_mesh: FitProblem) -> None:
         shares = SkinShares(on_mesh, 0.0, 0.2, 0.0)
-        assert not shares.placed
+        assert shares.skin is None
         assert (shares.shares(np.array([0, 1]), np.zeros((2, 2)), np.full(2, -19.0)) == 0).all()
         assert (shares.lost_m2() == 0).all()
 
@@ -157,7 +150,7 @@ class TestShares:
 class TestGrid:
     def test_holds_what_single_combinations_give(self, problem: FitProblem, truth: Truth) -> None:
         few = problem.subset(np.arange(len(problem)) < 4, "left out")
-        macro = _macro(truth)
+        macro = truth.macro
         grid = MacroGrid(
             macro[:1], macro[1] + np.array([0.0, 1e-3]), macro[2:3], macro[3] + np.array([0.0, 0.5])
         )
@@ -188,7 +181,7 @@ class TestTable:
     def test_gives_the_images_of_the_skin(
         self, eight: FitProblem, tabled: SkinTable, truth: Truth, away: np.ndarray
     ) -> None:
-        macro, press, nuisance = _pairs(eight, _macro(truth) + away)
+        macro, press, nuisance = _pairs(eight, truth.macro + away)
         got = see(tabled, eight, macro, press, nuisance).value
         expected = _direct(eight, macro[0], press, nuisance, 0.125e-3)
         assert np.abs(got - expected).max() < 6e-3
@@ -197,7 +190,7 @@ class TestTable:
     def test_its_coarse_cells_make_no_image_sharper(
         self, eight: FitProblem, tabled: SkinTable, truth: Truth
     ) -> None:
-        macro, press, nuisance = _pairs(eight, _macro(truth), 400)
+        macro, press, nuisance = _pairs(eight, truth.macro, 400)
         expected = see(
             Neighbourhood.around(macro[0]).model(eight).tables, eight, macro, press, nuisance
         ).value
@@ -210,7 +203,7 @@ class TestTable:
     def test_slopes_are_those_of_its_own_values(
         self, eight: FitProblem, tabled: SkinTable, truth: Truth
     ) -> None:
-        macro, press, nuisance = _pairs(eight, _macro(truth) + np.array([0.1e-3, 0.1e-3, 0.01, 0.1, 0.0]))
+        macro, press, nuisance = _pairs(eight, truth.macro + np.array([0.1e-3, 0.1e-3, 0.01, 0.1, 0.0]))
         seen = see(tabled, eight, macro, press, nuisance)
         slopes = [seen.by_centre[..., 0], seen.by_centre[..., 1], seen.by_alpha, -seen.by_log_ratio]
         for i, (step, slope) in enumerate(zip((1e-6, 1e-6, 1e-4, 1e-3), slopes, strict=True)):
@@ -225,7 +218,7 @@ class TestTable:
 
     def test_spreads_as_the_kernels_do(self, eight: FitProblem, truth: Truth) -> None:
         few = eight.subset(np.arange(len(eight)) < 4, "left out")
-        macro, press, nuisance = _pairs(few, _macro(truth))
+        macro, press, nuisance = _pairs(few, truth.macro)
         spread = 0.3e-3
         reach = TableReach(0.2e-3, 0.02, 0.2, levels=3, step_m=0.3e-3)
         tabled = _tabled(few, macro[0], reach)
@@ -244,8 +237,8 @@ class TestTable:
         cone = cone.subset(np.arange(len(cone)) < 2, "left out")
         assert len(cone) == 2
         away = np.array([0.0, 0.5e-3, 0.0, 0.0, 0.0])
-        tabled = _tabled(cone, _macro(truth), replace(REACH, levels=3))
-        macro, press, nuisance = _pairs(cone, _macro(truth) + away)
+        tabled = _tabled(cone, truth.macro, replace(REACH, levels=3))
+        macro, press, nuisance = _pairs(cone, truth.macro + away)
         expected = _direct(cone, macro[0], press, nuisance)
         flat = replace(tabled, shares=tabled.shares * np.r_[np.ones(tabled.shares.shape[-1] - 2), 0.0, 0.0])
         error, without = (
@@ -256,7 +249,7 @@ class TestTable:
         assert error < 0.6 * without
 
     def test_does_not_depend_on_how_it_was_divided(self, eight: FitProblem, truth: Truth) -> None:
-        macro = _macro(truth)
+        macro = truth.macro
         reach = replace(REACH, levels=3, step_m=0.8e-3)
         whole = tabulate_presses(eight, np.arange(len(eight)), macro, reach)
         parts = _tabled(eight, macro, reach)
@@ -270,7 +263,7 @@ class TestTable:
     ) -> None:
         keep = np.arange(len(eight)) != 1
         fewer = eight.subset(keep, "glitch")
-        macro = np.tile(_macro(truth), (len(fewer), 1))
+        macro = np.tile(truth.macro, (len(fewer), 1))
         got = see(tabled, fewer, macro, np.arange(len(fewer)), np.zeros((len(fewer), 3))).value
         all_ = see(
             tabled,
@@ -291,9 +284,9 @@ def _bounds(box: SearchBox, scales: tuple[float, float]) -> Bounds:
 def test_a_climb_ends_where_that_of_the_fast_way_does(
     table: PressTable, eight: FitProblem, truth: Truth
 ) -> None:
-    start = _macro(truth) + np.array([0.2e-3, -0.2e-3, 0.03, 0.1, 0.0])
+    start = truth.macro + np.array([0.2e-3, -0.2e-3, 0.03, 0.1, 0.0])
     # On cells of 0.5 mm tabled every 0.3 mm the centre is 0.6 sigma off, and E and S 0.5.
-    tabled = _tabled(eight, _macro(truth), replace(REACH, step_m=0.2e-3, resolution_m=0.25e-3))
+    tabled = _tabled(eight, truth.macro, replace(REACH, step_m=0.2e-3, resolution_m=0.25e-3))
     general = climb_near(eight, _bounds(BOX, eight.scales), start, Neighbourhood.around(start, tabled))
     plain = build_problem(rig(), table, min_active=2)
     plain = plain.subset(np.isin(plain.rows, eight.rows), "left out")

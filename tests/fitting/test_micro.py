@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from skincal.fitting import grid
-from skincal.fitting.general import Combination, evaluate_pose
+from skincal.fitting.general import Combination, evaluate_pose, micro_objective, nlopt_micro, slack_lattice
 from skincal.fitting.general_skin import SkinShares
-from skincal.fitting.grid import MacroGrid, place_presses
-from skincal.fitting.micro import MicroSettings, micro_objective, nlopt_micro, slack_lattice
+from skincal.fitting.grid import MacroGrid, MicroSettings, place_presses
 from skincal.fitting.problem import FitProblem, build_problem
 from tests.fitting.conftest import Truth, make_session, rig
 from tests.fitting.geometry import general_problem
@@ -51,7 +50,7 @@ class _Both:
 @pytest.fixture(scope="module")
 def both() -> list[_Both]:
     truth = Truth()
-    centre = np.array([truth.across_m, truth.y_m, truth.alpha_rad, math.log(truth.elasticity_pa_per_m)])
+    centre = truth.macro[:4]
     found = []
     for seed in (0, 5):
         table, _ = make_session(truth, presses=20, seed=seed)

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from skincal.fitting.alternatives import LawSpread, weigh_laws
 from skincal.fitting.conclude import add_unseen_errors
-from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.observe import Readout
 from skincal.fitting.posterior import Bounds, Peak, climb
 from skincal.fitting.presses import from_patch, to_patch
@@ -22,19 +22,6 @@ from skincal.fitting.sampling import Draws, sample
 from skincal.fitting.tasks import Neighbourhood
 from skincal.model import Plane, Sphere, TaxelLayout
 from tests.fitting.conftest import Truth, make_session, rig
-
-
-def _macro(truth: Truth) -> np.ndarray:
-    return np.array(
-        [
-            truth.across_m,
-            truth.y_m,
-            truth.alpha_rad,
-            math.log(truth.elasticity_pa_per_m),
-            math.log(truth.scale_per_n),
-        ]
-    )
-
 
 REST = (0.002, 0.01, 2e-5)
 """Relative misfit, spread of gains, smooth error of positions [m]."""
@@ -52,7 +39,7 @@ def problem(truth: Truth) -> FitProblem:
 @pytest.fixture(scope="module")
 def peak(problem: FitProblem, truth: Truth) -> Peak:
     """The peak of the posterior, from the truth."""
-    start = _macro(truth)
+    start = truth.macro
     return climb(Neighbourhood.around(start).model(problem), BOUNDS, start)
 
 
@@ -68,7 +55,7 @@ def test_patch_coordinates_and_back() -> None:
 
 
 def test_slopes_of_a_press_agree_with_finite_differences(problem: FitProblem, truth: Truth) -> None:
-    macro, n = _macro(truth), len(problem)
+    macro, n = truth.macro, len(problem)
     model = Neighbourhood.around(macro).model(problem)
     press, sigmas = np.arange(n), np.broadcast_to([1e-3, 0.01, 1.0, *REST], (n, 6))
     many, nuisance = np.broadcast_to(macro, (n, 5)), np.full((n, 3), [1e-4, -2e-4, 0.01])
@@ -88,7 +75,7 @@ def test_slopes_of_a_press_agree_with_finite_differences(problem: FitProblem, tr
 
 
 def test_settling_never_makes_the_objective_worse(problem: FitProblem, truth: Truth) -> None:
-    macro, n = _macro(truth), len(problem)
+    macro, n = truth.macro, len(problem)
     model = Neighbourhood.around(macro).model(problem)
     press, sigmas = np.arange(n), np.broadcast_to([1e-3, 0.01, 0.3, *REST], (n, 6)).copy()
     start, many = np.zeros((n, 3)), np.broadcast_to(macro, (n, 5)).copy()
@@ -99,9 +86,9 @@ def test_settling_never_makes_the_objective_worse(problem: FitProblem, truth: Tr
 
 
 def test_a_climb_from_afar_comes_back_to_the_truth(problem: FitProblem, truth: Truth) -> None:
-    start = _macro(truth) + np.array([0.4e-3, -0.4e-3, 0.06, 0.3, 0.05])
+    start = truth.macro + np.array([0.4e-3, -0.4e-3, 0.06, 0.3, 0.05])
     peak = climb(Neighbourhood.around(start).model(problem), BOUNDS, start)
-    error = np.abs(peak.macro - _macro(truth)) / np.sqrt(np.diag(peak.covariance))
+    error = np.abs(peak.macro - truth.macro) / np.sqrt(np.diag(peak.covariance))
     assert (error < 4.0).all()
     assert peak.sigmas[0] == pytest.approx(0.5e-3, rel=0.35)
     assert np.isfinite(peak.log_evidence)
@@ -176,7 +163,7 @@ def test_a_press_that_lies_is_called_a_glitch_and_no_other(truth: Truth) -> None
     row = int(honest.rows[3])
     counts[row] = counts[row][::-1] * 0.5 + 20.0
     spoilt = build_problem(rig(), replace(presses, counts=counts))
-    start = _macro(truth)
+    start = truth.macro
     peak = climb(Neighbourhood.around(start).model(spoilt), BOUNDS, start)
     assert list(spoilt.rows[find_outlier_presses(spoilt, peak)]) == [row]
     clean = climb(Neighbourhood.around(start).model(honest), BOUNDS, start)
@@ -191,7 +178,7 @@ def test_dropped_reading_is_left_out_without_its_press(truth: Truth) -> None:
     dark = int(honest.rows[0]), int(np.argmin(honest.values[0]))
     counts[dark] = 0.0
     spoilt = build_problem(unclipped, replace(presses, counts=counts))
-    start = _macro(truth)
+    start = truth.macro
     peak = climb(Neighbourhood.around(start).model(spoilt), BOUNDS, start)
     lost = find_dropped_readings(spoilt, peak.states, 0.05)
     assert [tuple(at) for at in np.argwhere(lost)] == [(0, dark[1])]
@@ -204,7 +191,7 @@ def test_dropped_reading_is_left_out_without_its_press(truth: Truth) -> None:
 def test_a_reading_of_a_weak_taxel_is_not_lost(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=45, seed=4)
     problem = build_problem(rig(), presses)
-    start = _macro(truth)
+    start = truth.macro
     states = climb(Neighbourhood.around(start).model(problem), BOUNDS, start).states
     # A tenth less than the model says, where the noise is a hundredth.
     loud = np.unravel_index(np.argmax(states.macro_slope[..., 4]), problem.values.shape)
@@ -221,7 +208,7 @@ def test_a_taxel_that_stays_silent_is_found(truth: Truth) -> None:
     counts = presses.counts.copy()
     counts[:, 5] = 0.4
     spoilt = build_problem(rig(), replace(presses, counts=counts))
-    start = _macro(truth)
+    start = truth.macro
     weak = find_weak_taxels(spoilt)
     assert list(np.flatnonzero(weak)) == [5]
     others = spoilt.without_taxels(weak)
@@ -275,7 +262,7 @@ def test_equal_weights_are_worth_their_number() -> None:
 
 
 def test_contact_law_widens_elasticity_and_scale_only(problem: FitProblem, truth: Truth, peak: Peak) -> None:
-    start, wider = _macro(truth), (0.2e-3, 0.4e-3)
+    start, wider = truth.macro, (0.2e-3, 0.4e-3)
     tabled = [replace(Neighbourhood.around(start), spread_m=s).model(problem) for s in wider]
     peaks = [peak, *(climb(model, BOUNDS, start) for model in tabled)]
     law = weigh_laws(np.array([0.0, 0.2e-3, 0.4e-3]), peaks)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
+from skincal.fitting.laplace import Fold, log_volume, measure_fold, weigh_untracked_mirrors
 from skincal.fitting.places import find_duplicates, find_places, find_tracked_mirrors
 from skincal.fitting.presses import Places, PressModel
 from skincal.fitting.problem import build_problem
 from skincal.fitting.tasks import Neighbourhood
-from skincal.fitting.volume import Fold, log_volume, measure_fold, weigh_untracked_mirrors
 from tests.fitting.conftest import Truth, make_session, rig
 
 SIGMAS = np.array([0.7e-3, 0.005, 0.22, 0.002, 0.01, 2e-5])
@@ -61,9 +61,7 @@ def by_places(model: PressModel, macro: np.ndarray, places: Places) -> np.ndarra
 def test_places_have_the_mass_of_the_integral(scale: float) -> None:
     truth = Truth(scale_per_n=68.0 * scale)
     problem = build_problem(rig(), make_session(Truth(), presses=30, seed=21, position_sigma_m=0.7e-3)[0])
-    macro = np.array([
-        truth.across_m, truth.y_m, truth.alpha_rad, math.log(truth.elasticity_pa_per_m), math.log(truth.scale_per_n)
-    ])  # fmt: skip
+    macro = truth.macro
     model = Neighbourhood.around(macro).model(problem)
     places = find_places(model, macro, SIGMAS)
     assert len(places.press) > len(problem)
@@ -80,10 +78,7 @@ def test_a_low_scale_gains_no_places_that_are_not_there() -> None:
     problem = build_problem(rig(), make_session(truth, presses=40, seed=3, position_sigma_m=0.6e-3)[0])
     off = []
     for log_e, log_s in ((0.0, 0.0), (-0.1, -0.03)):
-        macro = np.array([
-            truth.across_m, truth.y_m, truth.alpha_rad,
-            math.log(truth.elasticity_pa_per_m) + log_e, math.log(truth.scale_per_n) + log_s,
-        ])  # fmt: skip
+        macro = truth.macro + np.array([0.0, 0.0, 0.0, log_e, log_s])
         model = Neighbourhood.around(macro).model(problem)
         places = find_places(model, macro, SIGMAS)
         exact = np.array([by_brute_force(model, macro, k) for k in range(len(problem))])
@@ -108,10 +103,8 @@ def test_a_place_counts_once() -> None:
 
 def test_brief_search_finds_the_whole_objective() -> None:
     """Taxels out of reach of a contact are looked at once, and count like the others."""
-    truth = Truth()
-    problem = build_problem(rig(), make_session(truth, presses=12)[0])
-    logs = np.log([truth.elasticity_pa_per_m, truth.scale_per_n])
-    macro = np.tile([truth.across_m, truth.y_m, truth.alpha_rad, *logs], (len(problem), 1))
+    problem = build_problem(rig(), make_session(presses=12)[0])
+    macro = np.tile(Truth().macro, (len(problem), 1))
     model, press = Neighbourhood.around(macro[0]).model(problem), np.arange(len(problem))
     sigmas = np.tile(SIGMAS, (len(problem), 1))
     start = np.full((len(problem), 3), 1e-4)
