@@ -1,20 +1,11 @@
 """Alternatives to the model, weighed by their evidence: other contact laws, and nonlinear responses of the taxels.
 
-The model is an elastic foundation: the stress at a point follows from the penetration at the same point. A
-real skin is a layer, which also spreads pressure sideways, by a fraction of its thickness. Images of a
-stiffer foundation with some spread and of a softer one without are nearly the same, so E is uncertain by the
-uncertainty of the spread. The fit is therefore repeated with the pressure spread by Gaussians of a few
-widths, and each width is weighted by its evidence. Taxels may also differ from the paper's, which feel the
-pressure times two projections: taxels that feel the pressure itself read some percent more of a deep contact.
-They are a further candidate law. Half of the draws are those of the foundation; the other half are moved by
-the parameter shifts of such laws. Intervals cover both halves, so that they contain E and S of whichever of
-these laws the skin has.
-
-Position, E, S and the force error of a press absorb much of the effect of a nonlinear response. What remains
-shows across presses: images of a skin do not grow with the force as nonlinear readings do. The presses are
-therefore fitted again, from the peak, with a few curves of :class:`skincal.fitting.readings.Response`: powers
-of the load, and saturation curves. The best evidence is compared with that of the linear response. Force
-errors that a nonlinear response would reduce are thus evidence for it.
+A real skin also spreads pressure sideways, and its taxels may feel the pressure itself instead of the paper's
+projections; both change E and S at nearly the same images. The climb is repeated under such laws. Half of the
+draws are those of the foundation, the other half are moved as the laws require, so that intervals contain E and
+S of whichever of these laws the skin has. In the same way a few curves of
+:class:`skincal.fitting.readings.Response` are compared with the linear response; they change no parameter.
+``docs/method/fit.md`` has the reasons.
 """
 
 from __future__ import annotations

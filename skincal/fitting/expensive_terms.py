@@ -1,26 +1,17 @@
 """The terms of the log posterior that are too expensive for every draw, and smooth enough for a few to do.
 
-The evidence of a press. A press may lie anywhere along a thin curved sheet: over the middle of a taxel, or on
-a ring around it where only one taxel responds. There the Laplace approximation, even with the fold of
-:mod:`skincal.fitting.laplace`, is off by some tenths of a unit per press, always with the same sign. Together,
-sixty presses bias E by half of its standard deviation. A Gaussian slack prior is a mixture of narrower ones on
-a lattice,
+The evidence of presses where the Laplace approximation is off, over the middle of a taxel or on a ring around
+it: a Gaussian slack prior is a mixture of narrower ones on a lattice, within which the image hardly bends,
 
     N(s; 0, sigma_p²) = sum_c h² N(c; 0, sigma_p² - omega²) N(s; c, omega²),
 
-accurate to 3e-4 for h = 1.5 omega. Within each component the image hardly bends, and the Laplace
-approximation holds.
-
-The selection of presses. A press is fitted because of its readings: one with too few active taxels is left
-out. A stiff skin loses more presses this way than a soft one, and those that remain have wider images than
-usual. The likelihood of a press is therefore the density of its readings *among presses that are taken*,
+accurate to 3e-4 for h = 1.5 omega. And the selection of presses, as those with too few active taxels are left
+out: the likelihood is the density of a press's readings among presses that are taken,
 
     p(y | taken, m) = p(y | m) / P(taken | m),    P(taken | m) = sum_s w_s P(enough taxels active | m, slack s),
 
-with slacks s on a lattice that represents their normal distribution. Without the denominator E is biased low,
-by half of its standard deviation.
-
-Both are evaluated for some of the draws only; a smooth function that is fitted to these is added to all
+with slacks s on a lattice that represents their normal distribution. Without either, E is biased by half of its
+standard deviation. A smooth function that is fitted to the values at some draws is added to all
 (:func:`skincal.fitting.sampling.smooth_term`).
 """
 

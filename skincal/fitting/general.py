@@ -1,15 +1,13 @@
 """The macro grid on any geometry: micro problems by nlopt on the skin model itself.
 
-The fast way (:mod:`skincal.fitting.grid`) needs a surface that looks the same everywhere. This one does not:
-it lays the patch on the surface at every pose, and casts rays at the indenter, as the paper does (section
-III-B). Both minimise the same objective. For one press with observed image D, simulated shares g and the free
-amplitude c of the normalisation, it is
+The fast way (:mod:`skincal.fitting.grid`) needs a surface that looks the same everywhere. This one lays the
+patch on the surface at every pose, and casts rays at the indenter, as the paper does (section III-B). Both
+minimise the same objective. For one press with observed image D and simulated shares g it is
 
     Q(delta) = |D|^2 (1 - cos^2 angle(D, g(delta))) / sigma^2  +  |delta|^2 / sigma_p^2,    |delta_i| <= slack
 
 The first term is the squared distance of the normalised images, in units of the noise of an image of the size
-of D: the information on the position lies in the ratios of the taxel values. The second is the prior of the
-measured position. With ``sigma_p`` infinite the objective is the paper's.
+of D; the second, the prior of the measured position, is not the paper's.
 """
 
 from __future__ import annotations

@@ -1,15 +1,11 @@
 """Images of the skin model, tabled press by press around one pose of the sensor.
 
-The continuous part of a fit evaluates the likelihood a million times. The skin model is too slow for that,
-and its images are not smooth enough to differentiate. It is therefore evaluated once around a pose, on a
-lattice: for every press its load shares by the contact's position on the patch (u, v), a few turns alpha and
-a few ratios F/E. If the sensor's centre moves from the tabled one, the image is that of the same position on
-the patch, plus a first-order term:
+The skin model is too slow for a million evaluations, and its images are not smooth enough to differentiate. It
+is evaluated once around a pose: for every press its load shares on a lattice of positions on the patch (u, v), a
+few turns alpha and a few ratios F/E. A shift of the sensor's centre adds a first-order term, found by finite
+differences, where the surface does not look the same everywhere:
 
     phi(u, v; centre) = phi(u, v; centre_0) + (centre - centre_0) . d phi / d centre |_(u, v)
-
-This term is the effect of a surface that does not look the same everywhere. It is found by finite
-differences, and is zero on a cylinder and a plane.
 """
 
 from __future__ import annotations

@@ -1,15 +1,12 @@
 """Load kernels: the response of a taxel to a contact by its offset, tabled once, so that an image is a table look-up.
 
 On a surface that looks the same everywhere (a cylinder, a plane), the pressure under an indenter is one field
-that moves with the contact. A taxel's load is the integral of that field over its rectangle. It depends only
-on the offset of the contact from the taxel in patch coordinates, on the turn of the patch (alpha), and,
-because stress and force both scale with E, on the ratio F_n / E:
+that moves with the contact, and stress and force both scale with E, so that
 
-    T_j = S_j F_n phi(u_c - u_j, v_c - v_j; alpha, F_n / E)
+    T_j = S_j F_n phi(u_c - u_j, v_c - v_j; alpha, F_n / E).
 
-phi is the share of the normal force that the taxel reports: both projection factors of the paper's sensor
-model, with the penetration of its force equilibrium. The contact physics is that of :mod:`skincal.model`: the
-field comes from the same surfaces, indenters and rays.
+phi is the share of the normal force that the taxel reports: the integral of the field over its rectangle, with
+both projection factors and the force equilibrium of :mod:`skincal.model`.
 """
 
 from __future__ import annotations

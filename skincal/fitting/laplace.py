@@ -1,20 +1,13 @@
 """The integrals over what the macro variables do not contain: the nuisance of each press, and the shared errors.
 
-The nuisance, also where the Laplace approximation breaks down. Over the middle of a taxel the image does not
-change to first order. The same holds where a press lies half-way between two mirror positions. Along the
-weakest direction of the position, the whitened residual is then a parabola,
+The nuisance, also where the Laplace approximation breaks down. Over the middle of a taxel, or half-way between
+two mirror positions, the whitened residual along the weakest direction of the position is a parabola,
 
-    r(v) = r0 + r1 v + b v^2 / 2,
+    r(v) = r0 + r1 v + b v^2 / 2,    a = r1^2 / 2b - r0,    Z(a) = integral of exp(-(w^2 - a)^2 / 2) dw.
 
-not a line. Its two roots (the mirror positions) merge into one fold as the scale of the model falls; beyond
-the fold, the measured value cannot be reached. The Laplace volume diverges at the fold, and biases the scale
-towards it. The integral of exp(-r^2/2) over a parabola depends on one number only, a = r1^2 / 2b - r0 (in
-units of the noise), through
-
-    Z(a) = integral of exp(-(w^2 - a)^2 / 2) dw.
-
-Z is tabled once. The curvature along the weakest direction is replaced by the one that gives Z: for each of
-the two lobes while they are apart, and for both together from the fold on.
+Its two roots (the mirror positions) merge into one fold as the scale of the model falls; there the Laplace
+volume diverges. The curvature along the weakest direction is therefore replaced by the one that gives Z, which
+is tabled: for each of the two lobes while they are apart, and for both together from the fold on.
 
 The shared errors of :mod:`skincal.fitting.shared`, in closed form, with slack and force of every press
 eliminated (Schur complement):

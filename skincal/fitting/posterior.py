@@ -1,14 +1,10 @@
 """The joint posterior of the macro variables, with positions, forces and shared errors marginalised.
 
-On the grid each press is placed by its normalised image. The ratios of two or three taxels do not determine a
-position fully, so the loss there stays far above the noise of good data, and its minimum is biased. From the
-best grid points on, the fit is therefore continuous, with the likelihood of the absolute images
-(:mod:`skincal.fitting.readings`). The slack of each press is Gaussian (sigma_p), and so are its force error
-(sigma_f) and the errors that presses share (:mod:`skincal.fitting.shared`). All sigmas are estimated from the
-data along with the macro variables. Intervals therefore widen by themselves on a rig that is worse than
-declared, or if the model does not quite fit. The integrals over slack and force are Laplace approximations,
-summed over all possible positions of a press. The macro variables and the sigmas are sampled in
-:mod:`skincal.fitting.sampling`.
+From the best grid points on, the fit is continuous, with the likelihood of the absolute images
+(:mod:`skincal.fitting.readings`). Slack and force error of each press are Gaussian, and so are the errors that
+presses share (:mod:`skincal.fitting.shared`); their sigmas are estimated along with the macro variables, so that
+intervals widen on a rig that is worse than declared. Integrals are Laplace approximations, summed over all
+possible positions of a press. :mod:`skincal.fitting.sampling` draws from it.
 """
 
 from __future__ import annotations

@@ -1,15 +1,13 @@
 """The compiled micro problems of the grid: every press under every centre of the sensor, at one turn and one E.
 
-For one press with observed image D, simulated shares g and the free amplitude c of the normalisation, the
-objective is
+For one press with observed image D, simulated shares g and the best amplitude c >= 0, the objective is
 
     Q(delta) = |c g(delta) - D|^2 / sigma^2 + |delta|^2 / sigma_p^2,    |delta_i| <= slack
 
-with the best c >= 0 (:mod:`skincal.fitting.general`). First, a lattice of contacts that all centres share is
-looked up, to the nearest node. Gauss-Newton then continues from the best node within the slack, with the
-amplitude eliminated (variable projection, Kaufman 1975). It takes full steps even uphill: if two taxels
-respond, Q is a thin curved valley, and a step along the valley leaves it first, and the next step returns to
-it. The best point seen is kept.
+(:mod:`skincal.fitting.general`). A lattice of contacts that all centres share is looked up, to the nearest node.
+Gauss-Newton continues from the best node, with the amplitude eliminated (variable projection, Kaufman 1975). It
+takes full steps even uphill: if two taxels respond, Q is a thin curved valley, and a step along the valley
+leaves it first, and the next step returns to it. The best point seen is kept.
 """
 
 from __future__ import annotations

@@ -116,7 +116,8 @@ def _middles(touches: Touches, dataset: Dataset, rows: Ints) -> Samples:
     """Return one sample per press (H,) in the middle of its hold."""
     middle = _middle_times(dataset)
     more: dict[str, Any] = {} if middle is None else {"time_s": middle[rows], "phase": HOLD}
-    samples = hold_samples(touches, dataset, rows, pose_names(dataset), **more)
+    contacts, indenters = touches.contacts(), touches.indenters()
+    samples = hold_samples(contacts, indenters, dataset, rows, pose_names(dataset), **more)
     if middle is None:
         return samples
     given, clock = press_times(dataset)

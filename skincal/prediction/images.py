@@ -66,7 +66,8 @@ def images_with_effects(
     others = others[~held[others]]
     if len(others):
         touches = Touches.of_presses(on, dataset, slack_m)
-        played = standard_presses(touches.select(others), dataset, others, poses)
+        some = touches.select(others)
+        played = standard_presses(some.contacts(), some.indenters(), dataset, others, poses)
         samples = played.samples
         if dataset.frames is not None and len(dataset.frames) and samples.time_s is not None:
             # Drifts count from the beginning of the session.
