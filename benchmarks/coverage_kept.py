@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from skincal.fitting.conclude import closed
 from skincal.fitting.fit_options import SearchBox
-from skincal.fitting.valley import OPEN, closed
+from skincal.fitting.result import OPEN
 
 Record = dict[str, Any]
 
@@ -86,7 +87,7 @@ def _interval(
     box: SearchBox,
     level: float,
 ) -> list[float]:
-    """Compute the interval as :func:`skincal.fitting.valley.interval` does, from quantiles instead of draws."""
+    """Compute the interval as :func:`skincal.fitting.conclude.interval` does, from quantiles instead of draws."""
     tail = (1.0 - level) / 2
     ends = np.array([np.interp([tail, 1.0 - tail], quantiles, cloud) for cloud in clouds])
     return list(closed(name, min(float(ends[:, 0].min()), best), max(float(ends[:, 1].max()), best), box))

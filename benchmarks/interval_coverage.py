@@ -38,9 +38,9 @@ from benchmarks.coverage_tables import as_text, summary
 from benchmarks.sessions import CYLINDER_RADIUS_M, Law, LayerRanges, Truth, make_session
 from skincal.calibrate import calibrate, fit_problem
 from skincal.errors import SkincalError
+from skincal.fitting.conclude import interval
 from skincal.fitting.fit_options import FitOptions, GridSteps
-from skincal.fitting.result import PARAMETERS, FitResult
-from skincal.fitting.valley import OPEN, interval
+from skincal.fitting.result import OPEN, PARAMETERS, FitResult
 from skincal.version import __version__
 from skincal.workers.processes import available_cores
 

@@ -36,10 +36,9 @@ from benchmarks.sessions import make_session
 from skincal.calibrate import Way, fit_problem, search_box
 from skincal.fitting import grid
 from skincal.fitting.fit_options import FitOptions
-from skincal.fitting.general import evaluate_pose
+from skincal.fitting.general import evaluate_pose, micro_objective
 from skincal.fitting.general_skin import SkinShares
-from skincal.fitting.grid import MacroGrid
-from skincal.fitting.micro import MicroSettings, micro_objective
+from skincal.fitting.grid import MacroGrid, MicroSettings
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.solve import micro_settings, plan_grid
 from skincal.model import Contacts, Patch, SensorPose

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from skincal.calibrate.problem import fit_problem, search_box
-from skincal.calibrate.way import choose_way
+from skincal.calibrate.problem import choose_way, fit_problem, search_box
 from skincal.calibration import Calibration, Finding
-from skincal.calibration.finding_codes import code_of
+from skincal.calibration.parts import code_of
 from skincal.dataset import Dataset, rest_levels
 from skincal.dataset.rest import rest_drift
 from skincal.dataset.uniform_pressure import uniform_pressure

@@ -21,8 +21,7 @@ from skincal.calibrate.data_findings import (
     with_moving_rest,
     with_other_order,
 )
-from skincal.calibrate.problem import fit_problem, search_box
-from skincal.calibrate.way import Method, Way, choose_way
+from skincal.calibrate.problem import Method, Way, choose_way, fit_problem, search_box
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
 from skincal.dataset.dataset import refusal

@@ -1,6 +1,14 @@
 """Calibrations: results of a fit, as a folder that loads into the simulator (``skincal-calibration/1``)."""
 
-from skincal.calibration.calibration import MARGIN_M, Calibration, Columns
+from skincal.calibration.calibration import (
+    MARGIN_M,
+    Calibration,
+    Columns,
+    effect_from,
+    effects_of,
+    skin_of,
+    stream_of,
+)
 from skincal.calibration.files import SLACK_COLUMNS, read_calibration, write_calibration
 from skincal.calibration.matching import check_same_sensor, sensor_differences
 from skincal.calibration.parts import (
@@ -13,7 +21,6 @@ from skincal.calibration.parts import (
     ModelParameters,
     Provenance,
 )
-from skincal.calibration.skin import effect_from, effects_of, skin_of, stream_of
 from skincal.calibration.toml_file import FORMAT
 
 __all__ = [

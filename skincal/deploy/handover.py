@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.deploy.handover import DeployOptions, Motion
 from skincal.envs.grasp import Postures
 from skincal.envs.pinch import Pinch
 from skincal.errors import WorkError

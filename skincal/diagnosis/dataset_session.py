@@ -14,7 +14,7 @@ from skincal.dataset import HOLD, IDLE, Dataset
 from skincal.dataset.dataset import refusal
 from skincal.dataset.uniform_pressure import centre_contacts
 from skincal.diagnosis.position_smoothing import smooth_positions
-from skincal.effects import Samples, hold_session, hold_times
+from skincal.effects import Samples
 from skincal.inference.session import Binning, GapSession, binned, of_holds
 from skincal.model import Contacts
 from skincal.prediction.session_samples import (
@@ -25,6 +25,7 @@ from skincal.prediction.session_samples import (
     press_order,
     press_times,
     sites,
+    standard_presses,
 )
 from skincal.prediction.touches import frame_normals
 
@@ -47,12 +48,9 @@ def gap_session(dataset: Dataset, binning: Binning | None = None) -> GapSession:
 
 def press_rows(dataset: Dataset) -> Ints:
     """Return the row (M,) in the press table of each frame, -1 at rest and for presses that are not in the table."""
-    frames, press = dataset.frames, dataset.presses.press
+    frames = dataset.frames
     assert frames is not None
-    order = np.argsort(press)
-    index = np.minimum(np.searchsorted(press[order], frames.press), len(press) - 1)
-    known = (press[order][index] == frames.press) & (frames.press >= 0) & (frames.phase != IDLE)
-    return np.where(known, order[index], -1)
+    return np.where((frames.press >= 0) & (frames.phase != IDLE), dataset.frame_presses(), -1)
 
 
 def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
@@ -101,28 +99,13 @@ def _is_pressed_at_rest(dataset: Dataset) -> NDArray[np.bool_]:
 
 def _of_presses(dataset: Dataset) -> GapSession:
     """Return the session of a dataset without frames: a standard press for each hold mean."""
-    presses = dataset.presses
-    times, clock = press_times(dataset)
-    order = press_order(dataset)
+    presses, order = dataset.presses, press_order(dataset)
     use = order[np.isfinite(presses.position_m[order]).all(axis=1) & (presses.force_n[order] > 0)]
-    played_times = hold_times(len(use), *((t[use] for t in times) if clock else ()))
     indenters, kinds = dataset.indenters()
-
-    def column(name: str) -> NDArray[Any] | None:
-        values = presses.column(name)
-        return None if values is None else values[use]
-
     normals = None if presses.normals is None else presses.normals[use]
-    holds = Samples.of(
-        _contacts(dataset, presses.position_m[use], presses.force_n[use], normals),
-        (indenters, kinds[use]),
-        touching=True,
-        press=presses.press[use],
-        **covariates(dataset, use, column, pose_names(dataset)),
-    )
-    branch = column("branch")
-    played = hold_session(holds, played_times, down=None if branch is None else branch == "down")
-    session = of_holds(played, presses.counts[use], clock=clock)
+    contacts = _contacts(dataset, presses.position_m[use], presses.force_n[use], normals)
+    played = standard_presses(contacts, (indenters, kinds[use]), dataset, use, pose_names(dataset))
+    session = of_holds(played, presses.counts[use], clock=press_times(dataset)[1])
     return replace(session, row=use[session.row], press=use[session.press])
 
 

@@ -8,7 +8,7 @@ from math import radians
 import numpy as np
 
 from skincal.calibration import MARGIN_M, Calibration
-from skincal.calibration.skin import effects_of
+from skincal.calibration.calibration import effects_of
 from skincal.dataset import IDLE, Dataset, idle_means
 from skincal.dataset.dataset import refusal
 from skincal.dataset.uniform_pressure import uniform_pressure, zero_load_levels

@@ -8,10 +8,8 @@ from math import degrees
 import numpy as np
 
 from skincal.calibration import Calibration, Effect, Finding, Interval, ModelParameters
-from skincal.calibration.calibration import Columns
-from skincal.calibration.finding_codes import code_of
-from skincal.calibration.parts import LAW, REST, FittedLaw, Loss
-from skincal.calibration.skin import effect_from
+from skincal.calibration.calibration import Columns, effect_from
+from skincal.calibration.parts import LAW, REST, FittedLaw, Loss, code_of
 from skincal.dataset import Dataset, active_taxels
 from skincal.diagnosis.observed import Observed
 from skincal.files import real

@@ -10,9 +10,8 @@ from scipy.special import bdtrc, ndtr
 
 from skincal.errors import first_of
 from skincal.fitting.problem import FEW_PRESSES
-from skincal.fitting.result import FEWEST_DRAWS, FitFinding, FitResult
+from skincal.fitting.result import FEWEST_DRAWS, POSE, FitFinding, FitResult, at_one_place, extent_m
 from skincal.fitting.sigmas import MISFIT
-from skincal.fitting.valley import POSE, at_one_place, extent_m
 
 BENT = 0.4
 """A smooth position error of this fraction of the independent one widens alpha by a tenth or more."""

@@ -1,9 +1,8 @@
 """The skin around the sensor's nominal place, as a surface that looks the same everywhere.
 
-The grid only has to find starts for the continuous part of a fit. For that, a fingertip of any shape is taken
-to look everywhere as it does around the sensor's nominal centre, so that the kernel tables of the fast way
-can be used. Contacts are placed by their arc lengths from that centre, and the pressure under an indenter is
-the one at the centre. The later stages use the skin model itself.
+It only serves the grid, which finds starts for the continuous part of a fit, and allows the kernel tables of the
+fast way. Contacts are placed by their arc lengths from the nominal centre; the pressure under an indenter is the
+one there.
 """
 
 from __future__ import annotations
@@ -86,15 +85,9 @@ class LocalPlaces:
 
     @classmethod
     def of(cls, problem: FitProblem, points_m: Floats, centre_m: Floats) -> LocalPlaces | None:
-        """Lay out the surface around a place.
+        """Lay out the surface around the sensor's nominal centre (2,) [m]; None if the taxels do not fit on it there.
 
-        Args:
-            problem: its surface and taxels.
-            points_m: (M, 3) measured contact points of the session [m].
-            centre_m: (2,) nominal centre of the sensor, across and along [m].
-
-        Returns:
-            None if the taxels do not fit on the surface there.
+        ``points_m`` (M, 3) are the measured contact points of the session.
         """
         rig = problem.rig
         bounds = np.abs(rig.layout.bounds_m).max(axis=0)

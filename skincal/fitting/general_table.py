@@ -1,15 +1,11 @@
 """Images of the skin model, tabled press by press around one pose of the sensor.
 
-The continuous part of a fit evaluates the likelihood a million times. The skin model is too slow for that,
-and its images are not smooth enough to differentiate. It is therefore evaluated once around a pose, on a
-lattice: for every press its load shares by the contact's position on the patch (u, v), a few turns alpha and
-a few ratios F/E. If the sensor's centre moves from the tabled one, the image is that of the same position on
-the patch, plus a first-order term:
+The skin model is too slow for a million evaluations, and its images are not smooth enough to differentiate. It
+is evaluated once around a pose: for every press its load shares on a lattice of positions on the patch (u, v), a
+few turns alpha and a few ratios F/E. A shift of the sensor's centre adds a first-order term, found by finite
+differences, where the surface does not look the same everywhere:
 
     phi(u, v; centre) = phi(u, v; centre_0) + (centre - centre_0) . d phi / d centre |_(u, v)
-
-This term is the effect of a surface that does not look the same everywhere. It is found by finite
-differences, and is zero on a cylinder and a plane.
 """
 
 from __future__ import annotations
@@ -143,11 +139,7 @@ def smooth_shares(shares: Floats, variance: Floats) -> Floats:
     """Return shares (P, N, N, C) smoothed over the position on the patch.
 
     The kernel is the discrete Gaussian (Lindeberg 1990), whose variance is exact even if it is narrow
-    compared with the lattice.
-
-    Args:
-        shares: on the lattice.
-        variance: (2,) along u and v, in squared lattice steps.
+    compared with the lattice. ``variance`` (2,) along u and v is in squared lattice steps.
     """
     from scipy.ndimage import convolve1d
 
@@ -204,14 +196,7 @@ def join_tables(parts: Sequence[SkinTable]) -> SkinTable:
 
 
 def tabulate_presses(problem: FitProblem, presses: Ints, macro: Floats, reach: TableReach) -> SkinTable:
-    """Table some presses with the skin model, on a lattice of positions on the patch.
-
-    Args:
-        problem: presses with contacts in space.
-        presses: (K,) numbers of the presses to table.
-        macro: (5,) macro variables in the middle of the table.
-        reach: extent of the table.
-    """
+    """Table presses (K,), by their numbers, on a lattice of positions on the patch, around macro variables (5,)."""
     measured = np.stack([problem.across_m, problem.along_m], axis=1)
     off = measured - macro[:2]
     anchor = to_patch(off[:, 0], off[:, 1], np.full(len(problem), macro[2]))
@@ -235,7 +220,7 @@ def tabulate_presses(problem: FitProblem, presses: Ints, macro: Floats, reach: T
     def images(shift: Floats, levels: Floats) -> list[Floats]:
         """Shares (n, J) at every level, with the sensor's centre and turn shifted (3,)."""
         skin = placed(shift)
-        if not skin.placed:  # the taxels would not fit on the surface there: assume no change of the image
+        if skin.skin is None:  # the taxels would not fit on the surface there: assume no change of the image
             skin, shift = home, np.zeros(3)
         at = macro[:3] + shift
         slack = from_patch(uv, np.full(len(uv), at[2])) + at[:2] - measured[press]

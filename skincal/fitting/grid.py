@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.fitting.kernel import build_table
-from skincal.fitting.micro import MicroSettings
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.slab import place
 from skincal.fitting.types import Floats, Ints
@@ -44,6 +43,26 @@ class MacroGrid:
     def combinations(self) -> int:
         """Number of combinations of the grid."""
         return int(np.prod(self.shape))
+
+
+@dataclass(frozen=True)
+class MicroSettings:
+    """Weights of image residual and slack.
+
+    Attributes:
+        sigma_counts: standard deviation of an image residual [counts].
+        position_sigma_m: standard deviation of the measured contact position [m]; inf for no prior.
+        slack_m: bound of the slack along each direction [m].
+    """
+
+    sigma_counts: float
+    position_sigma_m: float
+    slack_m: float
+
+    @property
+    def stiffness(self) -> float:
+        """1 / sigma_p^2 [1/m²]."""
+        return 1.0 / self.position_sigma_m**2 if np.isfinite(self.position_sigma_m) else 0.0
 
 
 class GridSlab(NamedTuple):
@@ -84,11 +103,7 @@ def least_squares_scale(forces: Floats, observed: Floats) -> tuple[Floats, Float
 
 
 def evaluate_slab(problem: FitProblem, grid: MacroGrid, turn: int, settings: MicroSettings) -> GridSlab:
-    """Evaluate all combinations of one turn alpha.
-
-    Returns:
-        Loss, scale and slack of every combination (E, X, Y).
-    """
+    """Evaluate all combinations of one turn alpha."""
     rig, log_force = problem.rig, np.log(problem.force_n)
     ratios = (log_force.min() - grid.log_elasticity[-1], log_force.max() - grid.log_elasticity[0])
     table = build_table(rig.surface, rig.indenters, rig.layout, grid.alpha_rad[turn : turn + 1], ratios)
@@ -131,15 +146,8 @@ def place_presses(
     """Return slacks (K, X, Y, 2) [m] of every press under every centre, and its weighted load shares (K, X, Y, J).
 
     All combinations share one lattice of contact positions per press, relative to the sensor's centre. It is
-    placed so that each grid value of the centre, with zero slack, falls on a node.
-
-    Args:
-        problem: the presses.
-        grid: the macro variables.
-        turn: number of the turn.
-        settings: of the micro problems.
-        size_of: (J,) number of the size of each taxel.
-        level: from :meth:`skincal.fitting.lookup.KernelTable.level`.
+    placed so that each grid value of the centre, with zero slack, falls on a node. ``level`` is from
+    :meth:`skincal.fitting.lookup.KernelTable.level`.
     """
     planes, lattice = level
     rows, slack_rows, row_stride = _build_axis(grid.across_m, settings.slack_m)

@@ -1,15 +1,12 @@
 """Load kernels: the response of a taxel to a contact by its offset, tabled once, so that an image is a table look-up.
 
 On a surface that looks the same everywhere (a cylinder, a plane), the pressure under an indenter is one field
-that moves with the contact. A taxel's load is the integral of that field over its rectangle. It depends only
-on the offset of the contact from the taxel in patch coordinates, on the turn of the patch (alpha), and,
-because stress and force both scale with E, on the ratio F_n / E:
+that moves with the contact, and stress and force both scale with E, so that
 
-    T_j = S_j F_n phi(u_c - u_j, v_c - v_j; alpha, F_n / E)
+    T_j = S_j F_n phi(u_c - u_j, v_c - v_j; alpha, F_n / E).
 
-phi is the share of the normal force that the taxel reports: both projection factors of the paper's sensor
-model, with the penetration of its force equilibrium. The contact physics is that of :mod:`skincal.model`: the
-field comes from the same surfaces, indenters and rays.
+phi is the share of the normal force that the taxel reports: the integral of the field over its rectangle, with
+both projection factors and the force equilibrium of :mod:`skincal.model`.
 """
 
 from __future__ import annotations
@@ -67,9 +64,6 @@ def build_table(
         spread_m: width of the Gaussian that spreads the pressure sideways [m]; 0 for the paper's foundation.
         projected: whether a taxel feels the pressure times both projections of the paper; else the pressure
             itself.
-
-    Returns:
-        The table. Its lattice is just large enough for the largest contact.
     """
     levels = max(2, int(np.ceil((ratio_span[1] - ratio_span[0]) / RATIO_STEP)) + 1)
     log_ratios = ratio_span[0] + RATIO_STEP * np.arange(levels)
@@ -162,13 +156,7 @@ def _solve_penetrations(field: _Field, ratios_m3: Floats) -> Floats:
 
 
 def contact_reach(surface: Surface, indenter: Indenter, ratio_m3: float) -> float:
-    """Return the radius around the contact that contains all of it [m].
-
-    Args:
-        surface: a cylinder or a plane.
-        indenter: the indenter.
-        ratio_m3: F_n / E [m³].
-    """
+    """Return the radius around the contact that contains all of it [m], on a cylinder or a plane, at F_n / E [m³]."""
     asked, count, half = pickle.dumps((surface, indenter)), 40, 1e-3
     for _ in range(14):
         field = _cached_field(asked, count, half)
@@ -218,12 +206,7 @@ def box_shares(
 ) -> None:  # pragma: no cover - compiled
     """Fill ``out`` (N, N) with integrals of a cell-wise constant field over a box centred on each cell, times a factor.
 
-    Args:
-        load: (N, N) the field.
-        width_u: width of the box along the first axis, in cells.
-        width_v: the same along the second.
-        factor: of the integrals.
-        out: filled.
+    The widths of the box along both axes are in cells.
     """
     side = load.shape[0]
     total, line = np.zeros((side + 1, side)), np.zeros(side + 1)

@@ -86,16 +86,10 @@ def interpolate_plane(plane: Any, rows: Any, cols: Any) -> Any:  # pragma: no co
 
 @allocating
 def look_up_cubic(planes: Any, plane: Any, row: Any, col: Any) -> Any:  # pragma: no cover - compiled
-    """Look up values and derivatives in a stack of planes.
+    """Return values (3, n) in planes (P, N, N), and their derivatives along both axes per lattice step.
 
-    Args:
-        planes: (P, N, N) stack of planes.
-        plane: (n,) number of the plane.
-        row: (n,) position along the first axis of the plane, in lattice steps; clamped to the plane.
-        col: (n,) position along the second axis.
-
-    Returns:
-        (3, n) values, and their derivatives along both axes per lattice step.
+    ``plane`` (n,) is the number of the plane, ``row`` and ``col`` (n,) are positions in lattice steps, which are
+    clamped to the plane.
     """
     out = np.empty((3, len(plane)))
     side = planes.shape[1]
@@ -111,19 +105,9 @@ def look_up_level(
 ) -> int:  # pragma: no cover - compiled
     """Fill ``out`` (3, J) with the load shares of taxels under one contact, and their slopes by u and v [1/m].
 
-    Args:
-        planes: (K, M, N, N) load shares of presses, by taxel size.
-        size_of: (J,) number of the size of each taxel.
-        centres: (J, 2) of the taxels [m].
-        lattice: step and half width of the planes, and the reach (K,) of the presses' load shares [m].
-        u: contact in patch coordinates [m].
-        v: the same.
-        press: number of the press.
-        near: (J,) filled with the numbers of the taxels that the contact may reach.
-        out: filled.
-
-    Returns:
-        The number of taxels that the contact may reach.
+    ``planes`` and ``lattice`` are those of :meth:`KernelTable.level`, ``size_of`` and ``centres`` those of the
+    table. ``near`` (J,) is filled with the numbers of the taxels that the contact may reach; their count is
+    returned.
     """
     step, half, reaches = lattice
     reach, side, count = reaches[press], planes.shape[2], 0
@@ -171,12 +155,7 @@ class KernelTable(NamedTuple):
     def level(
         self, turn: int, log_ratio: Floats, indenter: Ints
     ) -> tuple[NDArray[np.float32], tuple[float, float, Floats]]:
-        """Return the load shares of presses (K,) at a tabled turn, cropped to where they are not zero.
-
-        Args:
-            turn: number of the turn.
-            log_ratio: (K,) log(F/E) of the presses.
-            indenter: (K,) index of the indenter.
+        """Return the load shares of presses (K,) at a tabled turn and log(F/E), cropped to where they are not zero.
 
         Returns:
             (K, M, N, N) load shares, and their lattice: step, half width, and reach as in ``reach_m`` (K,) [m].
@@ -197,21 +176,10 @@ class KernelTable(NamedTuple):
 
 
 class ImageTable(NamedTuple):
-    """Images tabled press by press: see :class:`skincal.fitting.general_table.SkinTable`.
+    """Images tabled press by press: the arrays of :class:`skincal.fitting.general_table.SkinTable`, and splines.
 
-    Attributes:
-        shares: (P, S, S, C) by turn and ratio, and their slopes by the centre across and along.
-        lit: (P, S, S) nodes where a look-up may not be zero.
-        plane: (K, J) which of the P planes belongs to a taxel of a press, or -1.
-        anchor_m: (K, 2) middle of each press's lattice [m].
-        middle: (K,) log(F/E) in the middle of the tabled ratios.
-        slot: (M,) for every press of the session its row in these, or -1.
-        centre: (3,) tabled centre across and along [m], and turn [rad].
-        turn_knots: (3,) relative to the middle one [rad].
-        turn_spline: (4, 2, 3) coefficients of the splines that are 1 at one knot and 0 at the others.
-        level_knots: (L,) the same of log(F/E).
-        level_spline: (4, L - 1, L) the same.
-        step_m: lattice step [m].
+    ``turn_spline`` (4, 2, 3) and ``level_spline`` (4, L - 1, L) are coefficients of the splines that are 1 at one
+    knot of the turn, or of log(F/E), and 0 at the others; knots are relative to the middle one.
     """
 
     shares: NDArray[np.float32]
@@ -389,20 +357,9 @@ def look_up(
 ) -> int:  # pragma: no cover - compiled
     """Fill ``out`` (7, J) with load shares and their slopes by u, v, turn, log(F/E), and the centre's position.
 
-    Args:
-        tables: :class:`Tables`.
-        kind: number of the indenter.
-        row: of the press in its session.
-        macro: (5,) macro variables.
-        u: contact in patch coordinates [m].
-        v: the same.
-        log_ratio: log(F/E).
-        workspace: from :func:`allocate_lookup`.
-        near: (J,) filled with the numbers of the taxels that the contact may reach.
-        out: filled for these; all values are zero for the others.
-
-    Returns:
-        The number of taxels that the contact may reach.
+    ``kind`` is the number of the indenter, ``row`` that of the press in its session, ``workspace`` from
+    :func:`allocate_lookup`. ``near`` (J,) is filled with the numbers of the taxels that the contact may reach,
+    ``out`` for these only; their count is returned.
     """
     if tables.images.shares.shape[0] > 0:
         return _look_up_images(tables.images, row, macro, u, v, log_ratio, workspace, near, out)

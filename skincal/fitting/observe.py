@@ -15,7 +15,6 @@ from scipy.special import ndtr, ndtri
 
 from skincal.fitting.types import Bools, Floats
 from skincal.model.rest import RestLevels, levels_from_presses
-from skincal.model.skin import Converter
 
 _CLIP_SIGMAS = 8.0
 """Distance from a bound of the converter, in sigmas, beyond which clipping has no effect: a numerical tolerance."""
@@ -52,13 +51,6 @@ class Readout:
     integer: bool
     rest_subtracted: bool = False
 
-    @property
-    def converter(self) -> Converter:
-        """Converter of the model; none if rest has been subtracted, as it then clips at an unknown level."""
-        if self.rest_subtracted:
-            return Converter.none()
-        return Converter(self.value_min, self.value_max, self.integer)
-
 
 @dataclass(frozen=True, eq=False)
 class Observed:
@@ -87,13 +79,7 @@ class Observed:
 
 
 def expected_counts(value: Floats, sigma: float, readout: Readout) -> Floats:
-    """Return the mean count of a taxel at ``value`` with Gaussian noise ``sigma``, rounded and clipped.
-
-    Args:
-        value: any shape [counts].
-        sigma: noise of one frame [counts].
-        readout: bounds and rounding.
-    """
+    """Return the mean count of a taxel at values (…) with Gaussian noise ``sigma`` of a frame, rounded and clipped."""
     value = np.asarray(value, dtype=np.float64)
     if readout.rest_subtracted:
         # The bounds belong to the raw counts, and rest may lie anywhere between them.
@@ -144,13 +130,7 @@ def _tabulate_lift(sigma: float) -> tuple[Floats, Floats]:
 
 
 def clipped_share(value: float, sigma: float, readout: Readout) -> float:
-    """Return the fraction of one frame's standard deviation that rounding and clipping leave, in (0, 1].
-
-    Args:
-        value: of the taxel [counts].
-        sigma: noise of one frame [counts].
-        readout: bounds and rounding.
-    """
+    """Return the fraction of a frame's standard deviation ``sigma`` that rounding and clipping leave, in (0, 1]."""
     step = 1.0 if readout.integer else sigma / 20
     edge = int(np.ceil(_CLIP_SIGMAS * sigma / step + 1))
     centre = float(np.rint(value)) if readout.integer else value
@@ -187,9 +167,6 @@ def observe(counts: Floats, readout: Readout, rest_mean: Floats | None = None) -
         readout: what is known of the converter.
         rest_mean: (J,) mean counts of untouched taxels, from idle frames. None to estimate it from the
             presses that leave a taxel dark (the lower third of its readings).
-
-    Returns:
-        Values, with estimates of their noise.
     """
     counts = np.asarray(counts, dtype=np.float64)
     found = levels_from_presses(counts)
@@ -314,15 +291,7 @@ _LEVEL_PART = 0.02
 def _undo_clipping(
     counts: Floats, readout: Readout, rest: Floats, sigma: float, scatter: float, known: Bools
 ) -> tuple[Floats, Floats, Bools, Floats, Floats]:
-    """Undo the clipping of noise at the bounds.
-
-    Args:
-        counts: (K, J) mean counts.
-        readout: bounds and rounding.
-        rest: (J,) mean counts at rest.
-        sigma: noise of one frame [counts].
-        scatter: of the hold means of untouched taxels [counts].
-        known: (J,) taxels that were seen at rest.
+    """Undo the clipping of noise at the bounds, in mean counts (K, J) and in those at rest (J,).
 
     Returns:
         Values above rest, derivative of the counts by the value, and saturation, each (K, J); subtracted rest

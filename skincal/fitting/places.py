@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from skincal.fitting.laplace import MERGED, Fold, measure_fold
 from skincal.fitting.lattice import minima, square
 from skincal.fitting.lookup import compiled
 from skincal.fitting.presses import Places, PressModel, PressStates
 from skincal.fitting.types import Bools, Floats, Ints
-from skincal.fitting.volume import MERGED, Fold, measure_fold
 from skincal.model.press.jit import reporting_compilation
 
 SAME_M = 0.03e-3
@@ -40,15 +40,9 @@ _APART_M = 0.05e-3
 
 
 def find_duplicates(press: Ints, uv_m: Floats, fold: Fold) -> Bools:
-    """Return which positions have converged to an earlier position of the same press, and would count twice.
+    """Return which positions (W, N) have converged to an earlier position of the same press, and would count twice.
 
-    Args:
-        press: (N,) number of the press.
-        uv_m: (W, N, 2) positions after convergence, for W macro points [m].
-        fold: the folds there, of W * N positions.
-
-    Returns:
-        (W, N).
+    ``press`` is (N,), ``uv_m`` (W, N, 2), and ``fold`` of W * N positions, for W macro points.
     """
     merged = (fold.a <= MERGED).reshape(uv_m.shape[:2])
     i, j = np.nonzero(np.tril(press[:, None] == press, -1))
@@ -60,16 +54,9 @@ def find_duplicates(press: Ints, uv_m: Floats, fold: Fold) -> Bools:
 
 
 def find_tracked_mirrors(press: Ints, slack_m: Floats, mirror_m: Floats, count: int) -> Bools:
-    """Return which positions have their mirror position among the other positions of the same press.
+    """Return which positions (count * N,) have their mirror position among the others of the same press.
 
-    Args:
-        press: (N,) number of the press.
-        slack_m: (count * N, 2) slack of the positions [m].
-        mirror_m: (count * N, 2) slack of the mirror positions [m].
-        count: number of macro points.
-
-    Returns:
-        (count * N,).
+    ``press`` is (N,); slacks of positions and mirror positions are (count * N, 2), for ``count`` macro points.
     """
     spots = len(press)
     slack, mirror = slack_m.reshape(count, spots, 2), mirror_m.reshape(count, spots, 2)
@@ -82,15 +69,10 @@ def find_tracked_mirrors(press: Ints, slack_m: Floats, mirror_m: Floats, count: 
 
 
 def find_places(model: PressModel, macro: Floats, sigmas: Floats) -> Places:
-    """Find all contact positions within the slack that explain each press, for one macro point.
+    """Find all contact positions within the slack that explain each press, for one macro point (5,) and sigmas (6,).
 
     A lattice of starts finds most of them. The search also starts from mirror positions, as their basins may
     be narrower than the lattice.
-
-    Args:
-        model: the presses.
-        macro: (5,) macro variables.
-        sigmas: (6,) in the order of ``HYPER``.
     """
     found = _on_lattice(model, macro, sigmas)
     for _ in range(2):

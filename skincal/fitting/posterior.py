@@ -1,14 +1,10 @@
 """The joint posterior of the macro variables, with positions, forces and shared errors marginalised.
 
-On the grid each press is placed by its normalised image. The ratios of two or three taxels do not determine a
-position fully, so the loss there stays far above the noise of good data, and its minimum is biased. From the
-best grid points on, the fit is therefore continuous, with the likelihood of the absolute images
-(:mod:`skincal.fitting.readings`). The slack of each press is Gaussian (sigma_p), and so are its force error
-(sigma_f) and the errors that presses share (:mod:`skincal.fitting.shared`). All sigmas are estimated from the
-data along with the macro variables. Intervals therefore widen by themselves on a rig that is worse than
-declared, or if the model does not quite fit. The integrals over slack and force are Laplace approximations,
-summed over all possible positions of a press. The macro variables and the sigmas are sampled in
-:mod:`skincal.fitting.sampling`.
+From the best grid points on, the fit is continuous, with the likelihood of the absolute images
+(:mod:`skincal.fitting.readings`). Slack and force error of each press are Gaussian, and so are the errors that
+presses share (:mod:`skincal.fitting.shared`); their sigmas are estimated along with the macro variables, so that
+intervals widen on a rig that is worse than declared. Integrals are Laplace approximations, summed over all
+possible positions of a press. :mod:`skincal.fitting.sampling` draws from it.
 """
 
 from __future__ import annotations
@@ -18,11 +14,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag
 
+from skincal.fitting.laplace import (
+    eliminate_nuisance,
+    log_integral,
+    log_volume,
+    measure_fold,
+    sum_by_press,
+    weigh_untracked_mirrors,
+)
 from skincal.fitting.lattice import best_of_each
 from skincal.fitting.places import find_duplicates, find_places, find_tracked_mirrors
 from skincal.fitting.presses import Places, PressModel, PressStates, factor_inverse
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.shared_integral import eliminate_nuisance, log_integral
 from skincal.fitting.sigmas import (
     SPREADS,
     initial_sigmas,
@@ -32,7 +35,6 @@ from skincal.fitting.sigmas import (
     weigh_presses,
 )
 from skincal.fitting.types import Floats
-from skincal.fitting.volume import log_volume, measure_fold, weigh_untracked_mirrors
 
 ITERATIONS = 12
 """Most full Gauss-Newton steps of the nuisance at one point of the posterior."""
@@ -118,13 +120,8 @@ def log_posterior(model: PressModel, places: Places, bounds: Bounds, points: Flo
 def press_evidence(model: PressModel, places: Places, points: Floats) -> tuple[Floats, Floats, PressStates]:
     """Return the log evidence (W,) of all presses by Laplace approximations at their positions, up to a constant.
 
-    Args:
-        model: the presses.
-        places: possible contact positions of each press.
-        points: (W, 11) macro variables and logs of the sigmas.
-
-    Returns:
-        The evidence, the probability (W, N) of each position of a press, and the presses fitted there (W * N).
+    Also return the probability (W, N) of each position of a press, and the presses fitted there (W * N). Points
+    (W, 11) are as for :func:`log_posterior`.
     """
     count, spots = len(points), len(places.press)
     state = model.fit_at_places(places, points[:, :5], np.exp(points[:, 5:]), iterations=ITERATIONS)
@@ -133,13 +130,7 @@ def press_evidence(model: PressModel, places: Places, points: Floats) -> tuple[F
     evidence = -0.5 * state.objective + log_volume(fold, weigh_untracked_mirrors(model, state, fold, tracked))
     twice = find_duplicates(places.press, state.uv_m.reshape(count, spots, 2), fold)
     evidence = np.where(twice, -np.inf, evidence.reshape(count, spots))
-    first = np.flatnonzero(np.diff(places.press, prepend=-1))
-    each = np.diff(first, append=spots)
-    highest = np.maximum.reduceat(evidence, first, axis=1)
-    chance = np.exp(evidence - np.repeat(highest, each, axis=1))
-    mass = np.add.reduceat(chance, first, axis=1)
-    chance /= np.repeat(mass, each, axis=1)
-    total = (highest + np.log(mass)).sum(axis=1)
+    total, chance = sum_by_press(places.press, evidence)
     return total - len(model.problem) * (2 * points[:, 5] + points[:, 6]), chance, state
 
 

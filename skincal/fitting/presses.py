@@ -122,14 +122,7 @@ class PressModel:
     tables: Tables
 
     def evaluate(self, macro: Floats, sigmas: Floats, press: Ints, nuisance: Floats) -> PressStates:
-        """Evaluate objective, Hessian and slopes at given nuisance.
-
-        Args:
-            macro: (n, 5) macro variables in the order of ``MACRO``, or (5,) for all.
-            sigmas: (n, 6) in the order of ``HYPER``, not their logarithms, or (6,) for all.
-            press: (n,) number of the press.
-            nuisance: (n, 3) slack and force error.
-        """
+        """Evaluate objective, Hessian and slopes at nuisance (n, 3); other arguments as for :meth:`fit_nuisance`."""
         return self.fit_nuisance(macro, sigmas, press, nuisance, iterations=0, to_rest=False)
 
     def fit_nuisance(
@@ -183,15 +176,8 @@ class PressModel:
     ) -> PressStates:
         """Estimate the nuisance of presses from their possible positions (N,), for W macro points.
 
-        Args:
-            places: possible contact positions of each press.
-            macro: (W, 5) macro variables.
-            sigmas: (W, 6) in the order of ``HYPER``, not their logarithms.
-            forces_known: whether to take the forces as measured.
-            how: as for :meth:`fit_nuisance`.
-
-        Returns:
-            W * N pairs, all positions of one macro point after another.
+        ``macro`` is (W, 5) and ``sigmas`` (W, 6), ``forces_known`` takes the forces as measured, and ``how`` is as for
+        :meth:`fit_nuisance`. The result has W * N pairs, all positions of one macro point after another.
         """
         spots = len(places.press)
         macro, sigmas = np.repeat(macro, spots, axis=0), np.repeat(sigmas, spots, axis=0)
@@ -212,9 +198,7 @@ class PressModel:
     def nuisance_at(self, places: Places, macro: Floats) -> Floats:
         """Return the nuisance (W * N, 3) that keeps presses at their positions (N,) on the patch.
 
-        Args:
-            places: (N,) positions.
-            macro: (W * N, 5) macro variables, repeated for every position.
+        The macro variables (W * N, 5) are repeated for every position.
         """
         count = len(macro) // len(places.press)
         press = np.tile(places.press, count)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from skincal.errors import WorkError
-from skincal.fitting.general_contacts import ContactMap
 from skincal.fitting.observe import Observed, Readout, observe
 from skincal.fitting.readings import Readings
 from skincal.fitting.shared import Shared, smooth_field
 from skincal.fitting.types import Bools, Floats, Ints
 from skincal.model import Indenter, SensorPose, Surface, TaxelLayout
+
+if TYPE_CHECKING:
+    from skincal.fitting.general_skin import ContactMap
 
 ACTIVE_COUNTS = 5.0
 """A taxel of a converter from 0 to 255 is active if it is this far above its rest level [counts] (paper)."""

@@ -109,25 +109,12 @@ def _evaluate(
     found: Any,
     g: Any,
 ) -> int:  # pragma: no cover - compiled
-    """Fill Q and its Hessian in row ``i`` of ``found`` for press ``k`` at nuisance ``x`` (3,), and half the gradient.
+    """Fill Q and its Hessian in row ``i`` of ``found`` for press ``k`` at nuisance ``x``, and half the gradient ``g``.
 
-    Args:
-        tables: as for :func:`search`.
-        presses: the same.
-        macro: (5,) macro variables.
-        sigmas: (6,) in the order of ``HYPER``.
-        k: number of the press.
-        x: (3,) nuisance.
-        workspace: cosine and sine of alpha, sum of squares without load, ``dark`` of
-            :func:`_evaluate_unloaded`, and the arrays of the look-up.
-        count: number of taxels of the last look-up if that was at ``x``; -1 to look up anew.
-        i: row to fill.
-        whole: whether to fill all columns of the row.
-        found: filled.
-        g: (3,) filled: half the gradient of Q.
-
-    Returns:
-        The number of taxels that the contact may reach.
+    ``workspace`` has cosine and sine of alpha, the sum of squares without load, ``dark`` of
+    :func:`_evaluate_unloaded`, and the arrays of the look-up. ``count`` is the number of taxels of the last
+    look-up if that was at ``x``, -1 to look up anew; that of the contact is returned. With ``whole`` all columns
+    of the row are filled.
     """
     (cos, sin), total, dark, looked, near, seen = workspace
     at, readings = presses.at[k], presses.readings
@@ -252,7 +239,7 @@ def search(
         tables: :class:`skincal.fitting.lookup.Tables`.
         presses: :class:`Presses`.
         press: (n,) number of the press.
-        start: (n, 3) nuisance to start from.
+        start: (n, 3) nuisance.
         bound: (3,) bound of the nuisance.
         most: (3,) longest step along each axis.
         iterations: most full steps; 0 to evaluate the start only.

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from skincal.fitting.alternatives import Nonlinearity
 from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.response import Nonlinearity
 from skincal.fitting.types import Bools, Floats
 
 PARAMETERS = ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m", "scale_per_n")
@@ -17,6 +19,15 @@ PARAMETERS = ("across_m", "y_m", "alpha_rad", "elasticity_pa_per_m", "scale_per_
 
 FEWEST_DRAWS = 20
 """With a smaller effective sample size, the draws do not show the width of the valley."""
+
+ONE_PLACE = 0.25
+"""Presses within this fraction of the patch count as one place."""
+
+POSE = ("across_m", "y_m", "alpha_rad")
+"""Names of the pose parameters."""
+
+OPEN = (-np.inf, np.inf)
+"""Interval of a parameter that the data do not bound."""
 
 
 @dataclass(frozen=True)
@@ -152,3 +163,14 @@ class FitResult:
     def gives_intervals(self) -> bool:
         """Return whether the data bound any parameter: there are enough readings, and the draws have converged."""
         return self.problem.determined and (self.bound == "fixed" or self.effective_draws >= FEWEST_DRAWS)
+
+
+def extent_m(problem: FitProblem) -> float:
+    """Return the larger of the two extents of the presses, across and along [m]."""
+    return float(max(np.ptp(problem.across_m), np.ptp(problem.along_m)))
+
+
+def at_one_place(problem: FitProblem) -> bool:
+    """Return whether the presses lie too close together to separate turn and position of the sensor."""
+    size = float(np.ptp(problem.rig.layout.centres_m, axis=0).max()) or problem.rig.slack_m
+    return extent_m(problem) < ONE_PLACE * size

@@ -79,14 +79,14 @@ def sample(
     term_points: int = 0,
     on_round: Callable[[int], None] = lambda _done: None,
 ) -> tuple[Draws, Density]:
-    """Run adaptive importance sampling around a peak.
+    """Run adaptive importance sampling of a log density around a peak.
 
     Args:
         peak: where to start.
         problem: the presses.
         density: the log posterior.
         rng: only source of randomness.
-        size: draws in each round; after each round the proposal is fitted to all draws so far.
+        size: draws in each round.
         rounds: fewest and most.
         enough_draws: effective sample size at which sampling stops.
         expensive_term: a smooth, expensive term that the density lacks. When one round is left of the fewest, a

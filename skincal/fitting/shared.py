@@ -6,7 +6,7 @@ They are linear, or nearly so, and Gaussian: theta = (g, l, b) with
 
 where B holds the gradient and the curvature of a field over the patch and its change with force and posture,
 and b ~ N(0, sigma_b²). B has no constant, which the pose would absorb. The shared errors are found along with
-the peak, and marginalised in closed form (:mod:`skincal.fitting.shared_integral`).
+the peak, and marginalised in closed form (:mod:`skincal.fitting.laplace`).
 """
 
 from __future__ import annotations
@@ -43,13 +43,7 @@ class Shared:
 
     @classmethod
     def none(cls, level_sigma: Floats, basis: Floats, fading: Floats) -> Shared:
-        """Return shared errors of zero.
-
-        Args:
-            level_sigma: (J,) prior standard deviation of each rest level [counts].
-            basis: (K, M) functions of the field at the presses.
-            fading: (M,) decrease of the mean of each function when forces fall to half.
-        """
+        """Return shared errors of zero."""
         taxels = len(level_sigma)
         return cls(np.zeros(taxels), np.zeros(taxels), np.zeros(2 * len(fading)), level_sigma, basis, fading)
 
@@ -89,10 +83,7 @@ class Shared:
         determine the product ``exp(log S + mean g)`` far better than either factor. The gains are
         marginalised with this product fixed. The mean gain, of which the data say nothing beyond ``N(0,
         sigma_g² / J)``, is added to the draws of S at the end. Marginalised over a linearisation instead, it
-        would multiply any draw far from the peak by the width of S.
-
-        Args:
-            alive: (J,) taxels that are read.
+        would multiply any draw far from the peak by the width of S. ``alive`` (J,) are the taxels that are read.
         """
         taxels, size = len(self.log_gain), len(self.theta)
         out = np.zeros((size, size))
@@ -107,15 +98,9 @@ class Shared:
         """Return the prior precision (W, T), a diagonal, for sigma_g (W,) and sigma_b (W,)."""
         count, taxels = len(gain_sigma), len(self.log_gain)
         level = np.maximum(self.level_sigma, _SMALLEST_SIGMA)
-        ones = np.ones((count, 1))
-        return np.concatenate(
-            [
-                np.repeat(gain_sigma[:, None] ** -2, taxels, axis=1),
-                ones * level**-2,
-                np.repeat(field_sigma[:, None] ** -2, len(self.field), axis=1),
-            ],
-            axis=1,
-        )
+        gains = np.repeat(gain_sigma[:, None] ** -2, taxels, axis=1)
+        fields = np.repeat(field_sigma[:, None] ** -2, len(self.field), axis=1)
+        return np.concatenate([gains, np.ones((count, 1)) * level**-2, fields], axis=1)
 
 
 def smooth_field(places: Floats, force_n: Floats, posture: Floats, rows: Ints) -> tuple[Floats, Floats]:

@@ -69,13 +69,8 @@ def weigh_presses(state: PressStates) -> Floats:
 def update_sigmas(problem: FitProblem, state: PressStates, sigmas: Floats, known: Floats | None) -> Floats:
     """Return the sigmas (6,) after one step of expectation-maximisation, with the priors of :func:`log_prior`.
 
-    A press that fits far worse than the others counts no more than the bound of :func:`weigh_presses`.
-
-    Args:
-        problem: the presses.
-        state: presses at their best positions.
-        sigmas: (6,) the present ones.
-        known: (T,) posterior variances of the shared errors; None in a climb from afar, which has none.
+    A press that fits far worse than the others counts no more than the bound of :func:`weigh_presses`. ``known``
+    (T,) are the posterior variances of the shared errors; None in a climb from afar, which has none.
     """
     centres = np.exp(log_centres(problem))
     root = factor_inverse(state.hessian)[0]

@@ -1,15 +1,13 @@
 """The compiled micro problems of the grid: every press under every centre of the sensor, at one turn and one E.
 
-For one press with observed image D, simulated shares g and the free amplitude c of the normalisation, the
-objective is
+For one press with observed image D, simulated shares g and the best amplitude c >= 0, the objective is
 
     Q(delta) = |c g(delta) - D|^2 / sigma^2 + |delta|^2 / sigma_p^2,    |delta_i| <= slack
 
-with the best c >= 0 (:mod:`skincal.fitting.micro`). First, a lattice of contacts that all centres share is
-looked up, to the nearest node. Gauss-Newton then continues from the best node within the slack, with the
-amplitude eliminated (variable projection, Kaufman 1975). It takes full steps even uphill: if two taxels
-respond, Q is a thin curved valley, and a step along the valley leaves it first, and the next step returns to
-it. The best point seen is kept.
+(:mod:`skincal.fitting.general`). A lattice of contacts that all centres share is looked up, to the nearest node.
+Gauss-Newton continues from the best node, with the amplitude eliminated (variable projection, Kaufman 1975). It
+takes full steps even uphill: if two taxels respond, Q is a thin curved valley, and a step along the valley
+leaves it first, and the next step returns to it. The best point seen is kept.
 """
 
 from __future__ import annotations
@@ -38,8 +36,8 @@ def mismatches(
     """Fill ``out`` (P, Q) with D^2 (1 - cos^2) [counts²] of one press on a lattice of contacts, to the nearest node.
 
     Args:
-        tables: planes (K, M, N, N), sizes (J,), centres (J, 2), lattice as for
-            :func:`skincal.fitting.lookup.look_up_level`, and the number of the press.
+        tables: planes, sizes, centres and lattice as for :func:`skincal.fitting.lookup.look_up_level`, and the
+            number of the press.
         weight: (J,) of the readings.
         observed: (J,) weighted image.
         across: (P,) contacts from the centre [m].
@@ -83,16 +81,9 @@ def descend(
 ) -> float:  # pragma: no cover - compiled
     """Run Gauss-Newton from ``slack`` (2,), and move it to the best point seen; return Q there.
 
-    Args:
-        tables: as for :func:`mismatches`.
-        weight: (J,) of the readings.
-        observed: (J,) weighted image.
-        at: contact from the centre across and along, at slack zero [m].
-        turn: cosine and sine of alpha.
-        settings: 1 / sigma² [1/counts²], 1 / sigma_p² [1/m²], bound of the slack [m].
-        slack: changed.
-        workspace: arrays (3, J) and (J,).
-        shares: (J,) filled: weighted load shares at the best point.
+    Arguments as for :func:`mismatches`, and ``at``, the contact from the centre across and along, at slack zero
+    [m]; ``settings``: 1 / sigma² [1/counts²], 1 / sigma_p² [1/m²], bound of the slack [m]; ``workspace``: arrays
+    (3, J) and (J,). ``shares`` (J,) is filled with the weighted load shares at the best point.
     """
     planes, size_of, centres, lattice, press = tables
     cos, sin = turn
@@ -169,8 +160,7 @@ def place(
     """Place every press (K,) for every centre (X, Y) of the sensor.
 
     Args:
-        tables: planes (K, M, N, N) at this turn and E, sizes (J,), centres (J, 2), lattice as for
-            :func:`mismatches`.
+        tables: planes, sizes, centres and lattice as for :func:`mismatches`, at this turn and E.
         images: weights of the readings (K, J), and weighted images (K, J).
         lattice: contacts from the sensor's centre across (K, P) and along (K, Q), last centre first [m].
         at_zero: contacts from the centre at slack zero, across (K, X) and along (K, Y) [m].

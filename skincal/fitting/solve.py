@@ -10,6 +10,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from skincal.fitting.alternatives import (
+    LawSpread,
+    Nonlinearity,
+    candidate_responses,
+    weigh_laws,
+    weigh_responses,
+    with_response,
+)
 from skincal.fitting.conclude import conclude
 from skincal.fitting.fit_options import STEPS, FitOptions, GridSteps, SearchBox
 from skincal.fitting.general_table import (
@@ -22,12 +30,9 @@ from skincal.fitting.general_table import (
     split_presses,
     tabulate_presses,
 )
-from skincal.fitting.grid import GridSlab, MacroGrid, span
-from skincal.fitting.law import LawSpread, weigh_laws
-from skincal.fitting.micro import MicroSettings
+from skincal.fitting.grid import GridSlab, MacroGrid, MicroSettings, span
 from skincal.fitting.posterior import Bounds, Peak
 from skincal.fitting.problem import COORDINATES, FEW_PRESSES, FitError, FitProblem
-from skincal.fitting.response import Nonlinearity, candidate_responses, weigh_responses, with_response
 from skincal.fitting.result import FitResult, GridResult
 from skincal.fitting.robust import (
     find_dead_taxels,
@@ -90,15 +95,12 @@ class Store(Protocol):
 
     def keep(self, turn: int, slab: GridSlab, /) -> None:
         """Store the results of one turn of the grid."""
-        ...
 
     def table(self, name: str, /) -> SkinTable | None:
         """Return the image table stored under a name; None if there is none."""
-        ...
 
     def keep_table(self, name: str, table: SkinTable, /) -> None:
         """Store an image table. Tables take most of the time of the general way."""
-        ...
 
 
 def default_steps(problem: FitProblem) -> GridSteps:
@@ -164,9 +166,6 @@ def solve(
         store: checkpoint for finished parts; None for none.
         progress: progress callback.
         meanwhile: called once the workers are mostly idle, so that the caller can start other work there.
-
-    Returns:
-        Best point, intervals, grid, draws and findings.
 
     Raises:
         FitError: the presses do not allow a fit.

@@ -11,33 +11,27 @@ import pickle
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from skincal.fitting import general, grid
+from skincal.fitting.expensive_terms import find_narrow_slacks, log_evidence, log_selection_probability
 from skincal.fitting.general_table import SkinTable
-from skincal.fitting.grid import GridSlab, MacroGrid
+from skincal.fitting.grid import GridSlab, MacroGrid, MicroSettings
 from skincal.fitting.kernel import build_table
 from skincal.fitting.lookup import NO_IMAGES, Tables
-from skincal.fitting.micro import MicroSettings
 from skincal.fitting.posterior import Bounds, Peak, climb, log_posterior, press_evidence
-from skincal.fitting.press_evidence import find_narrow_slacks, log_evidence
 from skincal.fitting.presses import Places, PressModel
 from skincal.fitting.problem import FitProblem
-from skincal.fitting.selection import log_selection_probability
 from skincal.fitting.types import Floats
 
 REACH = 0.9
 """How far log E may deviate from the middle of the kernel tables in the continuous part of a fit."""
 
 
-class Mapper(Protocol):
-    """Applies a function to every argument; results come in the order of the arguments."""
-
-    def __call__(self, function: Callable[[Any], Any], arguments: Sequence[Any], /) -> Iterable[Any]:
-        """Return the results in the order of the arguments."""
-        ...
+Mapper = Callable[[Callable[[Any], Any], Sequence[Any]], Iterable[Any]]
+"""Applies a function to every argument; results come in the order of the arguments."""
 
 
 def evaluate_slab(problem: FitProblem, macro_grid: MacroGrid, turn: int, settings: MicroSettings) -> GridSlab:
@@ -113,12 +107,8 @@ def climb_near(
 ) -> Peak:
     """Climb to a peak of the posterior; if it leaves the kernel tables, build new ones around it and climb on.
 
-    Args:
-        problem: the presses.
-        bounds: box of the macro variables.
-        start: (5,) macro variables.
-        around: tables to use; None for kernel tables around the start.
-        sigmas: (6,) of a nearby peak; None for a climb from afar.
+    ``around`` None makes kernel tables around the start; other arguments as for
+    :func:`skincal.fitting.posterior.climb`.
     """
     around = around or Neighbourhood.around(start)
     peak = climb(around.model(problem), bounds, start, sigmas=sigmas)

@@ -1,12 +1,8 @@
-"""The scale of each taxel under uniform pressure.
+"""The scale of each taxel under uniform pressure, where neither pose nor elasticity matter.
 
-A uniform pressure gives taxel j the load F phi_j, whatever pose and elasticity are, so the skin model reduces to
-
-    D_kj = S_j F_k phi_j:
-
-a straight line for each taxel. Its slope is found by robust least squares (Huber's weights, Ann. Math. Stat.
-35 (1964) 73). With enough presses the line need not pass through the origin, so that neither a zero offset of
-a pressure gauge nor a jump of the rest level biases the scale.
+The model reduces to D_kj = S_j F_k phi_j: a straight line for each taxel. Its slope is found by robust least
+squares (Huber's weights, Ann. Math. Stat. 35 (1964) 73). With enough presses the line need not pass through the
+origin, so that neither a zero offset of a pressure gauge nor a jump of the rest level biases the scale.
 """
 
 from __future__ import annotations
@@ -117,8 +113,7 @@ def bootstrap_common_scale(
 ) -> Floats:
     """Return draws of the common scale [1/N] by a bootstrap over presses; arguments as for :func:`fit_scales`.
 
-    Draws in which no taxel responds, as of one press resampled again and again, are left out, so there may be
-    fewer than ``count``.
+    Draws in which no taxel responds, as of one press resampled again and again, are left out.
     """
     rows = rng.integers(0, len(values), (count, len(values)))
     drawn = [

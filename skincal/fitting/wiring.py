@@ -1,15 +1,11 @@
 """Search for the permutation of the taxels that explains the images best.
 
-Where a press was is measured, so a nominal contact predicts which taxels it loads and how much. A taxel's
-readings over all presses, its trace, are therefore predicted up to the sensor's pose, the width of the
-contact and one scale. Traces are assigned to positions by the squared differences between every measured and
-every predicted trace. All permutations are searched by the assignment problem (Kuhn 1955;
-``scipy.optimize.linear_sum_assignment``); those that a cable or a reading order makes are tried by name. Each
-candidate gets its own best pose and press positions within their slack. Measured positions may also have an
-error that presses share: a constant beyond the range of poses, a stretch, a shear, a bend. Every order, that
-of the data among them, gets the best error of this kind, at the cost of its prior. An order is therefore
-reported only if it explains what no such error does: its score must beat that of the data's order by more
-than the log number of permutations that it competes with.
+A nominal contact at the measured position predicts a taxel's readings over all presses, its trace. All
+permutations are searched by assigning measured to predicted traces (Kuhn 1955;
+``scipy.optimize.linear_sum_assignment``); those that a cable or a reading order makes are tried by name. Every
+order, that of the data among them, gets its own pose, press positions within their slack, and smooth error of
+the positions at the cost of its prior. An order is reported only if its score beats that of the data's order by
+more than the log number of permutations that it competes with.
 """
 
 from __future__ import annotations

@@ -88,9 +88,9 @@ def idle_memory_residual(on: CalibratedSkin, dataset: Dataset) -> Floats:
     if frames is None or not on.full.has_memory or touching(dataset).all():
         return np.zeros(on.skin.patch.layout.taxels)
     still = replace(on.full, effects=tuple(e for e in on.full.effects if not e.effect.has_memory))
-    after, before = images_with_effects(on, dataset, None, ends=(on.full, still))
-    assert after.frames is not None and before.frames is not None
-    return np.nanmean((after.frames - before.frames)[~touching(dataset)], axis=0)
+    (_, after), (_, before) = images_with_effects(on, dataset, None, ends=(on.full, still))
+    assert after is not None and before is not None
+    return np.nanmean((after - before)[~touching(dataset)], axis=0)
 
 
 def _level(skin: EffectSkin, samples: Samples) -> Floats:
@@ -116,7 +116,8 @@ def _middles(touches: Touches, dataset: Dataset, rows: Ints) -> Samples:
     """Return one sample per press (H,) in the middle of its hold."""
     middle = _middle_times(dataset)
     more: dict[str, Any] = {} if middle is None else {"time_s": middle[rows], "phase": HOLD}
-    samples = hold_samples(touches, dataset, rows, pose_names(dataset), **more)
+    contacts, indenters = touches.contacts(), touches.indenters()
+    samples = hold_samples(contacts, indenters, dataset, rows, pose_names(dataset), **more)
     if middle is None:
         return samples
     given, clock = press_times(dataset)
@@ -152,7 +153,7 @@ def _memory(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None) -> tup
     unit = replace(on.full, skin=replace(on.full.skin, parameters=parameters))
     remembering = replace(unit, effects=tuple(e for e in unit.effects if isinstance(e.effect, MemoryEffect)))
     ends = (remembering, replace(unit, effects=()))
-    y, x = (np.nan_to_num(i.presses) for i in images_with_effects(on, dataset, slack_m, ends=ends))
+    y, x = (np.nan_to_num(held) for held, _ in images_with_effects(on, dataset, slack_m, ends=ends))
     power = (x**2).sum(axis=1, keepdims=True)
     some = power > 0
     gain = np.where(some, (y * x).sum(axis=1, keepdims=True) / np.where(some, power, 1.0), 1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,19 +26,6 @@ Progress = Callable[[int, int], None]
 Readout = Callable[[FloatArray], Floats]
 
 
-@dataclass(frozen=True, eq=False)
-class Images:
-    """Predicted values.
-
-    Attributes:
-        presses: (P, J) values of the presses [counts]; NaN at unknown positions.
-        frames: (M, J) values of the frames [counts]; None without frames.
-    """
-
-    presses: Floats
-    frames: Floats | None
-
-
 def images_with_effects(
     on: CalibratedSkin,
     dataset: Dataset,
@@ -46,7 +33,7 @@ def images_with_effects(
     readout: Readout | None = None,
     progress: Progress | None = None,
     ends: tuple[EffectSkin, ...] = (),
-) -> tuple[Images, ...]:
+) -> list[tuple[Floats, Floats | None]]:
     """Return the images of a dataset by a skin with effects.
 
     Frames are simulated in sequence, so that effects with memory carry their state. A press is the mean over the frames
@@ -59,6 +46,9 @@ def images_with_effects(
         readout: function that clips values (N, J) to the converter's range; default: no clipping.
         progress: callback with the number of finished samples and of all samples.
         ends: skins for the stages after the contact, each with its own images; default: the skin itself.
+
+    Returns:
+        For each end, values of the presses (P, J) [counts], NaN at unknown positions, and of the frames (M, J).
     """
     ends, poses, count = ends or (on.full,), pose_names(dataset), len(dataset.presses)
     presses = [np.full((count, on.skin.patch.layout.taxels), np.nan) for _ in ends]
@@ -76,7 +66,8 @@ def images_with_effects(
     others = others[~held[others]]
     if len(others):
         touches = Touches.of_presses(on, dataset, slack_m)
-        played = standard_presses(touches.select(others), dataset, others, poses)
+        some = touches.select(others)
+        played = standard_presses(some.contacts(), some.indenters(), dataset, others, poses)
         samples = played.samples
         if dataset.frames is not None and len(dataset.frames) and samples.time_s is not None:
             # Drifts count from the beginning of the session.
@@ -86,7 +77,7 @@ def images_with_effects(
             presses[k][others] = played.means(
                 np.asarray(readout(values) if readout else values, dtype=np.float64)
             )
-    return tuple(Images(of_presses, of_frames) for of_presses, of_frames in zip(presses, frames, strict=True))
+    return list(zip(presses, frames, strict=True))
 
 
 def _values(

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
 
 from skincal.calibration import MARGIN_M, Calibration, Effect, check_same_sensor
-from skincal.dataset import IDLE, Dataset, DatasetMeta, Frames, Presses
-from skincal.dataset.uniform_pressure import centre_contacts
+from skincal.dataset import IDLE, Dataset, DatasetMeta, Frames, Presses, idle_means
+from skincal.dataset.uniform_pressure import centre_contacts, uniform_pressure, zero_load_levels
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import Problem
-from skincal.fitting.types import Floats
+from skincal.fitting.observe import Observed, Readout, expected_counts, observe
+from skincal.fitting.types import Bools, Floats
 from skincal.prediction.holds import best_slack, idle_memory_residual, rest_level
-from skincal.prediction.images import Images, images_with_effects
-from skincal.prediction.mismatch import Mismatch, mismatch, observed_images, rms, within_range
+from skincal.prediction.images import images_with_effects
 from skincal.prediction.session_samples import pose_names, session_samples
 from skincal.prediction.touches import CalibratedSkin, Touches, frame_presses, touching
 from skincal.version import __version__
@@ -27,8 +28,19 @@ Progress = Callable[[str, int, int], None]
 """Progress callback: stage, amount done, total amount."""
 
 
-def _silent(_stage: str, _done: int, _total: int) -> None:
-    return
+@dataclass(frozen=True)
+class Mismatch:
+    """Root mean square difference per taxel between measured and predicted counts, during contact.
+
+    Attributes:
+        rmse_counts: difference of the columns as they are. A prediction has no noise, but clipped noise lifts the mean
+            of an untouched taxel slightly above 0, which counts as a difference.
+        rmse_with_rest_counts: difference after the contributions of the session's noise and rest level are added to the
+            prediction: comparable with the loss of a fit and with the noise.
+    """
+
+    rmse_counts: float
+    rmse_with_rest_counts: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +70,11 @@ class Prediction:
 
 
 def predict_dataset(
-    calibration: Calibration, dataset: Dataset, *, slack: bool = False, progress: Progress = _silent
+    calibration: Calibration,
+    dataset: Dataset,
+    *,
+    slack: bool = False,
+    progress: Progress = lambda _stage, _done, _total: None,
 ) -> Prediction:
     """Predict the images of all presses and frames of a dataset (contract, section 6).
 
@@ -88,18 +104,18 @@ def predict_dataset(
     on = CalibratedSkin.of(calibration, dataset, pose_names(dataset))
     seen = observed_images(dataset, idle_memory_residual(on, dataset))
     slack = slack and dataset is given  # under uniform pressure the image does not depend on the position
-    slack_m = best_slack(on, dataset, seen, _stage_progress("slack", progress)) if slack else None
-    images = (_effect_images if on.has_effects else _base_images)(on, dataset, slack_m, progress)
+    slack_m = best_slack(on, dataset, seen, partial(progress, "slack")) if slack else None
+    of_holds, of_time = _images(on, dataset, slack_m, progress)
     level = rest_level(on, dataset) if on.has_effects else 0.0
-    presses = replace(given.presses, counts=images.presses)
+    presses = replace(given.presses, counts=of_holds)
     if slack_m is not None:
         presses = _moved(presses, Touches.of_presses(on, dataset, slack_m), slack_m)
     measured, pressed = dataset.presses.counts, dataset.presses.force_n > 0
     of_presses = mismatch(dataset, measured, presses.counts, pressed, seen, level)
     frames, of_frames = None, None
-    if given.frames is not None and images.frames is not None:
+    if given.frames is not None and of_time is not None:
         contact = touching(dataset)
-        frames = replace(given.frames, counts=images.frames)
+        frames = replace(given.frames, counts=of_time)
         if slack_m is not None:
             moves = np.where(contact[:, None], slack_m[frame_presses(dataset)], 0.0)
             frames = _moved(frames, Touches.of_frames(on, dataset, slack_m), moves)
@@ -112,28 +128,80 @@ def predict_dataset(
     return Prediction(new, of_presses, of_frames, slack_m, lacking, warnings)
 
 
-def _stage_progress(stage: str, progress: Progress) -> Callable[[int, int], None]:
-    return lambda done, total: progress(stage, done, total)
-
-
-def _effect_images(
+def _images(
     on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress: Progress
-) -> Images:
-    stage = "presses" if dataset.frames is None else "frames"
+) -> tuple[Floats, Floats | None]:
+    """Return the images of the presses and of the frames; by the base model, each is independent."""
+    readout, no_frames = partial(within_range, dataset), dataset.frames is None
+    if on.has_effects:
+        told = partial(progress, "presses" if no_frames else "frames")
+        return images_with_effects(on, dataset, slack_m, readout, told)[0]
+    presses = Touches.of_presses(on, dataset, slack_m).values(partial(progress, "presses"))
+    if no_frames:
+        return readout(presses), None
+    frames = Touches.of_frames(on, dataset, slack_m).values(partial(progress, "frames"))
+    return readout(presses), readout(frames)
 
-    def readout(values: Floats) -> Floats:
-        return within_range(dataset, values)
 
-    return images_with_effects(on, dataset, slack_m, readout, _stage_progress(stage, progress))[0]
+def _readout(dataset: Dataset) -> Readout:
+    sensor = dataset.meta.sensor
+    return Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
 
 
-def _base_images(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None, progress: Progress) -> Images:
-    """Return images by the base model, each press and each frame independently."""
-    presses = Touches.of_presses(on, dataset, slack_m).values(_stage_progress("presses", progress))
-    if dataset.frames is None:
-        return Images(within_range(dataset, presses), None)
-    frames = Touches.of_frames(on, dataset, slack_m).values(_stage_progress("frames", progress))
-    return Images(within_range(dataset, presses), within_range(dataset, frames))
+def observed_images(dataset: Dataset, left_counts: Floats | float = 0.0) -> Observed:
+    """Return the measured images as unclipped values above rest.
+
+    The rest level comes from idle frames if there are enough, else from the presses that do not touch a taxel. Uniform
+    pressure touches all taxels; then the level is extrapolated to zero force.
+
+    Args:
+        dataset: dataset of the presses.
+        left_counts: (J,) contribution of memory to the idle frames, which is subtracted [counts].
+    """
+    idle = idle_means(dataset)
+    if idle is None and uniform_pressure(dataset):
+        idle = zero_load_levels(dataset)
+    return observe(dataset.presses.counts, _readout(dataset), None if idle is None else idle - left_counts)
+
+
+def within_range(dataset: Dataset, values: Floats) -> Floats:
+    """Return the values (N, J) clipped to the range of the dataset's converter, not rounded [counts]."""
+    return replace(dataset.converter(), integer=False).apply(values)
+
+
+def mismatch(
+    dataset: Dataset,
+    measured: Floats,
+    predicted: Floats,
+    contact: Bools,
+    seen: Observed,
+    level_counts: Floats | float = 0.0,
+) -> Mismatch:
+    """Return the mismatch of presses or frames.
+
+    Args:
+        dataset: dataset of the rows, for its converter.
+        measured: (N, J) measured counts.
+        predicted: (N, J) predicted counts.
+        contact: (N,) True for the rows that are compared.
+        seen: images with the session's noise and rest level.
+        level_counts: (J,) rest level in the prediction, which the session's replaces [counts].
+    """
+    counts, values = measured[contact], predicted[contact]
+    above_rest = values - np.maximum(level_counts, 0.0)
+    if np.isfinite(seen.frame_sigma_counts):
+        readout = _readout(dataset)
+        above = seen.rest_counts + (readout.value_min or 0.0)
+        with_rest = expected_counts(above_rest + above, seen.frame_sigma_counts, readout)
+    else:
+        with_rest = within_range(dataset, above_rest + np.nan_to_num(seen.rest_counts))
+    return Mismatch(rms(counts - values), rms(counts - with_rest))
+
+
+def rms(values: Floats) -> float:
+    """Return the root mean square of the known values; NaN if there are none."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
 def _moved(table: Table, touches: Touches, slack_m: Floats) -> Table:

@@ -3,8 +3,8 @@
 A frame has its own covariates; missing ones come from its press, and at rest from the previous press. In a dataset
 without frames a standard press is simulated for each press (:func:`skincal.effects.hold_session`).
 
-Throughout, ``touches`` are the contacts of the given rows, ``rows`` (H,) are rows of the table of presses, and
-``poses`` are the names of the hand poses in the order of their numbers.
+Throughout, ``touches``, or ``contacts`` and ``indenters``, are those of the given rows, ``rows`` (H,) are rows of the
+table of presses, and ``poses`` are the names of the hand poses in the order of their numbers.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from skincal.dataset import IDLE, Dataset
 from skincal.effects import HoldSession, Samples, hold_session, hold_times, met_before
 from skincal.effects.samples import UNKNOWN
 from skincal.fitting.types import Floats, Ints
+from skincal.model import Contacts
 from skincal.model.arrays import FloatArray
-from skincal.prediction.touches import Touches, frame_presses, touching
+from skincal.prediction.touches import Indenters, Touches, frame_presses, touching
 
 SAME_SITE_M = 1e-4
 """Size of the grid cells in which positions count as one site [m]."""
@@ -153,7 +154,7 @@ def last_press(owner: Ints, touch: NDArray[np.bool_]) -> Ints:
 
 
 def hold_samples(
-    touches: Touches, dataset: Dataset, rows: Ints, poses: Sequence[str], **more: Any
+    contacts: Contacts, indenters: Indenters, dataset: Dataset, rows: Ints, poses: Sequence[str], **more: Any
 ) -> Samples:
     """Return one sample per press in its hold; ``more`` are further arguments of :meth:`skincal.effects.Samples.of`."""
 
@@ -161,24 +162,25 @@ def hold_samples(
         of = dataset.presses.column(name)
         return None if of is None else of[rows]
 
-    known = np.isfinite(touches.points_m).all(axis=1)
     return Samples.of(
-        touches.contacts(),
-        touches.indenters(),
+        contacts,
+        indenters,
         **covariates(dataset, rows, column, poses),
-        touching=(touches.force_n > 0) | known,
+        touching=(contacts.force_n > 0) | np.isfinite(contacts.points_m).all(axis=1),
         press=dataset.presses.press[rows],
         **more,
     )
 
 
-def standard_presses(touches: Touches, dataset: Dataset, rows: Ints, poses: Sequence[str]) -> HoldSession:
+def standard_presses(
+    contacts: Contacts, indenters: Indenters, dataset: Dataset, rows: Ints, poses: Sequence[str]
+) -> HoldSession:
     """Return standard presses for the holds of a dataset. Without a clock, samples have neither times nor phases."""
     given, clock = press_times(dataset)
     times = hold_times(len(rows), *((g[rows] for g in given) if clock else ()))
     branch = dataset.presses.column("branch")
     down = None if branch is None else branch[rows] == "down"
-    played = hold_session(hold_samples(touches, dataset, rows, poses), times, down=down)
+    played = hold_session(hold_samples(contacts, indenters, dataset, rows, poses), times, down=down)
     if clock:
         return played
     return replace(played, samples=replace(played.samples, time_s=None, phase=None, start_s=float("nan")))
@@ -202,7 +204,8 @@ def session_samples(touches: Touches, dataset: Dataset, poses: Sequence[str]) ->
     if dataset.frames is not None:
         return frame_samples(touches, dataset, poses)
     rows = press_order(dataset)
-    return standard_presses(touches.select(rows), dataset, rows, poses).samples
+    of_rows = touches.select(rows)
+    return standard_presses(of_rows.contacts(), of_rows.indenters(), dataset, rows, poses).samples
 
 
 def covariates(dataset: Dataset, rows: Ints, column: Column, poses: Sequence[str]) -> dict[str, Any]:

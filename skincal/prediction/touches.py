@@ -22,6 +22,9 @@ CHUNK = 10_000
 
 Progress = Callable[[int, int], None]
 
+Indenters = tuple[tuple[Indenter, ...], Ints]
+"""All indenters, and the index (N,) of each contact's."""
+
 
 @dataclass(frozen=True, eq=False)
 class CalibratedSkin:
@@ -163,7 +166,7 @@ class Touches:
         normals[known] = self.on.surface.normal_at(points[known])
         return Contacts(points, normals, np.asarray(self.force_n, dtype=np.float64))
 
-    def indenters(self) -> tuple[tuple[Indenter, ...], Ints]:
+    def indenters(self) -> Indenters:
         """Return all indenters, and the index (N,) of each contact's."""
         keys = np.array(sorted(self.on.indenters), dtype=np.intp)
         indenters = tuple(self.on.indenters[int(key)] for key in keys)

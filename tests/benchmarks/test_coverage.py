@@ -16,9 +16,9 @@ from benchmarks.coverage_store import Store
 from benchmarks.coverage_tables import SCALES, as_text, summary, wilson
 from benchmarks.interval_coverage import LEVELS, QUANTILES, Job, main, run_job, strict_json, told_values
 from benchmarks.sessions import Law, Truth
+from skincal.fitting.conclude import interval
 from skincal.fitting.fit_options import FitOptions, GridSteps, SearchBox
 from skincal.fitting.result import PARAMETERS
-from skincal.fitting.valley import interval
 
 TRUTH = Truth("layer", 0.024, 3.0, -9.0, 4e8, 70.0, 0.8e-3, 0.3e-3, -0.2e-3, 1.5e-3, 0.4)
 BOX = {

@@ -133,7 +133,7 @@ def test_no_other_module_quotes_the_name_of_an_effect():
         ("cli/demo.py", "hysteresis"),  # what the demo hides
         ("cli/collect.py", "hysteresis"),  # an example
         ("fitting/fit_findings.py", "dead_taxel"),  # the code of a finding of the fit
-        ("calibration/finding_codes.py", "dead_taxel"),
+        ("calibration/parts.py", "dead_taxel"),
     }
     plain = {"shear", "rate", "spread", "cover"}  # a covariate, and words
     found = set()

@@ -26,7 +26,6 @@ class Truth:
 
     @property
     def macro(self) -> np.ndarray:
-        """Centre [m], turn [rad], log E and log S (5,)."""
         logs = math.log(self.elasticity_pa_per_m), math.log(self.scale_per_n)
         return np.array([self.across_m, self.y_m, self.alpha_rad, *logs])
 

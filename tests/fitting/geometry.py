@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skincal.fitting.general_contacts import MARGIN_M, ContactMap
+from skincal.fitting.general_skin import MARGIN_M, ContactMap
 from skincal.fitting.problem import FitProblem, PressTable, build_problem
 from skincal.model import Cylinder, MeshSurface, Surface
 from tests.fitting.conftest import RADIUS, rig

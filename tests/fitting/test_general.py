@@ -10,9 +10,8 @@ import pytest
 
 from skincal.fitting.fit_options import FitOptions, GridSteps, SearchBox
 from skincal.fitting.general import evaluate_pose, evaluate_slab
-from skincal.fitting.general_contacts import MARGIN_M, ContactMap
 from skincal.fitting.general_local import LocalPlaces
-from skincal.fitting.general_skin import SkinShares
+from skincal.fitting.general_skin import MARGIN_M, ContactMap, SkinShares
 from skincal.fitting.general_table import (
     ROUGH,
     SkinTable,
@@ -22,8 +21,7 @@ from skincal.fitting.general_table import (
     split_presses,
     tabulate_presses,
 )
-from skincal.fitting.grid import MacroGrid
-from skincal.fitting.micro import MicroSettings
+from skincal.fitting.grid import MacroGrid, MicroSettings
 from skincal.fitting.posterior import Bounds
 from skincal.fitting.problem import FitProblem, PressTable, build_problem
 from skincal.fitting.result import FitResult
@@ -144,7 +142,7 @@ class TestShares:
 
     def test_are_zero_where_the_taxels_have_no_place(self, on_mesh: FitProblem) -> None:
         shares = SkinShares(on_mesh, 0.0, 0.2, 0.0)
-        assert not shares.placed
+        assert shares.skin is None
         assert (shares.shares(np.array([0, 1]), np.zeros((2, 2)), np.full(2, -19.0)) == 0).all()
         assert (shares.lost_m2() == 0).all()
 

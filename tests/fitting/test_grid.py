@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skincal.fitting.grid import MacroGrid, evaluate_slab, span
+from skincal.fitting.general import image_mismatch
+from skincal.fitting.grid import MacroGrid, MicroSettings, evaluate_slab, span
 from skincal.fitting.kernel import build_table
 from skincal.fitting.lookup import compiled
-from skincal.fitting.micro import MicroSettings, image_mismatch
 from skincal.fitting.problem import build_problem
 from skincal.fitting.slab import descend, mismatches, place
 from skincal.fitting.types import Floats

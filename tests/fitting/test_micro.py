@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from skincal.fitting import grid
-from skincal.fitting.general import Combination, evaluate_pose
+from skincal.fitting.general import Combination, evaluate_pose, micro_objective, nlopt_micro, slack_lattice
 from skincal.fitting.general_skin import SkinShares
-from skincal.fitting.grid import MacroGrid, place_presses
-from skincal.fitting.micro import MicroSettings, micro_objective, nlopt_micro, slack_lattice
+from skincal.fitting.grid import MacroGrid, MicroSettings, place_presses
 from skincal.fitting.problem import FitProblem, build_problem
 from tests.fitting.conftest import Truth, make_session, rig
 from tests.fitting.geometry import general_problem

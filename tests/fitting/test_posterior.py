@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from skincal.fitting.alternatives import LawSpread, weigh_laws
 from skincal.fitting.conclude import add_unseen_errors
-from skincal.fitting.law import LawSpread, weigh_laws
 from skincal.fitting.observe import Readout
 from skincal.fitting.posterior import Bounds, Peak, climb
 from skincal.fitting.presses import from_patch, to_patch
@@ -31,6 +31,10 @@ BOUNDS = Bounds(
 )
 
 
+def climbed(problem: FitProblem, start: np.ndarray, bounds: Bounds = BOUNDS) -> Peak:
+    return climb(Neighbourhood.around(start).model(problem), bounds, start)
+
+
 @pytest.fixture(scope="module")
 def problem(truth: Truth) -> FitProblem:
     return build_problem(rig(), make_session(truth, presses=45, seed=4)[0])
@@ -39,8 +43,7 @@ def problem(truth: Truth) -> FitProblem:
 @pytest.fixture(scope="module")
 def peak(problem: FitProblem, truth: Truth) -> Peak:
     """The peak of the posterior, from the truth."""
-    start = truth.macro
-    return climb(Neighbourhood.around(start).model(problem), BOUNDS, start)
+    return climbed(problem, truth.macro)
 
 
 def test_patch_coordinates_and_back() -> None:
@@ -87,7 +90,7 @@ def test_settling_never_makes_the_objective_worse(problem: FitProblem, truth: Tr
 
 def test_a_climb_from_afar_comes_back_to_the_truth(problem: FitProblem, truth: Truth) -> None:
     start = truth.macro + np.array([0.4e-3, -0.4e-3, 0.06, 0.3, 0.05])
-    peak = climb(Neighbourhood.around(start).model(problem), BOUNDS, start)
+    peak = climbed(problem, start)
     error = np.abs(peak.macro - truth.macro) / np.sqrt(np.diag(peak.covariance))
     assert (error < 4.0).all()
     assert peak.sigmas[0] == pytest.approx(0.5e-3, rel=0.35)
@@ -151,7 +154,7 @@ def test_presses_at_one_place_unlike_the_model_have_a_density() -> None:
     bounds = Bounds(np.array([-5e-3, -5e-3, -1.5, 18.4, 0.0]), np.array([5e-3, 5e-3, 1.5, 21.4, 11.0]))
     problem = build_problem(flat, table)
     start = np.array([2.5e-3, -2.5e-3, -0.15, 19.0, 7.0])
-    peak = climb(Neighbourhood.around(start).model(problem), bounds, start)
+    peak = climbed(problem, start, bounds)
     assert np.isfinite(peak.log_density)
     assert (np.sqrt(np.diag(peak.covariance)) < bounds.high - bounds.low).all()
 
@@ -163,10 +166,9 @@ def test_a_press_that_lies_is_called_a_glitch_and_no_other(truth: Truth) -> None
     row = int(honest.rows[3])
     counts[row] = counts[row][::-1] * 0.5 + 20.0
     spoilt = build_problem(rig(), replace(presses, counts=counts))
-    start = truth.macro
-    peak = climb(Neighbourhood.around(start).model(spoilt), BOUNDS, start)
+    peak = climbed(spoilt, truth.macro)
     assert list(spoilt.rows[find_outlier_presses(spoilt, peak)]) == [row]
-    clean = climb(Neighbourhood.around(start).model(honest), BOUNDS, start)
+    clean = climbed(honest, truth.macro)
     assert not find_outlier_presses(honest, clean).any()
 
 
@@ -178,21 +180,19 @@ def test_dropped_reading_is_left_out_without_its_press(truth: Truth) -> None:
     dark = int(honest.rows[0]), int(np.argmin(honest.values[0]))
     counts[dark] = 0.0
     spoilt = build_problem(unclipped, replace(presses, counts=counts))
-    start = truth.macro
-    peak = climb(Neighbourhood.around(start).model(spoilt), BOUNDS, start)
+    peak = climbed(spoilt, truth.macro)
     lost = find_dropped_readings(spoilt, peak.states, 0.05)
     assert [tuple(at) for at in np.argwhere(lost)] == [(0, dark[1])]
     left = spoilt.without_readings(lost)
     assert left.used.sum() == spoilt.used.sum() - 1 and left.alive.all()
-    clean = climb(Neighbourhood.around(start).model(honest), BOUNDS, start)
+    clean = climbed(honest, truth.macro)
     assert not find_dropped_readings(honest, clean.states, 0.0).any()
 
 
 def test_a_reading_of_a_weak_taxel_is_not_lost(truth: Truth) -> None:
     presses, _ = make_session(truth, presses=45, seed=4)
     problem = build_problem(rig(), presses)
-    start = truth.macro
-    states = climb(Neighbourhood.around(start).model(problem), BOUNDS, start).states
+    states = climbed(problem, truth.macro).states
     # A tenth less than the model says, where the noise is a hundredth.
     loud = np.unravel_index(np.argmax(states.macro_slope[..., 4]), problem.values.shape)
     residual, slope = 0.1 * states.residual, 100 * states.macro_slope
@@ -208,11 +208,10 @@ def test_a_taxel_that_stays_silent_is_found(truth: Truth) -> None:
     counts = presses.counts.copy()
     counts[:, 5] = 0.4
     spoilt = build_problem(rig(), replace(presses, counts=counts))
-    start = truth.macro
     weak = find_weak_taxels(spoilt)
     assert list(np.flatnonzero(weak)) == [5]
     others = spoilt.without_taxels(weak)
-    peak = climb(Neighbourhood.around(start).model(others), BOUNDS, start)
+    peak = climbed(others, truth.macro)
     assert list(np.flatnonzero(find_dead_taxels(spoilt, peak.states))) == [5]
     assert (spoilt.without_taxels(np.arange(16) == 5).weight[:, 5] == 0).all()
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
+from skincal.fitting.laplace import Fold, log_volume, measure_fold, weigh_untracked_mirrors
 from skincal.fitting.places import find_duplicates, find_places, find_tracked_mirrors
 from skincal.fitting.presses import Places, PressModel
 from skincal.fitting.problem import build_problem
 from skincal.fitting.tasks import Neighbourhood
-from skincal.fitting.volume import Fold, log_volume, measure_fold, weigh_untracked_mirrors
 from tests.fitting.conftest import Truth, make_session, rig
 
 SIGMAS = np.array([0.7e-3, 0.005, 0.22, 0.002, 0.01, 2e-5])
@@ -103,9 +103,8 @@ def test_a_place_counts_once() -> None:
 
 def test_brief_search_finds_the_whole_objective() -> None:
     """Taxels out of reach of a contact are looked at once, and count like the others."""
-    truth = Truth()
-    problem = build_problem(rig(), make_session(truth, presses=12)[0])
-    macro = np.tile(truth.macro, (len(problem), 1))
+    problem = build_problem(rig(), make_session(presses=12)[0])
+    macro = np.tile(Truth().macro, (len(problem), 1))
     model, press = Neighbourhood.around(macro[0]).model(problem), np.arange(len(problem))
     sigmas = np.tile(SIGMAS, (len(problem), 1))
     start = np.full((len(problem), 3), 1e-4)

@@ -5,9 +5,9 @@ import pytest
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
+from skincal.fitting.laplace import log_integral
 from skincal.fitting.presses import PressStates, factor_inverse
 from skincal.fitting.shared import Shared
-from skincal.fitting.shared_integral import log_integral
 from skincal.fitting.sigmas import _maximise_scatter, _scatter_loss
 from skincal.fitting.types import Floats
 

@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from skincal.fitting.alternatives import LawSpread, Nonlinearity
 from skincal.fitting.fit_findings import NONLINEAR_NATS, _check_rig, add_findings
 from skincal.fitting.fit_options import GridSteps, SearchBox
-from skincal.fitting.law import LawSpread
 from skincal.fitting.problem import FitError, FitProblem, build_problem
-from skincal.fitting.response import Nonlinearity
-from skincal.fitting.result import PARAMETERS, FitResult
+from skincal.fitting.result import OPEN, PARAMETERS, POSE, FitResult, at_one_place
 from skincal.fitting.solve import plan_grid, solve
-from skincal.fitting.valley import OPEN, POSE, at_one_place
 from tests.fitting.conftest import BOX, LAYOUT, ONE_LAW, QUICK, ROUGH, Truth, make_session, rig, some_presses
 
 

@@ -20,11 +20,11 @@ from matplotlib.patches import Rectangle
 from skincal.calibration import Calibration, Effect, Finding, Loss, ModelParameters, Provenance
 from skincal.dataset import Dataset, MountSpec, PositionSpec, Presses, SurfaceSpec
 from skincal.dataset.placement import patch_coordinates
+from skincal.fitting.alternatives import Nonlinearity
 from skincal.fitting.fit_options import SearchBox
 from skincal.fitting.grid import MacroGrid
 from skincal.fitting.observe import Readout
 from skincal.fitting.problem import PressTable, Rig, build_problem
-from skincal.fitting.response import Nonlinearity
 from skincal.fitting.result import FitFinding, FitResult, GridResult, PressFit, Sigmas
 from skincal.model import Contacts, Patch, SensorPose, Skin, SkinParameters
 from skincal.report.fit import FIGURES, quantities, why_unused, with_digits, write_fit_report

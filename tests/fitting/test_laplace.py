@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from skincal.fitting.volume import Fold, log_volume
+from skincal.fitting.laplace import Fold, log_volume
 
 
 def _fold(r0: float, r1: float, b: float, stiff: float) -> tuple[Fold, float, float]:

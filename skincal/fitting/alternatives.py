@@ -1,14 +1,11 @@
-"""Uncertainty of the contact law, and its effect on the parameters.
+"""Alternatives to the model, weighed by their evidence: other contact laws, and nonlinear responses of the taxels.
 
-The model is an elastic foundation: the stress at a point follows from the penetration at the same point. A
-real skin is a layer, which also spreads pressure sideways, by a fraction of its thickness. Images of a
-stiffer foundation with some spread and of a softer one without are nearly the same, so E is uncertain by the
-uncertainty of the spread. The fit is therefore repeated with the pressure spread by Gaussians of a few
-widths, and each width is weighted by its evidence. Taxels may also differ from the paper's, which feel the
-pressure times two projections: taxels that feel the pressure itself read some percent more of a deep contact.
-They are a further candidate law. Half of the draws are those of the foundation; the other half are moved by
-the parameter shifts of such laws. Intervals cover both halves, so that they contain E and S of whichever of
-these laws the skin has.
+A real skin also spreads pressure sideways, and its taxels may feel the pressure itself instead of the paper's
+projections; both change E and S at nearly the same images. The climb is repeated under such laws. Half of the
+draws are those of the foundation, the other half are moved as the laws require, so that intervals contain E and
+S of whichever of these laws the skin has. In the same way a few curves of
+:class:`skincal.fitting.readings.Response` are compared with the linear response; they change no parameter.
+``docs/method/fit.md`` has the reasons.
 """
 
 from __future__ import annotations
@@ -20,8 +17,15 @@ import numpy as np
 from scipy.special import expit
 
 from skincal.fitting.posterior import Peak
-from skincal.fitting.problem import NO_DENSITY, FitError
+from skincal.fitting.problem import NO_DENSITY, FitError, FitProblem
+from skincal.fitting.readings import STRAIGHT, Response
 from skincal.fitting.types import Floats
+
+POWERS = (-0.25, 0.12, 0.25)
+"""Losses of power from the noise level on: readings that grow as the load to the power 1.25, 0.88 and 0.75."""
+
+CEILINGS = ((1.15, 4.0), (1.5, 2.0))
+"""Saturation levels as fractions of the largest reading, and the sharpness of the knee."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,3 +109,68 @@ def weigh_laws(spreads_m: Floats, peaks: Sequence[Peak]) -> LawSpread:
     shift = PchipInterpolator(spreads_m**2, macro - macro[0])(widths**2)
     density = np.exp(evidence - evidence.max())
     return LawSpread(widths, density / density.sum(), shift)
+
+
+@dataclass(frozen=True)
+class Nonlinearity:
+    """Nonlinearity of the response.
+
+    Attributes:
+        grows: factor by which the largest reading grows if the response is linearised and typical readings
+            stay; 1 if no nonlinear response explains the presses better.
+        rise: log evidence over that of a linear response.
+    """
+
+    grows: float = 1.0
+    rise: float = 0.0
+
+
+def candidate_responses(problem: FitProblem) -> tuple[Response, ...]:
+    """Return the responses to compare.
+
+    The first is linear: a climb that restarts may find better positions for some presses (13 in log evidence
+    in a session whose readings had steps of eight times the noise), and neither a nonlinear response nor a
+    contact law may win by that.
+    """
+    readings, largest = problem.observation, float(problem.values.max())
+
+    def response(lost: float, knee: float, sharpness: float) -> Response:
+        # Keep typical readings unchanged, so that a climb starts near its optimum.
+        beyond = (readings.typical_counts / knee) ** sharpness
+        return Response(lost, knee, sharpness, float((1.0 + beyond) ** (lost / sharpness)))
+
+    powers = (response(lost, readings.noise_counts, 1.0) for lost in POWERS)
+    return STRAIGHT, *powers, *(response(1.0, part * largest, sharpness) for part, sharpness in CEILINGS)
+
+
+def with_response(problem: FitProblem, response: Response) -> FitProblem:
+    """Return the problem with taxels of the given response."""
+    return replace(problem, observation=replace(problem.observation, response=response))
+
+
+def invert_response(response: Response, counts: float) -> float:
+    """Return the signal [counts] at which a response reads ``counts``."""
+    from scipy.optimize import brentq  # takes a moment, and a worker has it
+
+    return float(brentq(lambda signal: response.of(signal) - counts, 0.0, 1e3 * counts))
+
+
+def weigh_responses(
+    problem: FitProblem, plain: Sequence[Peak], tried: Sequence[Response], peaks: Sequence[Peak]
+) -> Nonlinearity:
+    """Return the response that explains the presses best.
+
+    Args:
+        problem: the presses.
+        plain: peaks of linear responses with every contact law that is weighed: a law, too, changes how
+            images grow with the force.
+        tried: the responses that were fitted.
+        peaks: the peak of each.
+    """
+    found, least = [Nonlinearity()], float(np.nanmax([one.log_evidence for one in plain]))
+    largest = float(problem.values.max())
+    for response, one in zip(tried, peaks, strict=True):
+        rise = one.log_evidence - least
+        if np.isfinite(rise) and np.isfinite(one.macro).all():
+            found.append(Nonlinearity(invert_response(response, largest) / largest, float(rise)))
+    return max(found, key=lambda one: one.rise)

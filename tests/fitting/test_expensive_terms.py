@@ -1,4 +1,4 @@
-"""The evidence of presses by narrow slacks against integrals by brute force, and what it does to draws."""
+"""The expensive terms: evidence by narrow slacks against integrals by brute force, and the chance of a selection."""
 
 from __future__ import annotations
 
@@ -9,17 +9,23 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
+from benchmarks.sensors import KINDS, make
+from skincal.calibrate import fit_problem
+from skincal.fitting import tasks
+from skincal.fitting.expensive_terms import find_narrow_slacks, log_evidence, log_selection_probability
+from skincal.fitting.fit_options import FitOptions, GridSteps, SearchBox
 from skincal.fitting.places import find_places
 from skincal.fitting.posterior import press_evidence
-from skincal.fitting.press_evidence import find_narrow_slacks, log_evidence
 from skincal.fitting.presses import PressModel
-from skincal.fitting.problem import build_problem
+from skincal.fitting.problem import FitProblem, build_problem
 from skincal.fitting.sampling import Draws, smooth_term
+from skincal.fitting.solve import solve
 from skincal.fitting.tasks import Neighbourhood
 from skincal.model import Contacts, Cylinder, Sphere
-from tests.fitting.conftest import LAYOUT, RADIUS, Truth, make_session, rig, skin
+from tests.fitting.conftest import LAYOUT, QUICK, RADIUS, Truth, make_session, rig, skin
 from tests.fitting.test_press_places import SIGMAS, by_brute_force
 
+SESSION_SIGMAS = np.array([0.5e-3, 0.003, math.sqrt(1 + 1 / 12), 1e-4, 1e-4, 1e-8])
 COARSE = np.array([0.4e-3, 0.002, 1.0, 1e-4, 1e-4, 2e-5])
 """Noise of single frames, and contacts that are placed by hand."""
 
@@ -102,3 +108,37 @@ def test_a_term_that_is_known_at_some_draws_moves_all() -> None:
     assert abs(moved.mean[3] / 0.05 - 0.5) < 0.15
     assert abs(moved.mean[4] / 0.01) < 0.15
     assert moved.effective > 2500
+
+
+def _session(presses: int, seed: int) -> tuple[FitProblem, np.ndarray]:
+    """Presses on a plane that were chosen, and the true point."""
+    kind = replace(KINDS["plane"], presses=presses)
+    session, truth = make(np.random.default_rng(seed), kind)
+    macro = [truth.across_m, truth.y_m, truth.alpha_rad]
+    macro += [math.log(truth.elasticity_pa_per_m), math.log(truth.scale_per_n)]
+    return fit_problem(session, FitOptions()), np.concatenate([macro, np.log(SESSION_SIGMAS)])
+
+
+def test_chance_is_what_counting_gives() -> None:
+    problem, point = _session(80, 3)
+    tables, rng = Neighbourhood.around(point[:5]).model(problem).tables, np.random.default_rng(0)
+    for k in range(0, len(problem), 10):
+        one = PressModel(problem.subset(np.arange(len(problem)) == k, "another press"), tables)
+        slack = rng.standard_normal((2000, 3)) * SESSION_SIGMAS[[0, 0, 1]]
+        state = one.evaluate(point[:5], SESSION_SIGMAS, np.zeros(2000, dtype=np.intp), slack)
+        read = state.simulated + SESSION_SIGMAS[2] * rng.standard_normal(state.simulated.shape)
+        counted = ((read >= problem.active_above).sum(axis=1) >= problem.min_active).mean()
+        assert abs(math.exp(log_selection_probability(one, point[None])[0]) - counted) < 0.04
+
+
+def test_a_fit_knows_how_its_presses_were_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stiff skin lights fewer second taxels: without the choice of presses, E comes out too low."""
+    problem, _ = _session(60, 8)
+    box = SearchBox((-2.5e-3, 2.5e-3), (0.0275, 0.0325), (-0.35, 0.35))
+    quick = replace(QUICK, steps=GridSteps(2.5e-3, 2.5e-3, 0.35, 3), law_spreads_m=(0.0,), rounds=(4, 8))
+    chosen = solve(problem, box, quick, np.random.default_rng(0))
+    monkeypatch.setattr(tasks, "log_selection_probability", lambda _model, points: np.zeros(len(points)))
+    taken = solve(problem, box, quick, np.random.default_rng(0))
+    spread = np.log(taken.draws[:, 3]).std()
+    off = math.log(chosen.best["elasticity_pa_per_m"] / taken.best["elasticity_pa_per_m"]) / spread
+    assert 0.15 < off < 0.8

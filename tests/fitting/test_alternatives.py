@@ -9,18 +9,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from skincal.fitting.fit_findings import NONLINEAR_NATS
-from skincal.fitting.observe import Readout
-from skincal.fitting.posterior import Bounds, Peak
-from skincal.fitting.problem import FitProblem, build_problem
-from skincal.fitting.readings import STRAIGHT
-from skincal.fitting.response import (
+from skincal.fitting.alternatives import (
     Nonlinearity,
     candidate_responses,
     invert_response,
     weigh_responses,
     with_response,
 )
+from skincal.fitting.fit_findings import NONLINEAR_NATS
+from skincal.fitting.observe import Readout
+from skincal.fitting.posterior import Bounds, Peak
+from skincal.fitting.problem import FitProblem, build_problem
+from skincal.fitting.readings import STRAIGHT
 from skincal.fitting.tasks import Neighbourhood, climb_near
 from tests.fitting.conftest import BOX, Truth, make_session, rig
 

@@ -1,18 +1,18 @@
-"""The evidence of presses by a mixture of narrow slack priors: a correction of the Laplace approximation.
+"""The terms of the log posterior that are too expensive for every draw, and smooth enough for a few to do.
 
-A press may lie anywhere along a thin curved sheet: over the middle of a taxel, or on a ring around it where
-only one taxel responds. There the Laplace approximation, even with the fold of :mod:`skincal.fitting.volume`,
-is off by some tenths of a unit per press, always with the same sign. Together, sixty presses bias E by half
-of its standard deviation.
-
-A Gaussian slack prior is a mixture of narrower ones on a lattice,
+The evidence of presses where the Laplace approximation is off, over the middle of a taxel or on a ring around
+it: a Gaussian slack prior is a mixture of narrower ones on a lattice, within which the image hardly bends,
 
     N(s; 0, sigma_p²) = sum_c h² N(c; 0, sigma_p² - omega²) N(s; c, omega²),
 
-accurate to 3e-4 for h = 1.5 omega. Within each component the image hardly bends, and the Laplace
-approximation holds. This costs twice as much as the positions of :mod:`skincal.fitting.places`, and more with
-shared errors. It is therefore evaluated for some of the draws only. The correction is a smooth function of
-the parameters, which is fitted to these draws and added to all.
+accurate to 3e-4 for h = 1.5 omega. And the selection of presses, as those with too few active taxels are left
+out: the likelihood is the density of a press's readings among presses that are taken,
+
+    p(y | taken, m) = p(y | m) / P(taken | m),    P(taken | m) = sum_s w_s P(enough taxels active | m, slack s),
+
+with slacks s on a lattice that represents their normal distribution. Without either, E is biased by half of its
+standard deviation. A smooth function that is fitted to the values at some draws is added to all
+(:func:`skincal.fitting.sampling.smooth_term`).
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
+from skincal.fitting.laplace import measure_fold, sum_by_press
 from skincal.fitting.lattice import disc
 from skincal.fitting.presses import Places, PressModel, PressStates, factor_inverse
 from skincal.fitting.types import Floats, Ints
-from skincal.fitting.volume import measure_fold
 
-SPACING = 1.5
+NARROW_SPACING = 1.5
 """Distance of the narrow priors in units of their standard deviation; the mixture is then even to 3e-4."""
 
 BEND = 0.3
@@ -37,7 +38,7 @@ by 7."""
 WIDEST, NARROWEST = 0.6, 0.06
 """Largest and smallest standard deviation of the narrow priors, relative to the full one."""
 
-REACH = 3.3
+NARROW_REACH = 3.3
 """Extent of the lattice, in standard deviations of the slack."""
 
 MARGIN = 7.0
@@ -49,6 +50,12 @@ _STEP = 0.3
 """Step of the finite difference for the bend of the residual, relative to the narrow prior."""
 _FLATTEST = 0.1
 """Least eigenvalue of the full Hessian relative to the Gauss-Newton Hessian; below it, the latter is used."""
+
+SELECTION_SPACING, SELECTION_REACH = 0.75, 2.7
+"""Step and extent of the lattice of slacks, in standard deviations of the slack."""
+
+CERTAIN = 1e-3
+"""A press that is not taken with less than this probability counts as certain for all parameters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,14 +74,7 @@ class NarrowSlacks:
 
 
 def find_narrow_slacks(model: PressModel, places: Places, macro: Floats, sigmas: Floats) -> NarrowSlacks:
-    """Find the narrow slack priors that matter at one macro point.
-
-    Args:
-        model: the presses.
-        places: possible contact positions of each press.
-        macro: (5,) macro variables.
-        sigmas: (6,) in the order of ``HYPER``.
-    """
+    """Find the narrow slack priors that matter at one macro point (5,) and sigmas (6,)."""
     bend = _residual_bends(model, places, macro, sigmas)
     omega = np.clip(
         np.sqrt(BEND / np.maximum(bend, 1e-30)), NARROWEST * sigmas[0], WIDEST * sigmas[0]
@@ -88,7 +88,7 @@ def _find_in_press(
     model: PressModel, macro: Floats, sigmas: Floats, k: int, omega_m: float
 ) -> tuple[Ints, Floats, Floats, Floats, Floats]:
     """Return the narrow priors of press ``k`` that matter; one press at a time, to bound memory."""
-    lattice = disc(SPACING * omega_m, REACH * float(sigmas[0]))
+    lattice = disc(NARROW_SPACING * omega_m, NARROW_REACH * float(sigmas[0]))
     press, width = np.full(len(lattice), k, dtype=np.intp), np.full(len(lattice), omega_m)
     start = np.column_stack([lattice + model.problem.shared.shift_m[press], np.zeros(len(press))])
     evidence, at = _evidence(model, macro, sigmas, press, lattice, width, start)
@@ -111,24 +111,13 @@ def _residual_bends(model: PressModel, places: Places, macro: Floats, sigmas: Fl
 
 
 def log_evidence(model: PressModel, slacks: NarrowSlacks, points: Floats) -> Floats:
-    """Return the log evidence (W,) of all presses, comparable to :func:`skincal.fitting.posterior.press_evidence`.
-
-    Args:
-        model: the presses.
-        slacks: narrow priors that matter.
-        points: (W, 11) macro variables and logs of the sigmas.
-    """
-    out = np.empty(len(points))
-    press = slacks.at.press
-    first = np.flatnonzero(np.diff(press, prepend=-1))
-    for n, point in enumerate(points):
+    """Return the log evidence (W,) of all presses, comparable to :func:`skincal.fitting.posterior.press_evidence`."""
+    press, evidence = slacks.at.press, list[Floats]()
+    for point in points:
         macro, sigmas = point[:5], np.exp(point[5:])
         start = model.nuisance_at(slacks.at, np.tile(macro, (len(press), 1)))
-        evidence, _ = _evidence(model, macro, sigmas, press, slacks.centre_m, slacks.omega_m, start)
-        highest = np.maximum.reduceat(evidence, first)
-        parts = np.exp(evidence - np.repeat(highest, np.diff(first, append=len(evidence))))
-        out[n] = float((highest + np.log(np.add.reduceat(parts, first))).sum())
-    return out
+        evidence.append(_evidence(model, macro, sigmas, press, slacks.centre_m, slacks.omega_m, start)[0])
+    return sum_by_press(press, np.array(evidence))[0]
 
 
 def _evidence(
@@ -172,3 +161,50 @@ def _full_hessian(model: PressModel, state: PressStates) -> Floats:
     size = np.sqrt(np.einsum("nii->ni", state.hessian))
     sound = np.linalg.eigvalsh(whole / (size[:, :, None] * size[:, None, :]))[:, 0] > _FLATTEST
     return np.where(sound[:, None, None], whole, state.hessian)
+
+
+def log_selection_probability(model: PressModel, points: Floats) -> Floats:
+    """Return the log probability (W,) that all presses are taken, at points (W, 11)."""
+    every = np.arange(len(model.problem))
+    uncertain = np.flatnonzero(_taken_probabilities(model, points.mean(axis=0), every) < 1 - CERTAIN)
+    return np.array([np.log(_taken_probabilities(model, p, uncertain)).sum() for p in points])
+
+
+def _taken_probabilities(model: PressModel, point: Floats, press: Ints) -> Floats:
+    """Return the probability (n,) that each of some presses (n,) is taken, at one point (11,)."""
+    # Lattice in standard deviations of the slack, and the weight of each node. The order matters for
+    # rounding: a press that is hardly ever taken has a probability that is what rounding leaves of a sum.
+    problem, lattice = model.problem, disc(SELECTION_SPACING, SELECTION_REACH)[:, ::-1]
+    weight = np.exp(-0.5 * (lattice**2).sum(axis=1))
+    weight /= weight.sum()
+    sigmas, each = np.exp(point[5:]), np.repeat(press, len(weight))
+    nuisance = np.zeros((len(each), 3))
+    # Image tables of the general way only cover the declared slack.
+    nuisance[:, :2] = np.clip(
+        problem.shared.shift_m[each] + sigmas[0] * np.tile(lattice, (len(press), 1)),
+        -problem.rig.slack_m,
+        problem.rig.slack_m,
+    )
+    state = model.evaluate(point[:5], sigmas, each, nuisance)
+    signal = state.simulated
+    # Noise of a reading, plus the variation of the signal within a cell of the lattice.
+    own = np.sqrt(problem.observation.variance(state.sigmas[:, 2], state.sigmas[:, 3], each))
+    slope = state.nuisance_slope * own[..., None]
+    cell = (SELECTION_SPACING * sigmas[0]) ** 2 / 12 * (slope[..., :2] ** 2).sum(axis=2)
+    spread = np.sqrt(sigmas[2] ** 2 + (sigmas[3] ** 2 + sigmas[1] ** 2) * signal**2 + cell)
+    above = (signal + problem.shared.level - problem.active_above) / spread
+    active: Floats = np.asarray(ndtr(above), dtype=np.float64)
+    short = _probability_of_fewer(np.where(problem.used[each], active, 0.0), problem.min_active)
+    taken = 1.0 - short.reshape(len(press), len(weight)) @ weight
+    return np.maximum(taken, np.finfo(float).tiny)
+
+
+def _probability_of_fewer(active: Floats, least: int) -> Floats:
+    """Return the probability (n,) that fewer than ``least`` of independent taxels (n, J) are active."""
+    many = np.zeros((len(active), max(least, 1)))
+    many[:, 0] = 1.0
+    for one in active.T[:, :, None]:
+        more = many[:, :-1] * one
+        many *= 1.0 - one
+        many[:, 1:] += more
+    return many.sum(axis=1) if least > 0 else np.zeros(len(active))
