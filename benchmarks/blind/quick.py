@@ -16,8 +16,8 @@ import numpy as np
 
 from skincal.calibration import Calibration, Loss, ModelParameters, Provenance
 from skincal.dataset import Dataset, read_dataset
+from skincal.diagnosis.diagnosis import summary
 from skincal.diagnosis.observed import observe
-from skincal.diagnosis.summary import summary
 from skincal.diagnosis.workflow import diagnose
 from skincal.inference.start import fit_base
 

@@ -59,8 +59,8 @@ def diagnose(
     from skincal.collect import write_plan
     from skincal.collect.rig import Rounds
     from skincal.dataset import read_dataset
+    from skincal.diagnosis.diagnosis import summary
     from skincal.diagnosis.next_presses import PLAN_FILE
-    from skincal.diagnosis.summary import collection_summary, summary
     from skincal.diagnosis.workflow import diagnose as find_missing
     from skincal.files import refuse_existing
     from skincal.inference.constants import CONSTANTS
@@ -103,7 +103,7 @@ def diagnose(
         found = replace(found, calibration=replace(found.calibration, provenance=provenance))
         content = plain({
             **summary(found),
-            **({} if settled is None else {"collected": collection_summary(settled)}),
+            **({} if settled is None else {"collected": settled.summary()}),
             "next_presses_plan": None if found.next_plan is None else str(out / PLAN_FILE),
             "calibration": str(out),
             "warnings": [str(problem) for problem in warnings],

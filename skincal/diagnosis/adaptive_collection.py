@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from skincal.calibration import Calibration
 from skincal.collect import Plan
@@ -40,6 +41,11 @@ class CollectionResult:
     rounds: int
     open: tuple[tuple[str, ...], ...]
     reason: str
+
+    def summary(self) -> dict[str, Any]:
+        """Return the outcome as plain values."""
+        is_settled = not self.open and self.diagnosis.verdict != "unknown"
+        return {"presses": self.made, "rounds": self.rounds, "settled": is_settled, "reason": self.reason}
 
 
 def ambiguous_sets(diagnosis: Diagnosis) -> tuple[tuple[str, ...], ...]:

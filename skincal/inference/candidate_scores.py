@@ -16,15 +16,13 @@ from skincal.effects.parameter import Scene
 from skincal.effects.samples import Samples
 from skincal.fitting.tasks import Mapper
 from skincal.inference.blocks import Whitened
-from skincal.inference.check import misfit
 from skincal.inference.columns import Candidate, candidates, starts_of
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.equation_errors import EquationErrors
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.forward import StatePrediction
-from skincal.inference.gains import full_step, gains, whole
 from skincal.inference.null import FOUNDATION, Null, add_laws, draw_noise, law_parts, law_residuals
-from skincal.inference.score import Score
+from skincal.inference.score import Score, full_step, gains, misfit, whole
 from skincal.inference.search_result import CandidateScore
 from skincal.inference.slopes import Slopes
 from skincal.model.arrays import FloatArray, IntArray

@@ -19,7 +19,7 @@ from skincal.inference.blocks import Blocks
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
 from skincal.inference.forward import State
-from skincal.inference.gains import full_step, whole
+from skincal.inference.score import full_step, whole
 from skincal.inference.start import raw_residual
 from skincal.inference.twins import LAWS, law_name, twin_values
 from skincal.model.arrays import FloatArray
@@ -35,7 +35,7 @@ class Null:
     Attributes:
         laws: name of the contact law of each session.
         gains: by effect, (S,) the greatest gain of any of its starts [nats].
-        misfit: (S, 3) misfit of the base model in each (:func:`skincal.inference.check.misfit`).
+        misfit: (S, 3) misfit of the base model in each (:func:`skincal.inference.score.misfit`).
         probability: of the quantile that sets a limit.
     """
 

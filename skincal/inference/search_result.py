@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skincal.inference.check import misfit
 from skincal.inference.columns import Candidate
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted
 from skincal.inference.forward import State
 from skincal.inference.null import Null
+from skincal.inference.score import misfit
 from skincal.model.arrays import FloatArray
 
 
@@ -117,7 +117,7 @@ class SearchResult:
 
     @property
     def misfit(self) -> FloatArray:
-        """(3,) misfit of the final model (:func:`skincal.inference.check.misfit`)."""
+        """(3,) misfit of the final model (:func:`skincal.inference.score.misfit`)."""
         return misfit_of(self.final)
 
     @property

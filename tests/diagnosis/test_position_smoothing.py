@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skincal.diagnosis.position_smoothing import smooth_positions
+from skincal.diagnosis.dataset_session import smooth_positions
 from skincal.effects.samples import HOLD, LOAD, UNLOAD
 
 FORCE = np.concatenate([np.linspace(0.2, 3.0, 20), np.full(30, 3.0), np.linspace(3.0, 0.2, 20)])

@@ -8,7 +8,7 @@ import pytest
 
 from skincal.calibrate import calibrate_uniform
 from skincal.dataset import read_dataset
-from skincal.diagnosis.summary import summary
+from skincal.diagnosis.diagnosis import summary
 from skincal.diagnosis.workflow import diagnose
 
 

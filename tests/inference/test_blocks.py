@@ -9,9 +9,8 @@ import pytest
 
 from skincal.inference.blocks import Rows, Whitened, blocks
 from skincal.inference.constants import CONSTANTS as C
-from skincal.inference.gains import full_step, gains, whole
 from skincal.inference.null import add_laws, law_parts
-from skincal.inference.score import held_out
+from skincal.inference.score import full_step, gains, held_out, whole
 from skincal.inference.slopes import Slopes
 
 PRESSES, ROWS, TAXELS, COLUMNS = 3, 5, 4, 2

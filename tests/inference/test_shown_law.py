@@ -13,9 +13,8 @@ from report.diagnosis_cases import calibration
 
 from skincal.calibration import FittedLaw
 from skincal.dataset import Dataset
-from skincal.diagnosis.diagnosis import Diagnosis
+from skincal.diagnosis.diagnosis import Diagnosis, summary
 from skincal.diagnosis.observed import observe
-from skincal.diagnosis.summary import summary
 from skincal.diagnosis.workflow import diagnose
 from skincal.inference.contact_law import law_parameters
 from skincal.inference.fit import Fitter

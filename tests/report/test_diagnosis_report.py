@@ -9,7 +9,7 @@ import pytest
 from report.diagnosis_cases import diagnosed
 
 from skincal.cli.terminal import plain
-from skincal.diagnosis.summary import summary
+from skincal.diagnosis.diagnosis import summary
 from skincal.report.cards import headline, tone, verdict_lines
 from skincal.report.diagnosis import FIGURES, write_diagnosis_report
 
