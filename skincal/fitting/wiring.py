@@ -114,7 +114,10 @@ def find_taxel_order(problem: FitProblem, box: SearchBox) -> TaxelOrder | None:
         rivals = float(_log_permutations_of(layout.taxels, moved))
         more = max(min(other.rivals, rivals) - (other.rivals - one.rivals), 0.0)
         if whole.score(other) > whole.score(one) + more + _WIN_NATS:
-            one = other
+            one = whole.refit(one, other, names)
+            if whole.score(other) > whole.score(one) + more + _WIN_NATS:
+                one = other
+    nominal = whole.refit(nominal, one, names)
     odds = whole.score(one) - whole.score(nominal) - _WIN_NATS
     if odds <= 0 or (one.order == nominal.order).all() or not whole.explains(nominal, one):
         return None
@@ -214,6 +217,14 @@ class _Search:
         fits = -0.5 * self.lit * np.log(variance) - 0.5 * one.squares / variance
         return float(fits - 0.5 * one.moved - one.rivals)
 
+    def refit(self, one: _Candidate, other: _Candidate, names: list[Order]) -> _Candidate:
+        """Return an order as it was fitted, or from the pose and press positions of another if that is better.
+
+        An order must not win by a better optimum of the positions, which the other order has just missed.
+        """
+        again = self._fit_order(one.order, other.pose, names, other.slack_m)
+        return max(one, again, key=self.score)
+
     def explains(self, nominal: _Candidate, one: _Candidate) -> bool:
         """Return whether an order explains the traces of the taxels that it moves."""
         moved = np.flatnonzero(one.order != nominal.order)
@@ -258,9 +269,11 @@ class _Search:
                 kept[cycle] = order[cycle]
         return kept
 
-    def _fit_order(self, order: Ints, pose: Floats, names: list[Order]) -> _Candidate:
+    def _fit_order(
+        self, order: Ints, pose: Floats, names: list[Order], slack: Floats | None = None
+    ) -> _Candidate:
         """Fit pose and press positions to an order; return the candidate."""
-        slack = np.zeros((len(self.observed), 2))
+        slack = np.zeros((len(self.observed), 2)) if slack is None else slack
         for _ in range(_ROUNDS):
             pose = self._fit_pose(order, pose, slack)
             slack = self._fit_slack(order, pose, slack)
