@@ -14,7 +14,7 @@ from typing import Any
 from skincal.collect.plan import Plan
 from skincal.collect.rig import Rig
 from skincal.dataset import Dataset, read_dataset, write_dataset
-from skincal.dataset.joined import GAP_S, check_same_rig, join_sessions
+from skincal.dataset.dataset import GAP_S, check_same_rig, join_sessions
 from skincal.errors import input_error
 
 SESSION = "session"

@@ -16,7 +16,7 @@ from skincal.collect import Mount, Plan, PlannedPress, collect
 from skincal.collect.rig import Rig
 from skincal.collect.rounds import SESSION, Rounds
 from skincal.dataset import Dataset, read_dataset
-from skincal.dataset.joined import GAP_S
+from skincal.dataset.dataset import GAP_S
 from skincal.diagnosis.observed import observe
 from skincal.diagnosis.updated_calibration import updated_parameters
 from skincal.errors import InputError
