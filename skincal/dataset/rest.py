@@ -222,7 +222,6 @@ class Summary:
 
 
 LABELS = ("branch", "pose", "cycle", "speed_m_per_s", "indenter_radius_m")
-"""Columns whose values are counted."""
 
 
 def summarise(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> Summary:
