@@ -23,7 +23,6 @@ from skincal.ranges.names import (
 )
 from skincal.ranges.parameter import DISTRIBUTIONS, MODES, Mode, Parameter, Source
 
-
 Draw = float | FloatArray
 Draws = Mapping[str, Draw]
 """Draws by the full names of their parameters."""
