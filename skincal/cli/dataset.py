@@ -25,7 +25,7 @@ from skincal.errors import first_of
 
 if TYPE_CHECKING:
     from skincal.dataset import Dataset
-    from skincal.dataset.summary import Summary
+    from skincal.dataset.rest import Summary
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -94,8 +94,7 @@ def show(
     from rich.text import Text
 
     from skincal.dataset import read_dataset
-    from skincal.dataset.rest import active_threshold
-    from skincal.dataset.summary import summarise
+    from skincal.dataset.rest import active_threshold, summarise
     from skincal.dataset.uniform_pressure import notes_on
     from skincal.files import real, refuse_existing
     from skincal.report.dataset import dataset_figure

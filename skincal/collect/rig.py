@@ -16,7 +16,7 @@ from skincal.collect.journal import journal_folder
 from skincal.collect.plan import Plan
 from skincal.collect.session import PAUSE_S, MakeDriver, Need, Watch
 from skincal.dataset import Dataset, read_dataset, write_dataset
-from skincal.dataset.joined import GAP_S, check_same_rig, join_sessions
+from skincal.dataset.dataset import GAP_S, check_same_rig, join_sessions
 from skincal.errors import input_error
 from skincal.hand import GuardOptions, HandDriver, StageDriver
 from skincal.hand.registry import create_driver, create_rig, driver_options, parse_options

@@ -27,7 +27,6 @@ NO_FORCE = (
     "calibration is impossible. Measure it (a gauge, a load cell, a scale below the sensor), or press with known "
     "weights and give their forces. A depth cannot replace it: E, which relates depth to force, is unknown."
 )
-"""Advice for a table without forces."""
 CORRECT_OR_EMPTY = "Correct it, or leave the cell empty: not measured."
 
 MOST_HINTS = 100

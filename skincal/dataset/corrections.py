@@ -15,7 +15,6 @@ from skincal.model.arrays import BoolArray, FloatArray
 from skincal.model.rest import levels_from_presses
 
 IMPOSSIBLE = "impossible_readings"
-"""Code of the warning."""
 
 _JUMP = 3.0
 """Smallest ratio of impossible readings per newton to all others; this and the next two numbers were set by eye."""
@@ -123,7 +122,6 @@ def _limit(change: FloatArray, force_n: FloatArray, impossible: BoolArray, frame
 
 
 CONVERTER_RANGE = "converter_range"
-"""Code of the note."""
 
 WRONG_WORDS = ("bytes_swapped", "counter_wrapped")
 """Codes of warnings about binary words that were read wrongly, so that the extreme readings mean nothing."""

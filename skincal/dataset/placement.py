@@ -18,7 +18,6 @@ GRID = 81
 """Number of grid points along each side of the patch, from which the search on a mesh starts."""
 
 STEPS = 3
-"""Number of Gauss-Newton steps."""
 DIFFERENCE_M = 1e-5
 """Step of the finite differences [m]."""
 

@@ -18,7 +18,6 @@ UNIFORM = (
     "every elasticity, so it determines neither. Press with an indenter smaller than the patch (a sphere of "
     "about one pitch in radius) at several places. The scale of each taxel can be fitted"
 )
-"""Limits of uniform pressure, and advice."""
 
 
 def uniform_pressure(dataset: Dataset) -> bool:

@@ -25,7 +25,6 @@ FORCE_UNITS: Final = {
     "grams-force": 9.80665e-3, "kilograms-force": 9.80665, "millinewtons": 1e-3, "kilonewtons": 1e3,
     "centinewtons": 1e-2, "pounds-force": 4.4482216, "ounces-force": 0.27801385, "dynes": 1e-5, "micronewtons": 1e-6,
 }  # fmt: skip
-"""Units of force in newtons."""
 
 AS_LIKELY: Final = 3.0
 """Units that come as near to the usual pressure as the best one, within this factor, are named beside it."""

@@ -29,7 +29,6 @@ Columns = dict[str, NDArray[Any]]
 """One-dimensional columns by name; their lengths may differ. A text without an axis says why a name has none."""
 
 OBJECTS: Final = np.array("Python objects, which are not opened as they may run code", dtype=object)
-"""Stands for an array of objects."""
 
 
 def read_numpy(path: Path) -> Columns:

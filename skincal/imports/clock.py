@@ -26,7 +26,6 @@ DIGITS: Final = range(3, 13)
 
 DAY_S: Final = 86400.0
 CLOCK_PERIODS_S: Final = {"24 h": DAY_S, "12 h": DAY_S / 2}
-"""Periods of wall clocks."""
 
 RARE_PERIODS_S: Final = {"7 days": 7 * DAY_S, "60 min": 3600.0, "60 s": 60.0, "1 s": 1.0}
 """Periods of clocks that give a part of the time."""

@@ -17,7 +17,6 @@ from skincal.imports.mapping_file import CsvFormat
 from skincal.imports.text_table import TextTable, text_lines
 
 MOST_LINES: Final = 4000
-"""Number of lines that are looked at."""
 
 MOST_LETTERS: Final = 2 << 20
 """Number of characters that are looked at: a header of 32768 columns is a third of it."""
@@ -26,7 +25,6 @@ LONGEST_LINE: Final = 200
 """Number of characters of a line above the blocks that are looked at."""
 
 MOST_BEFORE: Final = 200
-"""Number of lines in which a header is looked for."""
 
 SHAPE: Final = re.compile(r"^\W*(?:shape\b\W*)?\d+\s*[x×,;\s]\s*\d+\W*$", re.IGNORECASE)
 DELIMITERS: Final = {",": '","', ";": '";"', "\t": '"\\t"', "|": '"|"', "whitespace": '"whitespace"'}
@@ -36,7 +34,6 @@ RATE: Final = re.compile(
     rf"\W+({NUMBER})",
     re.IGNORECASE,
 )
-"""The rate of frames in a header."""
 
 MOST_COLUMNS: Final = 12
 """A table with more columns holds a whole image in a row."""

@@ -33,20 +33,10 @@ _Time = Annotated[float, Key("a time [s], 0 or more", 0.0)]
 
 @dataclass(frozen=True)
 class CutRules(Table, unknown="refuse"):
-    """Rules for cutting a time series into presses.
+    """Rules for cutting a time series into presses; ``docs/import.md`` explains the keys.
 
-    Attributes:
-        by: what a press is: a contact by force or by taxels, a plateau, or a number in a column.
-        on_n: a contact is a stretch above ``off_n`` that rises above this force [N].
-        band: half width of the hold, relative to the force that is kept longest.
-        settle_s: time at the start of a hold that still counts as loading [s].
-        min_hold_s: a press with a shorter hold is left out [s].
-        slope_n_per_s: largest change of force on a plateau [N/s].
-        start_at_zero: whether the session clock begins at the first sample.
-        own_clocks: whether each file has its own clock; then files follow each other.
-        gap_s: gap between such files [s].
-        slides: of a contact that slides in its hold: that is cut to where it rests, or kept, or the import refuses.
-        still_m: largest motion of a contact that rests [m]; None: sigma_m of the positions.
+    A contact is a stretch of force above ``off_n`` that rises above ``on_n``. ``band`` is relative to the force that is
+    kept longest; a ``still_m`` of None stands for sigma_m of the positions.
     """
 
     by: By = "force"
@@ -71,15 +61,10 @@ class CutRules(Table, unknown="refuse"):
 
 @dataclass(frozen=True, kw_only=True)
 class CsvFormat(Table, unknown="refuse"):
-    """Layout of a text file.
+    """Layout of a text file; ``docs/import.md`` explains the keys.
 
-    Attributes:
-        layout: a table, blocks of rows (one per frame), or lines of ``name=value``.
-        block_rows: rows of a block; 0: up to the next line that is not a row.
-        rate_hz: rows per second, for files without stamps [Hz]; None: a column holds the time.
-        order: order of events: that of the rows, or that of the stamps.
-        missing: texts that mean no value, beside an empty cell.
-        thousands: mark between groups of three digits; a space stands for any kind of space.
+    ``block_rows`` of 0 reach up to the next line that is not a row; without ``rate_hz``, a column holds the time; a
+    space as mark of ``thousands`` stands for any kind of space.
     """
 
     delimiter: str = ","
@@ -118,12 +103,7 @@ class CsvFormat(Table, unknown="refuse"):
 
 @dataclass(frozen=True, kw_only=True)
 class CsvSource(CsvFormat):
-    """The text files with the taxels.
-
-    Attributes:
-        files: their names, relative to the mapping.
-        drop_incomplete: whether rows without force or position are left out, instead of refused.
-    """
+    """The text files with the taxels, relative to the mapping; incomplete rows are refused unless they are dropped."""
 
     rows: Rows
     files: Annotated[tuple[str, ...], Texts("names of files")] = ()
@@ -181,15 +161,10 @@ class BagEntry(Entry):
 
 @dataclass(frozen=True, kw_only=True)
 class JoinedFormat(CsvFormat):
-    """A table of ``[files]``: a further file with its own clock.
+    """A table of ``[files]``: a further file (or a pattern of names) with its own clock, relative to the mapping.
 
-    Attributes:
-        file: its name, or a pattern of names; relative to the mapping.
-        time: its stamps; None with a fixed rate.
-        max_age_s: validity of a value [s]; None: three of its own steps.
-        offset_s: offset from its clock to that of the taxels [s], or that it is found by correlation.
-        within_s: largest offset that is searched then [s].
-        clock: another table of ``[files]`` whose clock it has, so that the offset is the same.
+    ``time`` is None with a fixed rate; a ``max_age_s`` of None stands for three of its own steps. ``clock`` is another
+    table whose clock, and so whose offset, it has.
     """
 
     file: Annotated[str, Key("the name of the file, or a pattern like gauge_*.csv")]

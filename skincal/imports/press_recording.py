@@ -35,7 +35,7 @@ from skincal.imports.resting import rested
 from skincal.imports.targets import LABELS
 from skincal.model.rest import rounding_step
 
-SPIKES = 0.001
+FORCE_SPIKES = 0.001
 """Part of the samples that may be spikes of the force sensor."""
 
 
@@ -95,7 +95,7 @@ def _without_spikes(recording: Recording, found: Cut, file: str, findings: Findi
 
 def _check_released(series: Series, rules: CutRules, file: str, findings: Findings) -> None:
     """Warn of a force that is never that of no contact: then the whole recording is one."""
-    least = float(np.quantile(series.force_n, SPIKES)) if len(series) else 0.0
+    least = float(np.quantile(series.force_n, FORCE_SPIKES)) if len(series) else 0.0
     if least > rules.off_n:
         findings.warn(
             f"{file}, force_n", f"forces below off_n = {rules.off_n:g} N where nothing touches",
@@ -162,19 +162,19 @@ def _no_press(series: Series, found: Cut, rules: CutRules, file: str) -> InputEr
     return input_error(file, "at least one press", f"{got} ({top})", "" if rules.by == "taxels" else fix)
 
 
-OVER_NOISE: Final = 10.0
+SPIKE_SIGMAS: Final = 10.0
 """Least jump of a spike, in standard deviations of the noise of its stretch and of the taxel; chance makes none."""
 
-STEPS: Final = 2.5
+SPIKE_STEPS: Final = 2.5
 """Least jump in steps of the converter: coarse readings jump by one step although their noise looks like zero."""
 
-MOST: Final = 0.05
+MOST_SPIKES: Final = 0.05
 """Largest part of readings that may be spikes; more are taken for the signal (set by eye)."""
 
-LEAST: Final = 4
+FEWEST_STEPS: Final = 4
 """Smallest number of differences from which the noise of a stretch is estimated."""
 
-PART, SIGMAS = 0.8, 1.2816
+NOISE_QUANTILE, NOISE_SIGMAS = 0.8, 1.2816
 """Quantile of absolute differences that gives the noise, and its value for a standard normal."""
 
 
@@ -184,32 +184,32 @@ def find_spikes(counts: FloatArray, cut: Cut) -> BoolArray:
     The noise is estimated in each phase of a press and each stretch of rest. There are none if there would be too many.
     """
     spikes, looked = np.zeros(counts.shape, dtype=bool), 0
-    if len(counts) <= LEAST:
+    if len(counts) <= FEWEST_STEPS:
         return spikes
     idle = np.ones(len(counts), dtype=bool)
     for one in (*cut.spans, *cut.rejected):
         idle[one.start : one.stop] = False
-    least = STEPS * rounding_step(counts[np.isfinite(counts)])
+    least = SPIKE_STEPS * rounding_step(counts[np.isfinite(counts)])
     usual = _noise(np.diff(counts, axis=0))
     edges = [(span.start, span.hold, span.hold_stop, span.stop) for span in cut.spans]
     for start, end in (*(ends for four in edges for ends in pairwise(four)), *runs(idle)):
         first, stop = max(start - 1, 0), min(end + 1, len(counts))
         part = counts[first:stop, alive := np.isfinite(counts[first:stop]).any(axis=0)]
         steps = np.diff(part, axis=0)
-        if len(steps) < LEAST:
+        if len(steps) < FEWEST_STEPS:
             continue
         looked += steps[1:].size
-        limit = np.maximum(OVER_NOISE * np.maximum(_noise(steps), usual[alive]), least)
+        limit = np.maximum(SPIKE_SIGMAS * np.maximum(_noise(steps), usual[alive]), least)
         before, after = steps[:-1], steps[1:]
         far = np.minimum(np.abs(before), np.abs(after))
         far = np.minimum(far, np.abs(part[1:-1] - np.nanmedian(part, axis=0)))
         spikes[first + 1 : stop - 1, alive] |= (np.sign(before) == -np.sign(after)) & (far > limit)
-    return spikes if spikes.sum() <= MOST * looked else np.zeros_like(spikes)
+    return spikes if spikes.sum() <= MOST_SPIKES * looked else np.zeros_like(spikes)
 
 
 def _noise(steps: FloatArray) -> FloatArray:
     """Estimate the noise of each taxel (J,) from differences (n, J) of successive readings."""
-    return np.quantile(np.abs(np.nan_to_num(steps)), PART, axis=0) / (np.sqrt(2) * SIGMAS)
+    return np.quantile(np.abs(np.nan_to_num(steps)), NOISE_QUANTILE, axis=0) / (np.sqrt(2) * NOISE_SIGMAS)
 
 
 OWN = ("press", "phase", "time_s", "force_n", *POSITION)

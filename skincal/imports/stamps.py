@@ -31,7 +31,6 @@ DATE_FORMATS = tuple(
         "%H:%M:%S.%f", "%H:%M:%S", "%H:%M:%S:%f", "%I:%M:%S.%f %p", "%I:%M:%S %p", "%H-%M-%S.%f", "%H.%M.%S.%f",
     )
 )  # fmt: skip
-"""Formats that are proposed."""
 
 DISPLACED = 20
 """Rows at most this many places from the order of their stamps were written late; farther, the clock was set."""

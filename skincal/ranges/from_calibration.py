@@ -7,8 +7,8 @@ A calibration replaces these figures of the preset:
   uncertainty of the patch's place; a calibrated centre replaces it.
 - ``scale_per_taxel_per_n`` becomes a constant ``scale_offset_per_n``: S_j - S, so that S varies as a whole.
 - The numbers of a contact law, where there is one, stand under ``skin.contact_law``.
-- Parameters of effects stand under ``skin.effects.NAME`` (:mod:`skincal.ranges.from_calibration`). One that says so
-  (``replaces_range``) replaces the preset's spread of the taxels.
+- Parameters of effects stand under ``skin.effects.NAME``. One that says so (``replaces_range``) replaces the preset's
+  spread of the taxels.
 
 Where the data leave a parameter unbounded, the preset's range stays, marked as assumed. S is an exception: it belongs
 to one sensor and its converter, so that a calibration without an interval for S is refused unless a range is assumed.
@@ -238,7 +238,12 @@ def _provenance(calibration: Calibration, preset: str) -> dict[str, str]:
 
 
 def effect_parameters(effect: Effect, warnings: list[Problem]) -> dict[str, Parameter]:
-    """Return the ranges of an effect's parameters by full name."""
+    """Return the ranges of an effect's parameters by full name; a list becomes a list of ranges.
+
+    A parameter is drawn over its interval, evenly on the scale on which it is fitted, and within its bounds, at which
+    an interval that is open on one side ends. Without an interval its fitted value stays, and where the interval is
+    open on both sides, with a warning.
+    """
     if EFFECTS[effect.name].of_rig:
         place = f"calibration.toml, [effects] {effect.name}"
         fix = "Environments know the true places and forces, and leave it out."

@@ -70,10 +70,8 @@ DISTRIBUTIONS: Final = {
         "{value:g}",
     ),
 }
-"""By the word in a file."""
 
 FIGURES: Final = tuple(dict.fromkeys(name for one in DISTRIBUTIONS.values() for name in one.figures))
-"""Names of all figures."""
 
 
 Mode = Literal["episode", "step"]

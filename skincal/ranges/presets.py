@@ -38,7 +38,6 @@ _FINGERS: Final = {
     "finger.parasitic_stiffness_nm_per_rad": _U(15.0, 35.0),
     "finger.stick_friction_12_nm": _U(0.01, 0.03),
 }
-"""Figures that both works share."""
 
 _IROS24: Final = {
     **_FINGERS,

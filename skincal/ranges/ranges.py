@@ -23,6 +23,12 @@ from skincal.ranges.names import (
 )
 from skincal.ranges.parameter import DISTRIBUTIONS, MODES, Mode, Parameter, Source
 
+Draw = float | FloatArray
+Draws = Mapping[str, Draw]
+"""Draws by the full names of their parameters."""
+Sample = dict[str, Any]
+"""Nested dictionaries by the tables of the file; the leaves are :data:`Draw`."""
+
 
 @dataclass(frozen=True, eq=False)
 class JointDraws:
@@ -197,13 +203,6 @@ class Ranges(Mapping[str, Parameter]):
             for path, parameter in self._drawn[mode].items()
         }
         return drawn | together
-
-
-Draw = float | FloatArray
-Draws = Mapping[str, Draw]
-"""Draws by the full names of their parameters."""
-Sample = dict[str, Any]
-"""Nested dictionaries by the tables of the file; the leaves are :data:`Draw`."""
 
 
 def nested(values: Mapping[str, Any]) -> Sample:

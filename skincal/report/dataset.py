@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from skincal.dataset import IDLE, Dataset
 from skincal.dataset.placement import patch_coordinates
-from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels
-from skincal.dataset.summary import session_times_s
+from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels, session_times_s
 from skincal.model.arrays import BoolArray, FloatArray
 from skincal.report import style
 

@@ -150,7 +150,7 @@ def _frame(axes: Axes, tiles: _Tiles, place: int, press: ShownPress, words: str)
 FEW = 30
 """Presses that are shown of a larger number."""
 
-MOST = 8
+MOST_LEFT_OUT = 8
 """Most presses that were left out to simulate; a larger number are not outliers."""
 
 
@@ -197,12 +197,12 @@ def used_presses(result: FitResult, chosen: IntArray) -> list[ShownPress]:
 
 
 def left_out(result: FitResult, dataset: Dataset) -> list[ShownPress]:
-    """Return presses that were left out, though enough taxels were active: the worst first, at most ``MOST``."""
+    """Return presses, the worst first, that were left out although enough taxels were active."""
     problem = result.problem
     least = int(problem.active[problem.rows].min(initial=len(problem.active)))
     known = np.isfinite(dataset.presses.position_m).all(axis=1) & (dataset.presses.force_n > 0)
     unused = np.array([status != USED for status in problem.status])
-    rows = np.flatnonzero(unused & known & (problem.active >= least))[:MOST]
+    rows = np.flatnonzero(unused & known & (problem.active >= least))[:MOST_LEFT_OUT]
     if not len(rows):
         return []
     on = CalibratedSkin.of(calibration_of(result, dataset, Provenance("")), dataset)

@@ -120,7 +120,6 @@ def _draw_slack(axes: Axes, result: FitResult) -> None:
 
 
 SIZE_PT = 6.0
-"""Size of the letters [pt]."""
 
 _WIDE, _HIGH = 0.62, 0.95
 """Width of a digit and height of a line, relative to the size of the letters."""

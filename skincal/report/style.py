@@ -220,7 +220,6 @@ MOST_LABELLED = 36
 """Largest number of taxels whose values are written on them."""
 
 CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-"""Corners of a square about its centre, in turn."""
 
 LUMA = (0.299, 0.587, 0.114)
 """How light red, green and blue look (ITU-R BT.601)."""

@@ -15,7 +15,7 @@ from skincal.cli.main import main
 from skincal.collect import Mount, Plan, PlannedPress, collect
 from skincal.collect.rig import SESSION, Rig, Rounds
 from skincal.dataset import Dataset, read_dataset
-from skincal.dataset.joined import GAP_S
+from skincal.dataset.dataset import GAP_S
 from skincal.diagnosis.observed import observe
 from skincal.diagnosis.updated_calibration import updated_parameters
 from skincal.errors import InputError

@@ -8,7 +8,7 @@ import numpy as np
 
 from skincal.dataset import HOLD, active_taxels, read_dataset, write_dataset
 from skincal.dataset.plausibility import hold_means
-from skincal.dataset.summary import summarise
+from skincal.dataset.rest import summarise
 
 
 def test_practice_sessions(shared: Path) -> None:

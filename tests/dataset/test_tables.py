@@ -9,7 +9,7 @@ import pytest
 from diagnosis.diagnose_data import moving
 
 from skincal.dataset import PHASES, Frames, Presses, read_dataset, write_dataset
-from skincal.dataset.joined import join_sessions
+from skincal.dataset.dataset import join_sessions
 from skincal.errors import InputError
 from tests.dataset.changes import with_presses, with_sensor
 
