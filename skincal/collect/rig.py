@@ -225,7 +225,6 @@ class Rounds:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _check_same(self) -> None:
-        """Check that an interrupted run, if there is one, is the same one."""
         file, before = self.folder / _KEY, None
         if not file.is_file():
             return
