@@ -340,7 +340,7 @@ DEPLOYED = {
 def _of_runs(scratch: Path) -> list[Reader]:
     from skincal.calibrate.checkpoint import Checkpoint
     from skincal.collect.journal import Journal
-    from skincal.deploy.run_file import read_run_file
+    from skincal.deploy.record import read_run_file
     from skincal.envs.trajectories import read_targets
     from skincal.fitting.grid import GridSlab
     from skincal.sim.touch import SkinMemory

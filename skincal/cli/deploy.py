@@ -75,7 +75,7 @@ def deploy(
     from skincal.deploy import deploy as run
     from skincal.deploy import targets_of, write_record
     from skincal.deploy.estimate import estimate_error_m, estimate_positions
-    from skincal.deploy.run_file import MARKER, SESSION, results
+    from skincal.deploy.record import MARKER, SESSION, results
     from skincal.envs.pinch import read_pinch
     from skincal.files import refuse_existing, reserved_room, whole_folder
     from skincal.hand import GuardOptions

@@ -23,6 +23,7 @@ def rescale(
     cal: options.Calibration,
     rolled: Annotated[Path, argument("ROLLED", "Output of `skincal deploy` on it now.")],
     out: Annotated[Path | None, option("Folder for the calibration with the factor in its scale.")] = None,
+    # By default the fewest for a two-sided rank test at 10 %, one in twenty at each end.
     hands: Annotated[int, option("Simulated hands, drawn from the calibration.", min=3, max=10_000)] = 19,
     seed: options.Seed = 0,
     as_json: options.Json = False,
@@ -35,7 +36,7 @@ def rescale(
     more.
     """
     from skincal.calibration import read_calibration, write_calibration
-    from skincal.deploy.run_file import read_run_file
+    from skincal.deploy.record import read_run_file
     from skincal.deploy.wear import (
         estimate_wear,
         recorded_sensitivity,

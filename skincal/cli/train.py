@@ -110,7 +110,6 @@ def train(
 
 
 def _work(task: Task, given: dict[str, Any], first: Policy | None) -> Work:
-    """Return a new run."""
     from skincal.train.settings import PpoSettings, Settings, Work
 
     settings = PpoSettings() if task is Task.pellets else Settings()
@@ -128,11 +127,7 @@ def _work(task: Task, given: dict[str, Any], first: Policy | None) -> Work:
 
 
 def _check_like(run: Path, work: Work, before: Work) -> None:
-    """Check that a run can take over the memory of another one.
-
-    Raises:
-        InputError: it is learned by another library, or in another number of environments.
-    """
+    """Check that a run can take over the memory of another one: of the same library, in as many environments."""
     for name, own, other in (
         ("--backend", work.backend, before.backend),
         ("--envs", work.settings.environments, before.settings.environments),

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.bounded import parse_toml, read_text
-from skincal.collect.assemble import dataset_of, rest_shifts
 from skincal.collect.connection import press_on_hand
 from skincal.collect.journal import Journal, digest_of, journal_folder, journal_lock
 from skincal.collect.plan import CollectOptions, Plan
 from skincal.collect.plan_file import plan_as_toml, read_plan
 from skincal.collect.poses import with_poses
 from skincal.collect.posture import Fingers, Mount
+from skincal.collect.record import dataset_of, rest_shifts
 from skincal.collect.session import MakeDriver, Session, Watch
 from skincal.collect.stage import check_height, press_on_stage
 from skincal.dataset import Dataset, DatasetMeta, check_dataset, write_dataset

@@ -87,19 +87,15 @@ def way_through_joints(
     for between in ([], [first], [last], [first, last]):
         way = np.stack([start_rad, *between, end_rad])
         dense = _spaced(way, np.linspace(0, len(way) - 1, CHECKED))
-        if _least_height(fingers, dense, radius_m) >= least_m:
+        torques = np.zeros_like(dense)
+        contact = contact_from_joints(fingers.kinematics, dense, torques, indenter_radius_m=radius_m)
+        if float(contact.gap_m.min()) >= least_m:
             return way
     raise WorkError(
         "free motion: expected a path from the hand's present angles to the first site on which the indenter stays "
         f"{1e3 * least_m:.1f} mm off the skin; found none. Move the fingers apart, to the hand's home angles, and run "
         "again."
     )
-
-
-def _least_height(fingers: Fingers, links_rad: FloatArray, radius_m: float) -> float:
-    torques = np.zeros_like(links_rad)
-    contact = contact_from_joints(fingers.kinematics, links_rad, torques, indenter_radius_m=radius_m)
-    return float(contact.gap_m.min())
 
 
 def follow(
@@ -185,7 +181,8 @@ class Connection:
     def _make(self, number: int) -> None:
         session, loop = self._session, self._loop
         planned = session.plan.presses[number]
-        posture = self._posture(planned)
+        skin, start = session.plan.poses[planned.pose], None if self._place is None else self._place.links_rad
+        posture = self._fingers.posture(planned.site, skin, self._options, self._radius_m, start)
         loop.doing = "travel"
         self._go(planned, posture)
         press = Press(loop, posture, planned, self._options, self._near(planned.pose))
@@ -203,11 +200,6 @@ class Connection:
         if len(heights_m) < FEWEST_FOUND:
             return self._options.near_m
         return max(heights_m) + self._options.before_contact_m
-
-    def _posture(self, planned: PlannedPress) -> Posture:
-        skin = self._session.plan.poses[planned.pose]
-        start = None if self._place is None else self._place.links_rad
-        return self._fingers.posture(planned.site, skin, self._options, self._radius_m, start)
 
     def _go(self, planned: PlannedPress, posture: Posture) -> None:
         """Move the indenter over a site, at travelling height."""

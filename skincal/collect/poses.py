@@ -115,7 +115,6 @@ def check_reach(plan: Plan, fingers: Fingers, options: CollectOptions) -> None:
 def _press_problems(
     where: str, press: PlannedPress, plan: Plan, fingers: Fingers, options: CollectOptions
 ) -> list[Problem]:
-    """Return the reasons why a press cannot be made."""
     points, _ = fingers.mount.place([press.site])
     if not np.isfinite(points).all():
         return [Problem(where, "a site on the surface", "one beyond its edge")]

@@ -128,7 +128,8 @@ class Press:
         if self._approach():
             self._load()
             self._hold()
-            self._unload()
+            self._loop.doing = "unload"
+            self._ramp(self._regulator.normal_n, 0.0)
         self._lift()
         return self.moments
 
@@ -220,11 +221,6 @@ class Press:
                 self.lost = True
                 break
         self.moments.release_s = self._loop.now.time_s
-
-    def _unload(self) -> None:
-        """Reduce the force to zero at the planned speed."""
-        self._loop.doing = "unload"
-        self._ramp(self._regulator.normal_n, 0.0)
 
     def _lift(self) -> None:
         """Raise the indenter to travelling height, and wait there."""

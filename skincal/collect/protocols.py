@@ -197,7 +197,6 @@ def _balanced(rng: np.random.Generator, count: int, choices: int) -> list[int]:
 
 
 def _chosen(rng: np.random.Generator, regular: list[PlannedPress], count: int) -> list[int]:
-    """Return the numbers of some regular presses, in random order."""
     return rng.choice(len(regular), min(count, len(regular)), replace=False).tolist()
 
 
@@ -255,7 +254,6 @@ def _with_anchors(order: list[PlannedPress], anchor: PlannedPress) -> list[Plann
 
 
 def _sites(places: FloatArray) -> list[Site]:
-    """Return places (N, 2) [m] as sites."""
     return [(u_m, v_m) for u_m, v_m in places.tolist()]
 
 

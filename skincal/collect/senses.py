@@ -31,7 +31,7 @@ class Sample:
         point_m: point of the surface nearest to the indenter, fingertip frame (3,) [m].
         height_m: height of the indenter above the surface [m].
         links_rad: angles of the links (n,) [rad].
-        frame_s: time of the taxels' reading, session clock [s]; NaN without a reading.
+        frame_s: mean time of the responding taxels' reading, session clock [s]; NaN without a reading.
     """
 
     time_s: float
@@ -72,10 +72,12 @@ class Senses:
         torque = state.tau_nm - self.tare_nm
         contact = self._contact(state, torque)
         links = self._kinematics.link_angles(state.q_rad, torque)[0]
+        times = state.taxel_time_s[np.isfinite(state.taxel_time_s)]
+        frame_s = float(times.mean()) if len(times) else math.nan
         self._last = Sample(
             state.time_s + self._shift_s, float(contact.force_n[0]), float(contact.shear_u_n[0]),
             float(contact.shear_v_n[0]), contact.points_m[0], float(contact.gap_m[0]), links, state,
-            _frame_time(state) + self._shift_s,
+            frame_s + self._shift_s,
         )  # fmt: skip
         return self._last
 
@@ -100,12 +102,6 @@ class Senses:
             )
         self.tare_nm = tare
         self._last = None
-
-
-def _frame_time(state: HandState) -> float:
-    """Return the mean time at which the responding taxels were read [s]."""
-    times = state.taxel_time_s[np.isfinite(state.taxel_time_s)]
-    return float(times.mean()) if len(times) else math.nan
 
 
 class Loop(ControlLoop[GuardedHand, Sample]):

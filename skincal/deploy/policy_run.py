@@ -168,7 +168,8 @@ class _PolicyLoop:
                 fraction = -math.expm1(-2 * math.pi * self.options.low_pass_hz * passed_s)
                 sent = sent + fraction * (desired - sent)
                 motion.step(sent)
-                empty_s = 0.0 if self._is_held() else empty_s + motion.now.time_s - sent_s
+                held = max(self.forces.normal_n(motion.now)) > self.options.contact_n / 2
+                empty_s = 0.0 if held else empty_s + motion.now.time_s - sent_s
             late_s = motion.now.time_s - end_s
             if late_s > self.options.late_s:
                 raise WorkError(
@@ -217,10 +218,6 @@ class _PolicyLoop:
         if not np.isfinite(action).all():
             raise WorkError(f"{self.policy.file}: expected finite actions; got NaN at step {k}")
         return np.clip(action, -1.0, 1.0)
-
-    def _is_held(self) -> bool:
-        """Return whether a finger still exerts a force."""
-        return max(self.forces.normal_n(self.motion.now)) > self.options.contact_n / 2
 
     def _error(self, k: int) -> float:
         """Return the distance of a marble from its target at step k [m]; NaN for a bolt or an unknown position."""

@@ -16,7 +16,7 @@ import numpy as np
 from skincal.calibration import Calibration
 from skincal.dataset import HOLD, read_dataset
 from skincal.deploy.policy_run import deploy
-from skincal.deploy.run_file import SESSION, RunFile
+from skincal.deploy.record import SESSION, RunFile
 from skincal.deploy.targets import targets_of
 from skincal.envs.pinch import read_pinch
 from skincal.envs.reference_hand import ReferenceHand
@@ -26,8 +26,6 @@ from skincal.ranges import from_calibration
 from skincal.train.policy_file import policy_path, read_policy
 from skincal.train.settings import part_seed
 
-HANDS = 19
-"""Number of simulated hands: the fewest for a two-sided rank test at 10 %, one in twenty at each end."""
 ALARM = 0.1
 """p-value at or below which one common factor is rejected."""
 _LEAST_N = 0.5

@@ -150,4 +150,7 @@ class StageState:
 
 
 class StageDriver(Driver[StageDescription, StageState, FloatArray]):
-    """A stage; a command is the next position of the indenter's tip (3,) [m]."""
+    """A stage: an indenter that is moved over a sensor on a bench, with a load cell.
+
+    A command is the next position of the indenter's tip (3,) [m].
+    """

@@ -93,7 +93,7 @@ class RemoteDriver(HandDriver):
         self._session, self._number, self._gone = secrets.token_hex(16), 0, False
         hello = {"digest": self._description.digest, "hand": self._description.name}
         try:
-            self._socket = self._open(context)
+            self._socket = prepared(context, self._zmq.DEALER, self._keys, self._address)
             welcome = self._ask("hello", hello, "welcome")
             self._period_s, self._watchdog_s = number(welcome, "period_s"), number(welcome, "watchdog_s")
             self.real_time = welcome.body.get("real_time") is not False
@@ -125,7 +125,7 @@ class RemoteDriver(HandDriver):
         context: zmq.Context[zmq.Socket[bytes]] = self._zmq.Context()
         socket = None
         try:
-            socket = self._open(context)
+            socket = prepared(context, self._zmq.DEALER, self._keys, self._address)
             self._exchange(socket, Message("stop", 1, self._session), "done", STOP_S)
         except HandError as error:
             if error.kind != "lost":
@@ -155,16 +155,6 @@ class RemoteDriver(HandDriver):
         if self._context is not None:
             self._context.term()
         self._context, self._socket, self._session = None, None, ""
-
-    def _open(self, context: zmq.Context[zmq.Socket[bytes]]) -> zmq.Socket[bytes]:
-        socket = prepared(context, self._zmq.DEALER, self._keys)
-        try:
-            socket.connect(self._address)
-        except BaseException:
-            # An open socket would keep its context from ending, for ever.
-            socket.close()
-            raise
-        return socket
 
     def _ask(self, kind: str, body: dict[str, Any], expected: str) -> Message:
         if self._socket is None:

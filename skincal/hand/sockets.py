@@ -139,8 +139,13 @@ def checked_address(address: str, *, keys: bool, what: str) -> str:
     return address
 
 
-def prepared(context: zmq.Context[zmq.Socket[bytes]], kind: int, keys: Keys | None) -> zmq.Socket[bytes]:
-    """Return a socket that drops pending messages when closed, refuses large messages, and uses the keys, if any."""
+def prepared(
+    context: zmq.Context[zmq.Socket[bytes]], kind: int, keys: Keys | None, connect: str | None = None
+) -> zmq.Socket[bytes]:
+    """Return a socket that drops pending messages when closed, refuses large messages, and uses the keys, if any.
+
+    It is connected if an address is given.
+    """
     socket = context.socket(kind)
     try:
         socket.linger = 0
@@ -154,6 +159,8 @@ def prepared(context: zmq.Context[zmq.Socket[bytes]], kind: int, keys: Keys | No
                 socket.curve_server = True
             else:
                 socket.curve_serverkey = keys.server
+        if connect is not None:
+            socket.connect(connect)
     except BaseException:
         # An open socket would keep its context from ending, for ever.
         socket.close()

@@ -111,7 +111,7 @@ class SimulatedHand:
             self._steps += 1
             if self._steps % self._between == 0:
                 self._look()
-        if not all(map(_sound, q)):
+        if not all(-1e3 < angle < 1e3 for angle in q):
             raise WorkError("simulated hand: expected finite joint angles; the simulation has diverged")
 
     def contact(self) -> TrueContact:
@@ -188,10 +188,6 @@ class SimulatedHand:
         else:
             q = self._drives.motor_rad.copy()
         return q + self.truth.joints.angle_error_rad(q)
-
-
-def _sound(value: float) -> bool:
-    return -1e3 < value < 1e3
 
 
 def _drive_parameters(description: HandDescription, truth: Truth, options: SimOptions) -> DriveParameters:

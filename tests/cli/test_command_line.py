@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import importlib.util
 import inspect
 import json
 import os
@@ -305,3 +306,19 @@ def test_a_working_folder_that_is_gone(tmp_path: Path):
     done = subprocess.run(command, cwd=here, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "the working folder: expected one that exists; got a removed one" in done.stderr
+
+
+SOURCE = Path(__file__).parents[2] / "docs" / "_ext" / "verbs.py"
+
+
+@pytest.mark.skipif(not SOURCE.exists(), reason="the documentation's source is not here")
+def test_every_verb_on_the_page_has_its_examples():
+    pytest.importorskip("sphinx")
+    spec = importlib.util.spec_from_file_location("reference_of_verbs", SOURCE)
+    assert spec is not None and spec.loader is not None
+    page = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(page)
+    listed = list(page.verbs(typer.main.get_command(app)))
+    assert len(listed) > 10
+    for name, command in listed:
+        assert any(line.startswith("$ skincal ") for line in page.described(name, command)), name

@@ -43,17 +43,8 @@ class Killed:
     def start(self, *, die: signal.Signals | None = None, after_s: float = 0.0) -> tuple[int, str]:
         """Runs the command; kills it after a time. Returns its exit status and what it said."""
         command = [
-            "collect",
-            "--driver",
-            "sim",
-            "--seed",
-            "5",
-            "--plan",
-            "plan.toml",
-            "--out",
-            "run",
-            "--json",
-        ]
+            "collect", "--driver", "sim", "--seed", "5", "--plan", "plan.toml", "--out", "run", "--json",
+        ]  # fmt: skip
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
         process = (
             Fork(self.folder, command)

@@ -18,7 +18,7 @@ from benchmarks.remote_cost import Clock, Link
 from skincal.dataset import HOLD, read_dataset
 from skincal.deploy import deploy, letters, marble_targets, record
 from skincal.deploy.policy_run import PolicyObservation
-from skincal.deploy.run_file import read_run_file
+from skincal.deploy.record import read_run_file
 from skincal.envs.pinch import read_pinch
 from skincal.envs.reference_hand import ReferenceHand
 from skincal.errors import InputError, WorkError

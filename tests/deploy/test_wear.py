@@ -105,7 +105,7 @@ def test_the_verb_scales_the_calibration(tmp_path: Path, capsys: pytest.CaptureF
 )  # fmt: skip
 def test_a_run_that_deploy_cannot_have_made_is_refused(tmp_path: Path, old: str, new: str) -> None:
     from benchmarks.fuzz_readers import DEPLOYED
-    from skincal.deploy.run_file import read_run_file
+    from skincal.deploy.record import read_run_file
 
     text = json.dumps(DEPLOYED)
     (tmp_path / "deploy.json").write_text(text)

@@ -17,11 +17,13 @@ import pytest
 from hand_fakes import FakeHand, Hands, changed, tiny_description
 from test_replay import recorded
 
+from benchmarks.remote_cost import Clock
 from skincal.hand import contract, remote, replay
 from skincal.hand.contract import CheckResult, ContractOptions, ContractReport
 from skincal.hand.contract_checks import run_contract
 from skincal.hand.driver import HandCommand, HandState
 from skincal.hand.errors import HandError
+from skincal.hand.registry import create_driver, driver_options
 from skincal.hand.remote import RemoteDriver
 from skincal.hand.replay import ReplayDriver
 from skincal.hand.serve import HandServer
@@ -342,3 +344,34 @@ def test_a_driver_that_is_never_made_fails(monkeypatch: pytest.MonkeyPatch) -> N
         return FakeHand()
 
     assert run_contract("hangs", hangs, QUICK).count("failed") > 10
+
+
+DOCS = Path(__file__).parents[2] / "docs"
+"""With a template of a driver, found as a person would name it."""
+
+
+@pytest.fixture
+def in_docs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(DOCS))
+
+
+@pytest.mark.usefixtures("in_docs")
+def test_the_template_keeps_the_contract(monkeypatch: pytest.MonkeyPatch) -> None:
+    import my_hand
+
+    clock = Clock()
+    monkeypatch.setattr(my_hand, "time", clock)
+    options = ContractOptions(clock=clock.monotonic)
+    report = run_contract("my_hand", lambda: create_driver("my_hand:MyHand", rate_hz="100"), options)
+    assert [(r.name, r.got) for r in report.results if r.status != "passed"] == []
+
+
+@pytest.mark.usefixtures("in_docs")
+def test_options_of_the_template_have_help() -> None:
+    assert all(option.text for option in driver_options("my_hand:MyHand"))
+    assert create_driver("my_hand:MyHand", rate_hz="250").period_s == 0.004
+
+
+def test_the_page_shows_the_template() -> None:
+    page = (DOCS / "own_hand.md").read_text(encoding="utf-8")
+    assert "```{literalinclude} my_hand.py" in page

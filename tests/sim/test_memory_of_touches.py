@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sessions import press
-from skins import contact, images, ramp, skin
+from sessions import contact, images, press, ramp, skin
 
 from skincal.errors import InputError
 from skincal.hand.sim import BREAK_S, SimDriver

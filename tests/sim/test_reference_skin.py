@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from calibrations import make_calibration, on_a_plane
-from sessions import exact
-from skins import KINEMATICS, contact, images, ramp, skin
+from sessions import KINEMATICS, contact, exact, images, ramp, skin
 
 from skincal.calibration import Effect, FittedLaw, stream_of
 from skincal.effects import EFFECTS, Samples

@@ -9,6 +9,8 @@ import pytest
 from hands import other_hand
 from sessions import move, press, pressed, session
 
+import skincal.robot
+import skincal.sim
 from skincal.errors import InputError, WorkError
 from skincal.robot import Kinematics, bundled_hand, contact_from_joints, read_hand
 from skincal.sim import SimOptions, SimulatedHand, TrueContact
@@ -232,3 +234,20 @@ def test_a_normal_or_friction_that_cannot_be_is_left_out() -> None:
     nan = float("nan")
     np.testing.assert_array_equal(summed_force([point(4, 1.0, (nan, 0, 1))], 4, 1e3), [0, 0, 0])
     np.testing.assert_array_equal(summed_force([point(4, 1.0, sideways=nan)], 4, 1e3), [0, 0, 1])
+
+
+ROBOT = """
+DEFAULT_HAND FORMAT Chain FingerDescription HandDescription HandState ImpedanceGains JointContact
+JointLimits Kinematics TipFrames bundled_hand check_limits contact_from_joints place_indenter
+read_hand hand_named joint_contact_force urdf_with_sphere
+"""
+SIM = """
+JointTruth PositionError ReferenceSkin SimOptions SimulatedHand SkinMemory TrueContact Truth
+TruthOptions position_error
+"""
+
+
+def test_public_names() -> None:
+    for module, names in ((skincal.robot, ROBOT), (skincal.sim, SIM)):
+        assert set(module.__all__) == set(names.split())
+        assert all(getattr(module, name) is not None for name in names.split())
