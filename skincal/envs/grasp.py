@@ -86,7 +86,7 @@ def _reach(chain: Chain, q_rad: FloatArray, point_m: FloatArray, target_m: Float
             return q
         jacobian = chain.jacobian(frames, at)[0]
         # The shortest step towards the error.
-        step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-12 * np.eye(3), error)
+        step: FloatArray = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-12 * np.eye(3), error)
         q[chain.columns] += step * min(1.0, 0.2 / max(float(np.abs(step).max()), 1e-12))
     place = ", ".join(f"{1e3 * v:.1f}" for v in target_m)
     raise WorkError(
