@@ -84,7 +84,7 @@ def _reach(chain: Chain, q_rad: FloatArray, point_m: FloatArray, target_m: Float
         error = target_m - at[0]
         if np.linalg.norm(error) < _NEAR_M:
             return q
-        jacobian = chain.jacobian(frames, at)[0]
+        jacobian: FloatArray = chain.jacobian(frames, at)[0]
         # The shortest step towards the error.
         step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-12 * np.eye(3), error)
         q[chain.columns] += step * min(1.0, 0.2 / max(float(np.abs(step).max()), 1e-12))
