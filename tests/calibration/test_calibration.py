@@ -10,7 +10,6 @@ from published import FINGER, LAYOUT
 
 from skincal.calibration import Calibration, Effect, Loss, ModelParameters, Provenance
 from skincal.dataset import Dataset
-from skincal.effects import EFFECTS
 from skincal.errors import WorkError
 from skincal.model import Contacts, Patch, Plane, SensorPose, Skin, SkinParameters, Sphere
 
@@ -97,15 +96,3 @@ def test_it_goes_to_another_process_and_is_read_only():
     with pytest.raises(ValueError, match="read-only"):
         made.grid["y_m"][0] = 2.0
     own[0] = 3.0
-
-
-def test_the_public_names():
-    import skincal.calibration as public
-
-    assert public.__all__ == [
-        "EFFECT_NAMES", "FORMAT", "MARGIN_M", "SLACK_COLUMNS", "Calibration", "Columns", "Effect", "Finding",
-        "FittedLaw", "Interval", "Loss", "ModelParameters", "Provenance", "check_same_sensor", "effect_from",
-        "effects_of", "read_calibration", "sensor_differences", "skin_of", "stream_of", "write_calibration",
-    ]  # fmt: skip
-    assert list(public.EFFECT_NAMES) == list(EFFECTS)
-    assert all(hasattr(public, name) for name in public.__all__)

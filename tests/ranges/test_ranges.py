@@ -151,13 +151,3 @@ def test_a_cloud_is_read_only_and_a_copy():
     assert joint.draws[0, 0] == 0.02
     with pytest.raises(ValueError, match="read-only"):
         joint.draws[0, 0] = 1.0
-
-
-def test_the_public_names():
-    import skincal.ranges as public
-
-    assert public.__all__ == [
-        "NAMES", "PRESETS", "JointDraws", "Name", "Narrowing", "Parameter", "Ranges", "from_calibration",
-        "narrowing", "preset", "read_ranges", "write_ranges",
-    ]  # fmt: skip
-    assert all(hasattr(public, name) for name in public.__all__)
