@@ -9,8 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from making import BOLT, MARBLE, make
-from roller import rolling
+from making import BOLT, MARBLE, make, rolling
 
 import skincal.envs
 
