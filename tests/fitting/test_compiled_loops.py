@@ -21,9 +21,8 @@ from skincal.fitting.tasks import Neighbourhood
 from tests.fitting.conftest import BOX, QUICK, Truth, make_session, rig
 problem = build_problem(rig(), make_session(presses=12)[0])
 slab = evaluate_slab(problem, plan_grid(problem, BOX, QUICK), 1, micro_settings(problem))
-truth, count = Truth(), 4 * len(problem)
-one = [truth.across_m, truth.y_m, truth.alpha_rad, np.log(truth.elasticity_pa_per_m), np.log(truth.scale_per_n)]
-macro, press = np.tile(one, (count, 1)), np.arange(count) % len(problem)
+count = 4 * len(problem)
+macro, press = np.tile(Truth().macro, (count, 1)), np.arange(count) % len(problem)
 model = Neighbourhood.around(macro[0]).model(problem)
 state = model.fit_nuisance(macro, np.full((count, 6), 0.05), press, np.zeros((count, 3)))
 arrays = [slab.mse_counts2, slab.slack_rms_m, *state]
