@@ -14,8 +14,7 @@ from skincal.effects.effect_skin import Contacted, EffectSkin, SkinStream
 from skincal.effects.holds import HoldSession, Steps, hold_session, hold_times, met_before
 from skincal.effects.parameter import EffectParameter, Values, start
 from skincal.effects.registry import EFFECTS, Applied, effect
-from skincal.effects.samples import Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Samples, Setting
 
 __all__ = [
     "COVARIATES", "EFFECTS", "Applied", "Contacted", "Effect", "EffectParameter", "EffectSkin", "HoldSession",

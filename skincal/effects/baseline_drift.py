@@ -14,8 +14,7 @@ import numpy as np
 from skincal.effects.effect import SignalEffect, Stage, known
 from skincal.effects.gain_drift import REFERENCE_C
 from skincal.effects.parameter import MOST_COUNTS, Scene, Start, Values, form, per_taxel, start, strength
-from skincal.effects.samples import Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Samples, Setting
 from skincal.model.arrays import FloatArray
 
 

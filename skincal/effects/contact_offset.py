@@ -13,8 +13,7 @@ import numpy as np
 
 from skincal.effects.effect import InputEffect, by_pose
 from skincal.effects.parameter import Scene, Start, Values, each_of, per_pose, start, strength
-from skincal.effects.samples import Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Samples, Setting
 from skincal.model.arrays import FloatArray
 
 

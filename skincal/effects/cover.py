@@ -14,8 +14,7 @@ import numpy as np
 
 from skincal.effects.effect import InputEffect
 from skincal.effects.parameter import Values, form, start, strength
-from skincal.effects.samples import Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Samples, Setting
 
 
 class Cover(InputEffect):

@@ -14,8 +14,7 @@ import numpy as np
 
 from skincal.effects.effect import SignalEffect, Stage
 from skincal.effects.parameter import MOST_COUNTS, Scene, Start, Values, form, start, strength
-from skincal.effects.samples import Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Samples, Setting
 from skincal.model.arrays import FloatArray, as_floats
 
 _SHARP = 1e-3

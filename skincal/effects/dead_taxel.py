@@ -22,8 +22,7 @@ from skincal.effects.parameter import (
     per_taxel,
     start,
 )
-from skincal.effects.samples import Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Samples, Setting
 from skincal.model import TaxelLayout
 from skincal.model.arrays import FloatArray
 

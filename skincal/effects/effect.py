@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.effects.parameter import TYPICAL_TOP_COUNTS, EffectParameter, Scene, Start, Values
-from skincal.effects.samples import Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Samples, Setting
 from skincal.errors import InputError, Problem, input_error
 from skincal.model import Patch, StressLaw, TaxelLayout
 from skincal.model.arrays import FloatArray, IntArray, frozen

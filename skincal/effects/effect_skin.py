@@ -20,8 +20,7 @@ from skincal.effects.effect import (
     State,
 )
 from skincal.effects.registry import Applied, Missing, applied, at_work
-from skincal.effects.samples import Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Samples, Setting
 from skincal.model import Pressures, Skin, Surface
 from skincal.model.arrays import FloatArray, IntArray
 from skincal.model.skin import spread_weights

@@ -16,8 +16,7 @@ import numpy as np
 
 from skincal.effects.effect import InputEffect, by_pose
 from skincal.effects.parameter import Scene, Start, Values, each_of, form, per_pose, start, strength
-from skincal.effects.samples import Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Samples, Setting
 
 
 class ForceBias(InputEffect):

@@ -12,8 +12,7 @@ from __future__ import annotations
 
 from skincal.effects.effect import SignalEffect, Stage
 from skincal.effects.parameter import Values, start, strength
-from skincal.effects.samples import Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Samples, Setting
 from skincal.model.arrays import FloatArray
 
 

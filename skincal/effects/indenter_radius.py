@@ -13,8 +13,7 @@ from dataclasses import replace
 
 from skincal.effects.effect import InputEffect
 from skincal.effects.parameter import Values, form, start, strength
-from skincal.effects.samples import Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Samples, Setting
 from skincal.errors import input_error
 from skincal.model import FlatPunch, Indenter, Sphere
 

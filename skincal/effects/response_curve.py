@@ -12,8 +12,7 @@ import numpy as np
 
 from skincal.effects.effect import SignalEffect, Stage
 from skincal.effects.parameter import Scene, Start, Values, form, start, strength
-from skincal.effects.samples import Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Samples, Setting
 from skincal.model.arrays import FloatArray
 
 

@@ -18,8 +18,7 @@ import numpy as np
 
 from skincal.effects.effect import InputEffect
 from skincal.effects.parameter import Values, form, start, strength
-from skincal.effects.samples import Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Samples, Setting
 
 _LEAST_N = 0.1
 """Force below which a contact holds no worse [N]: its power has no limit at zero, where Q is noise."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from skincal.effects.effect import SignalEffect, Stage
 from skincal.effects.parameter import MOST_COUNTS, Scene, Start, Values, each_of, per_taxel, start
-from skincal.effects.samples import Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Samples, Setting
 from skincal.model.arrays import FloatArray
 
 

@@ -12,7 +12,7 @@ from skincal.envs.pinch import Pinch
 from skincal.envs.scene import PHYSICS_HZ, Grip, Placed, Scene
 from skincal.errors import WorkError
 from skincal.model.arrays import FloatArray
-from skincal.robot import Chain
+from skincal.robot import Chain, TipFrames
 from skincal.sim.drives import DriveParameters
 
 _WIDTHS_M = np.arange(-0.024, 0.0441, 0.002)
@@ -79,12 +79,12 @@ def _reach(chain: Chain, q_rad: FloatArray, point_m: FloatArray, target_m: Float
     """Return angles at which a point of a tip's frame lies at a target of the root's frame: Newton's steps."""
     q = q_rad.copy()
     for _ in range(_ROUNDS):
-        frames = chain.frames(q[None])
+        frames: TipFrames = chain.frames(q[None])
         at = frames.to_root(point_m[None])
         error = target_m - at[0]
         if np.linalg.norm(error) < _NEAR_M:
             return q
-        jacobian = chain.jacobian(frames, at)[0]
+        jacobian: FloatArray = chain.jacobian(frames, at)[0]
         # The shortest step towards the error.
         step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-12 * np.eye(3), error)
         q[chain.columns] += step * min(1.0, 0.2 / max(float(np.abs(step).max()), 1e-12))

@@ -284,5 +284,8 @@ def _mujoco() -> Any:
         fix = "pip install 'skincal[mujoco]'"
         raise input_error("engine mujoco", "MuJoCo to be installed", error, fix) from error
     # Its warnings would go to standard output and to a file in the user's folder; what matters is seen in the state.
-    module.set_mju_user_warning(lambda _text: None)
+    module.set_mju_user_warning(_drop)
     return module
+
+
+def _drop(_: object) -> None: ...

@@ -12,7 +12,7 @@ from skincal.tasks import PUBLISHED_STEPS, BackendName, PolicyKind, Task
 
 if TYPE_CHECKING:
     from skincal.train.curve import Round, read_curve
-    from skincal.train.environments import make_environment, maker, parallel
+    from skincal.train.learner import make_environment, maker, parallel
     from skincal.train.onnx_file import write_policy
     from skincal.train.policy_file import (
         Description,
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "curve": "Round read_curve",
-    "environments": "make_environment maker parallel",
+    "learner": "make_environment maker parallel",
     "onnx_file": "write_policy",
     "policy_file": "Description Network Policy bundled_policies policy_path read_policy",
     "settings": "PpoSettings Settings Work",

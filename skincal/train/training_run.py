@@ -32,8 +32,7 @@ from skincal.train.checkpoint import (
     save_checkpoint,
 )
 from skincal.train.curve import Curve, Round
-from skincal.train.environments import Make, end, in_full, parallel
-from skincal.train.learner import ACTOR_KEY, Learner
+from skincal.train.learner import ACTOR_KEY, Learner, Make, end, in_full, parallel
 from skincal.train.onnx_file import write_policy
 from skincal.train.policy_file import Description, Policy, read_policy
 from skincal.train.settings import PpoSettings, Settings, Work, part_seed, rounds_of

@@ -116,18 +116,6 @@ def test_it_goes_to_another_process_and_is_read_only():
     own[0] = 3.0
 
 
-def test_the_public_names():
-    import skincal.calibration as public
-
-    assert public.__all__ == [
-        "EFFECT_NAMES", "FORMAT", "MARGIN_M", "SLACK_COLUMNS", "Calibration", "Columns", "Effect", "Finding",
-        "FittedLaw", "Interval", "Loss", "ModelParameters", "Provenance", "check_same_sensor", "effect_from",
-        "effects_of", "read_calibration", "sensor_differences", "skin_of", "stream_of", "write_calibration",
-    ]  # fmt: skip
-    assert list(public.EFFECT_NAMES) == list(EFFECTS)
-    assert all(hasattr(public, name) for name in public.__all__)
-
-
 def case_of(name: str) -> Effect:
     """A typical case of an effect as a calibration has it."""
     given = EFFECTS[name].at_strength(1.0, np.random.default_rng(4), LAYOUT)

@@ -10,7 +10,7 @@ import pytest
 from effect_sessions import BASE, FINGER, PATCH, SESSION, SKIN, contacts_at, rms, skin_with
 
 from skincal.effects import EffectSkin, Samples
-from skincal.effects.setting import Setting
+from skincal.effects.samples import Setting
 from skincal.effects.spread import Spread
 from skincal.errors import InputError
 from skincal.model import Patch, Plane, SensorPose, Skin, SkinParameters, Sphere, StressLaw, TaxelLayout

@@ -20,7 +20,6 @@ from effect_sessions import (
     skin_with,
 )
 
-import skincal.effects
 from skincal.covariates import COVARIATES
 from skincal.effects import (
     EFFECTS,
@@ -39,17 +38,6 @@ from skincal.errors import InputError
 from skincal.model import Contacts, Converter, SkinParameters, Sphere
 
 BALL = Sphere(0.006)
-PUBLIC = {
-    "COVARIATES", "EFFECTS", "Applied", "Contacted", "Effect", "EffectParameter", "EffectSkin", "HoldSession",
-    "InputEffect", "LawEffect", "MemoryEffect", "Samples", "Setting", "SignalEffect", "SkinStream", "SpreadEffect",
-    "Stage", "Steps", "Values", "effect", "hold_session", "hold_times", "met_before", "start",
-}  # fmt: skip
-
-
-def test_public_names_are_these_and_no_others():
-    assert set(skincal.effects.__all__) == PUBLIC
-    for name in PUBLIC - {"COVARIATES", "EFFECTS"}:
-        assert getattr(skincal.effects, name).__doc__
 
 
 def test_an_unknown_effect_lists_those_that_are():

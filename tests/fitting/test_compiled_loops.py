@@ -21,8 +21,8 @@ from skincal.fitting.tasks import Neighbourhood
 from tests.fitting.conftest import BOX, QUICK, Truth, make_session, rig
 problem = build_problem(rig(), make_session(presses=12)[0])
 slab = evaluate_slab(problem, plan_grid(problem, BOX, QUICK), 1, micro_settings(problem))
-truth, count = Truth(), 4 * len(problem)
-macro, press = np.tile(truth.macro, (count, 1)), np.arange(count) % len(problem)
+count = 4 * len(problem)
+macro, press = np.tile(Truth().macro, (count, 1)), np.arange(count) % len(problem)
 model = Neighbourhood.around(macro[0]).model(problem)
 state = model.fit_nuisance(macro, np.full((count, 6), 0.05), press, np.zeros((count, 3)))
 arrays = [slab.mse_counts2, slab.slack_rms_m, *state]

@@ -161,16 +161,6 @@ def test_a_cloud_is_read_only_and_a_copy():
         joint.draws[0, 0] = 1.0
 
 
-def test_the_public_names():
-    import skincal.ranges as public
-
-    assert public.__all__ == [
-        "NAMES", "PRESETS", "JointDraws", "Name", "Narrowing", "Parameter", "Ranges", "from_calibration",
-        "narrowing", "preset", "read_ranges", "write_ranges",
-    ]  # fmt: skip
-    assert all(hasattr(public, name) for name in public.__all__)
-
-
 SEEDS = st.integers(0, 2**32 - 1)
 FLOATS = st.floats(-1e9, 1e9, allow_nan=False)
 

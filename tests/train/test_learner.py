@@ -10,7 +10,7 @@ import pytest
 
 vec_env = pytest.importorskip("stable_baselines3.common.vec_env", reason="needs skincal[train]")
 
-from skincal.train.environments import end, parallel  # noqa: E402
+from skincal.train.learner import end, parallel  # noqa: E402
 
 
 def make() -> gymnasium.Env:
