@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.calibrate.data_findings import adapt_to_rig
-from skincal.calibrate.problem import moved
 from skincal.calibration import Calibration, Finding, Interval, Loss, ModelParameters, Provenance
 from skincal.calibration.parts import REST
 from skincal.dataset import Dataset
@@ -120,23 +119,21 @@ def _slack_columns(result: FitResult, dataset: Dataset) -> Columns:
     count = len(problem.status)
     used = np.array([status == USED for status in problem.status])
 
-    def spread(values: NDArray[Any], fill: Any = np.nan) -> NDArray[Any]:
-        column = np.full(count, fill, dtype=values.dtype)
-        column[problem.rows] = values
-        return column
+    def column(values: NDArray[Any], fill: Any = np.nan) -> NDArray[Any]:
+        out = np.full(count, fill, dtype=values.dtype)
+        out[problem.rows] = values
+        return out
 
-    slack = presses.slack_m
-    points = moved(dataset, problem.rig.surface, problem.rows, np.asarray(slack, dtype=np.float64))
+    slack, measured = presses.slack_m, dataset.presses.position_m[problem.rows]
+    points = problem.rig.surface.offset(measured, slack[:, 0], slack[:, 1])
     return {
         "press": np.asarray(dataset.presses.press),
         "used": used,
         "reason": np.array(["" if s == USED else s for s in problem.status], dtype=object),
         "active_taxels": problem.active.astype(np.int64),
-        "x_m": spread(points[:, 0]),
-        "y_m": spread(points[:, 1]),
-        "z_m": spread(points[:, 2]),
-        "slack_across_m": spread(slack[:, 0]),
-        "slack_along_m": spread(slack[:, 1]),
-        "residual_rms_counts": spread(presses.rmse_counts),
-        "good": spread(presses.good, fill=False),
+        **{name: column(at) for name, at in zip(("x_m", "y_m", "z_m"), points.T, strict=True)},
+        "slack_across_m": column(slack[:, 0]),
+        "slack_along_m": column(slack[:, 1]),
+        "residual_rms_counts": column(presses.rmse_counts),
+        "good": column(presses.good, fill=False),
     }

@@ -49,12 +49,6 @@ PLACE_MISSING = (
     "[position] sigma_m how well"
 )
 """Advice if the position of presses is unknown."""
-WHICH_ROWS = "Are positions in the fingertip frame, in metres, and each row of one and the same press?"
-"""Advice if no pose explains the presses."""
-CHAMBER = 'If a pressure chamber pressed a flat pad, write [surface] kind = "plane"'
-"""Advice for a pressure chamber."""
-COLLECT_MORE = f"Collect more presses, {2 * FEW_PRESSES} or more, spread over the patch"
-"""Advice if all presses were used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,13 +156,16 @@ def _explain_failure(error: FitError, problem: FitProblem, dataset: Dataset) -> 
         said.append(why_dropped(problem))
     unplaced = not np.isfinite(dataset.meta.position.sigma_m)
     if text == NO_DENSITY and not unplaced:
-        said.append(WHICH_ROWS)
+        said.append(
+            "Are positions in the fingertip frame, in metres, and each row of one and the same press?"
+        )
     elif text == NO_DENSITY or (len(problem) < MIN_PRESSES and (unplaced or NO_POSITION in problem.status)):
         said.append(f"{PLACE_MISSING}.")
         if dataset.meta.surface.kind != "plane" and dataset.meta.indenter.kind == "flat":
-            said.append(CHAMBER)
+            said.append('If a pressure chamber pressed a flat pad, write [surface] kind = "plane"')
     elif len(problem) < MIN_PRESSES:
-        pressed = PRESS_MORE if len(problem) < len(problem.status) else COLLECT_MORE
+        more = f"Collect more presses, {2 * FEW_PRESSES} or more, spread over the patch"
+        pressed = PRESS_MORE if len(problem) < len(problem.status) else more
         said.append(REST_IN_DOUBT if rest_in_doubt(dataset) else pressed)
     return " ".join(said)
 

@@ -203,11 +203,6 @@ def unroll(
     return arc_radius_m * beta, points_m[:, 1].copy()
 
 
-def moved(dataset: Dataset, surface: Surface, rows: NDArray[np.intp], slack_m: FloatArray) -> FloatArray:
-    """Return contact points (K, 3) [m] of presses ``rows`` (K,), moved along the surface by slacks (K, 2) [m]."""
-    return surface.offset(dataset.presses.position_m[rows], slack_m[:, 0], slack_m[:, 1])
-
-
 def search_box(
     dataset: Dataset,
     *,

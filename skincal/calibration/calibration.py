@@ -34,7 +34,7 @@ from skincal.effects import EffectSkin, SkinStream, effect
 from skincal.effects.registry import Missing
 from skincal.errors import Problem, WorkError
 from skincal.model import Converter, Indenter, Patch, SensorPose, Skin, SkinParameters, Surface, TaxelLayout
-from skincal.model.arrays import FloatArray
+from skincal.model.arrays import FloatArray, frozen
 from skincal.shown import Shown
 from skincal.units import rad
 
@@ -99,8 +99,9 @@ class Calibration(Shown):
         for name in ("draws", "grid", "slack"):
             columns: Columns | None = getattr(self, name)
             if columns is not None:
-                frozen = {key: _read_only(column) for key, column in columns.items()}
-                object.__setattr__(self, name, frozen)
+                # Views: the caller's own arrays stay writable.
+                own = {key: frozen(np.asarray(column).view()) for key, column in columns.items()}
+                object.__setattr__(self, name, own)
 
     def __repr__(self) -> str:
         best = ", ".join(f"{name} {value:.4g}" for name, value in self.model.best().items())
@@ -200,13 +201,6 @@ class Calibration(Shown):
             name: a key of ``intervals``: ``y_m``, ``elasticity_pa_per_m``.
         """
         return bool(np.isfinite(self.intervals.get(name, (-np.inf, np.inf))).all())
-
-
-def _read_only(column: NDArray[Any]) -> NDArray[Any]:
-    """Return a read-only view; the caller's own array stays writable."""
-    view = np.asarray(column).view()
-    view.flags.writeable = False
-    return view
 
 
 def skin_of(

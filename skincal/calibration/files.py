@@ -120,11 +120,6 @@ SLACK_COLUMNS: Final = {
 PARAMETERS: Final = ("y_m", "beta_deg", "x_m", "alpha_deg", "elasticity_pa_per_m", "scale_per_n")
 """Columns that ``draws.parquet`` may have, in addition to ``effects.NAME.PARAMETER``."""
 
-_FLAGS: Final = ("used", "good")
-"""Columns of the slack table that hold true or false."""
-_NUMBERS: Final = ("x_m", "y_m", "z_m", "slack_across_m", "slack_along_m")
-"""Columns of the slack table that may hold any number."""
-
 
 def read_tables(folder: Path, findings: Findings) -> dict[str, Columns]:
     """Return the tables in a calibration's folder by name; add errors for invalid ones."""
@@ -173,11 +168,11 @@ def check_slack(table: RawTable) -> Columns:
     for name, column in table.columns.items():
         if name == "press":
             columns[name] = reader.whole(name, "a whole number, 0 or more", low=0)
-        elif name in _FLAGS:
+        elif name in ("used", "good"):
             columns[name] = _flag(reader, name, column)
         elif name == "reason":
             columns[name] = reader.text(name)
-        elif name in _NUMBERS:
+        elif name in ("x_m", "y_m", "z_m", "slack_across_m", "slack_along_m"):
             columns[name] = reader.checked(name, ANY)
         elif name == "residual_rms_counts":
             columns[name] = reader.checked(name, NOT_NEGATIVE)

@@ -23,7 +23,7 @@ from skincal.calibration.parts import (
     Provenance,
 )
 from skincal.dataset import IndenterSpec, MountSpec, PositionSpec, SensorSpec, SurfaceSpec
-from skincal.dataset.findings import Findings, did_you_mean
+from skincal.dataset.findings import Findings, meant
 from skincal.dataset.keys import MILLIMETRES, Key, Range
 from skincal.dataset.schema import Table, plain_table
 from skincal.dataset.schema_errors import Violation, within
@@ -187,7 +187,7 @@ def _effect(effect: Effect, taxels: int) -> Iterator[Violation]:
     for name, value in effect.parameters.items():
         key, parameter = f"parameters.{name}", known.get(name)
         if parameter is None:
-            yield key, f"one of {', '.join(known)}", name, _meant(name, known)
+            yield key, f"one of {', '.join(known)}", name, meant(name, known)
         elif (
             fault := parameter.fault(np.nan_to_num(value, nan=parameter.neutral), taxels, len(effect.poses))
         ) is not None:
@@ -202,9 +202,3 @@ def _effect(effect: Effect, taxels: int) -> Iterator[Violation]:
             yield f"intervals.{name}", f"[low, high], in ascending order{size}", (low, high)
     if effect.poses and not any(p.shape == "per-pose" for p in known.values()):
         yield "poses", f"nothing: {effect.name} does not depend on the hand pose", effect.poses
-
-
-def _meant(name: str, known: Iterable[str]) -> str:
-    """Return a suggestion for an unknown name; '' if none is close."""
-    close = did_you_mean(name, known)
-    return f'Did you mean "{close}"?' if close else ""

@@ -55,8 +55,7 @@ class Combination:
     """Result of one combination of the macro variables.
 
     Attributes:
-        mse_counts2: the paper's loss: mean squared error per taxel with the best positions and scale [counts²].
-        scale_per_n: least-squares scale S [1/N].
+        mse_counts2, scale_per_n: as in :class:`skincal.fitting.grid.GridSlab`.
         slack_m: (K, 2) best contact positions less the measured ones, across and along [m].
         objective: (K,) of the micro problems.
     """

@@ -46,9 +46,7 @@ class GridResult:
 
     Attributes:
         grid: the values of the macro variables.
-        mse_counts2: the paper's loss, each press placed by its normalised image [counts²].
-        scale_per_n: least-squares scale [1/N].
-        slack_rms_m: root mean square slack [m].
+        mse_counts2, scale_per_n, slack_rms_m: as in :class:`skincal.fitting.grid.GridSlab`.
         in_valley: combinations whose loss is within a fixed bound; none if the noise bounds the valley, as
             the posterior uses absolute images and does not bound this loss.
         mse_at_best_counts2: the same loss at the best point of the fit, between the grid's values [counts²].

@@ -404,17 +404,11 @@ def _smooth_basis(place_m: Floats) -> Floats:
     return np.stack([np.ones_like(x), x, y, (x**2 - 1) / np.sqrt(2), x * y, (y**2 - 1) / np.sqrt(2)], axis=1)
 
 
-def _best_scale(matrices: tuple[Floats, Floats]) -> float:
-    """Return the scale that fits the best pairs."""
-    product, square = matrices
-    order = linear_sum_assignment(product, maximize=True)
-    return float(product[order].sum()) / max(float(square[order].sum()), 1e-300)
-
-
 def _pair_costs(matrices: tuple[Floats, Floats]) -> Floats:
     """Return squared differences (J, J) of measured and predicted traces, up to a term that no order changes."""
     product, square = matrices
-    scale = _best_scale(matrices)
+    best = linear_sum_assignment(product, maximize=True)
+    scale = float(product[best].sum()) / max(float(square[best].sum()), 1e-300)
     return scale**2 * square - 2 * scale * product
 
 

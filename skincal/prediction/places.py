@@ -174,18 +174,13 @@ class _Problem:
         return np.concatenate([k for k, _ in found]), np.concatenate([at for _, at in found])
 
     def descend(self, start_m: Floats, press: Ints, noise: float) -> tuple[Floats, Floats]:
-        """Refine n starts by Gauss-Newton: return slacks (n, 2) and objectives (n,), never worse than at the start."""
-        best = _Best(start_m.copy(), *self.evaluate(start_m, press, noise))
-        self._take_full_steps(best, press, noise)
-        self._descend_damped(best, press, noise)
-        return best.slack_m, best.objective
+        """Refine n starts by Gauss-Newton: return slacks (n, 2) and objectives (n,), never worse than at the start.
 
-    def _take_full_steps(self, best: _Best, press: Ints, noise: float) -> None:
-        """Take undamped steps and keep the best position.
-
-        The objective of a press with few active taxels has a narrow curved valley: a step along the valley leaves it,
-        and the next step returns to it.
+        The objective of a press with few active taxels has a narrow curved valley: a full step along it leaves it, and
+        the next one returns to it. The best position is kept; damped steps that only descend follow
+        (Levenberg-Marquardt).
         """
+        best = _Best(start_m.copy(), *self.evaluate(start_m, press, noise))
         rows, now, residual = np.arange(len(press)), best.slack_m, best.residual
         for _ in range(STRIDES):
             trial = self._moved(now, press[rows], residual, np.full(len(rows), 1e-6), noise)
@@ -195,9 +190,6 @@ class _Problem:
             rows, now = rows[far], trial[far]
             objective, residual = self.evaluate(now, press[rows], noise)
             best.keep(rows, now, objective, residual)
-
-    def _descend_damped(self, best: _Best, press: Ints, noise: float) -> None:
-        """Take damped steps that only descend (Levenberg-Marquardt)."""
         rows, damping = np.arange(len(press)), np.full(len(press), 1e-3)
         for _ in range(ROUNDS):
             trial = self._moved(best.slack_m[rows], press[rows], best.residual[rows], damping[rows], noise)
@@ -207,14 +199,10 @@ class _Problem:
             rows = rows[far]
             better = best.keep(rows, trial[far], *self.evaluate(trial[far], press[rows], noise))
             damping[rows] *= np.where(better, 0.2, 10.0)
+        return best.slack_m, best.objective
 
     def _moved(self, slack: Floats, press: Ints, residual: Floats, damping: Floats, noise: float) -> Floats:
         """Return slacks (n, 2) after a damped Gauss-Newton step, within the bound [m]."""
-        step = self._step(slack, press, residual, damping, noise)
-        return np.clip(slack + step, -self.slack_m, self.slack_m)
-
-    def _step(self, slack: Floats, press: Ints, residual: Floats, damping: Floats, noise: float) -> Floats:
-        """Return damped Gauss-Newton steps (n, 2) [m]."""
         # Finite differences point inwards, to stay within the bound.
         ahead = np.where(slack > 0, -DIFFERENCE_M, DIFFERENCE_M)
         slopes: list[Floats] = []
@@ -234,7 +222,8 @@ class _Problem:
         diagonal = diagonal * (1.0 + damping[:, None]) + 1e-9 * diagonal.sum(axis=1, keepdims=True) + 1.0
         determinant = diagonal.prod(axis=1) - mixed**2
         step = (mixed[:, None] * gradient[:, ::-1] - diagonal[:, ::-1] * gradient) / determinant[:, None]
-        return np.clip(step, -LONGEST_STEP_M, LONGEST_STEP_M)
+        step = np.clip(step, -LONGEST_STEP_M, LONGEST_STEP_M)
+        return np.clip(slack + step, -self.slack_m, self.slack_m)
 
     def typical_residual(self, slack_m: Floats, press: Ints) -> float:
         """Return the median over the presses of the rms over lit taxels, corrected for two free coordinates each."""

@@ -40,8 +40,7 @@ def test_mismatch_ignores_the_scale_of_the_simulated_image() -> None:
 
 def test_gauss_newton_stays_in_the_slack_and_descends(truth: Truth) -> None:
     """From where the rig saw the presses, with slack that is worth nothing, to where they were."""
-    presses, _ = make_session(truth, presses=30, noise=0.0, position_sigma_m=0.4e-3)
-    problem = build_problem(rig(), presses)
+    problem = build_problem(rig(), make_session(truth, presses=30, noise=0.0, position_sigma_m=0.4e-3)[0])
     log_ratio = np.log(problem.force_n) - np.log(truth.elasticity_pa_per_m)
     parts = problem.rig.surface, problem.rig.indenters, problem.rig.layout
     table = build_table(*parts, np.array([truth.alpha_rad]), (log_ratio.min(), log_ratio.max()))
@@ -67,8 +66,7 @@ def test_gauss_newton_stays_in_the_slack_and_descends(truth: Truth) -> None:
 
 
 def test_the_grid_finds_the_truth_where_there_is_no_noise(truth: Truth) -> None:
-    presses, _ = make_session(truth, presses=20, noise=0.0, position_sigma_m=0.0)
-    problem = build_problem(rig(), presses)
+    problem = build_problem(rig(), make_session(truth, presses=20, noise=0.0, position_sigma_m=0.0)[0])
     grid = MacroGrid(
         np.array([-1.0e-3, truth.across_m, 1.8e-3]),
         np.array([truth.y_m - 1e-3, truth.y_m, truth.y_m + 1e-3]),
@@ -100,8 +98,7 @@ def test_another_process_needs_no_other_compilation(truth: Truth) -> None:
 
 def test_a_search_window_belongs_to_its_own_centre(truth: Truth) -> None:
     """With the sensor's centre and the presses moved alike, every combination gives the same loss."""
-    presses, _ = make_session(truth, presses=12, noise=0.0)
-    problem = build_problem(rig(), presses)
+    problem = build_problem(rig(), make_session(truth, presses=12, noise=0.0)[0])
     log_e = np.log(truth.elasticity_pa_per_m)
     across = np.array([-0.6e-3, 0.4e-3, 1.4e-3])
     y = np.array([0.0228, 0.0238])
