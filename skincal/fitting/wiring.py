@@ -10,6 +10,7 @@ more than the log number of permutations that it competes with.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -41,6 +42,10 @@ _MOST_NAMED = 4
 
 _ROUNDS = 3
 """Rounds of alternating fits."""
+
+_LATTICE = 7
+"""Positions along each direction within the slack from which a press is fitted again: two thirds of a contact's width
+apart at most."""
 
 _POSE = 5
 """Number of pose parameters, which come before those of the smooth error of positions."""
@@ -113,10 +118,10 @@ def find_taxel_order(problem: FitProblem, box: SearchBox) -> TaxelOrder | None:
         moved = int((other.order != one.order).sum())
         rivals = float(_log_permutations_of(layout.taxels, moved))
         more = max(min(other.rivals, rivals) - (other.rivals - one.rivals), 0.0)
-        if whole.score(other) > whole.score(one) + more + _WIN_NATS:
-            one = whole.refit(one, other, names)
-            if whole.score(other) > whole.score(one) + more + _WIN_NATS:
-                one = other
+        least = more + _WIN_NATS
+        if whole.score(other) > whole.score(one) + least:
+            one, other = whole.refit(one, other, names), whole.refit(other, one, names)
+            one = other if whole.score(other) > whole.score(one) + least else one
     nominal = whole.refit(nominal, one, names)
     odds = whole.score(one) - whole.score(nominal) - _WIN_NATS
     if odds <= 0 or (one.order == nominal.order).all() or not whole.explains(nominal, one):
@@ -218,12 +223,17 @@ class _Search:
         return float(fits - 0.5 * one.moved - one.rivals)
 
     def refit(self, one: _Candidate, other: _Candidate, names: list[Order]) -> _Candidate:
-        """Return an order as it was fitted, or from the pose and press positions of another if that is better.
+        """Return an order as it was fitted, or from the best of a lattice of press positions if that is better.
 
-        An order must not win by a better optimum of the positions, which the other order has just missed.
+        The lattice is searched about its own fit and about that of another order: none may win by press positions that
+        the other has just missed.
         """
-        again = self._fit_order(one.order, other.pose, names, other.slack_m)
-        return max(one, again, key=self.score)
+        starts = [
+            (pose, self._search_slack(one.order, pose, slack))
+            for pose, slack in ((one.pose, one.slack_m), (other.pose, other.slack_m))
+        ]
+        again = [self._fit_order(one.order, pose, names, slack) for pose, slack in starts]
+        return max(one, *again, key=self.score)
 
     def explains(self, nominal: _Candidate, one: _Candidate) -> bool:
         """Return whether an order explains the traces of the taxels that it moves."""
@@ -395,6 +405,22 @@ class _Search:
             hessian += np.eye(2) * (1 / sigma**2 + 1e-12)
             slack = np.clip(slack + np.clip(-solve_small(hessian, slope), -step, step), -bound, bound)
         return slack
+
+    def _search_slack(self, order: Ints, pose: Floats, slack_m: Floats) -> Floats:
+        """Return the best position of each press on a lattice within its slack, the present ones included."""
+        sigma = max(self.rig.position_sigma_m, 1e-9)
+        _, _, scale, _ = self._apply_order(self._nominal_images(pose, slack_m).shares, order)
+        observed, weight = self.observed[:, order], self.weight[:, order]
+        axis = np.linspace(-1.0, 1.0, _LATTICE) * min(self.rig.slack_m, 3 * sigma)
+        tried = [slack_m, *(np.broadcast_to(at, slack_m.shape) for at in itertools.product(axis, axis))]
+        squares = [weight * (scale * self._nominal_images(pose, at).shares - observed) ** 2 for at in tried]
+        noise = self._variance(np.sqrt(squares[0]))
+        losses = [
+            off.sum(axis=1) / noise + (at**2).sum(axis=1) / sigma**2
+            for off, at in zip(squares, tried, strict=True)
+        ]
+        best = np.argmin(losses, axis=0)
+        return np.stack(tried)[best, np.arange(len(slack_m))]
 
 
 def _smooth_basis(place_m: Floats) -> Floats:

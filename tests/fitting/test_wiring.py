@@ -10,7 +10,7 @@ import pytest
 from skincal.fitting.problem import PressTable, build_problem
 from skincal.fitting.wiring import TaxelOrder, _exchange_taxels, _Search, find_taxel_order
 from skincal.fitting.wiring_orders import mapping_of, named_orders
-from tests.fitting.conftest import BOX, Truth, make_session, rig
+from tests.fitting.conftest import BOX, Truth, make_session, rig, some_presses
 
 IMAGE = np.arange(16).reshape(4, 4)
 
@@ -68,6 +68,13 @@ def test_any_permutation_is_found(seed: int):
 def test_good_data_are_left_alone(seed: int):
     table, _ = make_session(presses=12 + 8 * seed, seed=seed, position_sigma_m=1e-3)
     assert order_of(table) is None
+
+
+@pytest.mark.parametrize("seed", [90, 184])
+def test_a_press_far_from_its_measured_place_is_no_order(seed: int):
+    """One press of taxels that are hardly ever pressed lies where a fit from its measured place does not get to."""
+    table, where = make_session(presses=44, seed=seed, position_sigma_m=1e-3)
+    assert order_of(some_presses(table, np.flatnonzero(where[:, 0] < 2.5e-3))) is None
 
 
 @pytest.mark.parametrize("seed", range(4))
