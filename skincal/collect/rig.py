@@ -20,7 +20,7 @@ from skincal.dataset.dataset import GAP_S, check_same_rig, join_sessions
 from skincal.errors import input_error
 from skincal.hand import GuardOptions, HandDriver, StageDriver
 from skincal.hand.registry import create_driver, create_rig, driver_options, parse_options
-from skincal.hand.stage import check_stage
+from skincal.hand.stage_guard import check_stage
 from skincal.robot import HandDescription, check_limits
 
 MEMORY = "skin.memory"

@@ -5,7 +5,7 @@ from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
 from skincal.hand.guard_options import GuardOptions
 from skincal.hand.registry import create_driver, create_rig, driver_names
-from skincal.hand.stage import GuardedStage
+from skincal.hand.stage_guard import GuardedStage
 
 __all__ = [
     "GuardOptions", "GuardedHand", "GuardedStage", "HandCommand", "HandDriver", "HandError", "HandState",
