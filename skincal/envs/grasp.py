@@ -84,15 +84,19 @@ def _reach(chain: Chain, q_rad: FloatArray, point_m: FloatArray, target_m: Float
         error = target_m - at[0]
         if np.linalg.norm(error) < _NEAR_M:
             return q
-        jacobian: FloatArray = chain.jacobian(frames, at)[0]
-        # The shortest step towards the error.
-        step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-12 * np.eye(3), error)
+        step = _step(chain.jacobian(frames, at)[0], error)
         q[chain.columns] += step * min(1.0, 0.2 / max(float(np.abs(step).max()), 1e-12))
     place = ", ".join(f"{1e3 * v:.1f}" for v in target_m)
     raise WorkError(
         f"pinch grasp: expected a posture from which the tips can close and open; got one that does not reach "
         f"({place}) mm. Choose other angles_deg in pinch.toml."
     )
+
+
+def _step(jacobian: FloatArray, error: FloatArray) -> FloatArray:
+    """Return the shortest step (J,) towards an error (3,)."""
+    square = jacobian @ jacobian.T
+    return jacobian.T @ np.linalg.solve(square + 1e-12 * np.eye(3), error)
 
 
 @dataclass(frozen=True)
