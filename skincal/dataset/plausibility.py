@@ -5,6 +5,7 @@ A quantity is wrong only if its *median* is implausible: single presses may be o
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -55,6 +56,7 @@ APART_M, APART_SHARE, APART_IMAGE, FEWEST_COMPARED = 1e-3, 0.2, 0.7, 3
 """Frames belong to another press than the table's if their place is off by this [m], or their force is, and their
 image by this part of the press's own; reported if at least this many presses are affected."""
 
+_JOINT_ANGLE = re.compile(r"q_\d+")
 LARGEST_RADIUS_M, SMALLEST_RADIUS_M = 1.0, 5e-5
 FASTEST_M_PER_S = 0.5
 
@@ -207,6 +209,12 @@ def _check_covariates(dataset: Dataset, sheet: Sheet) -> None:
         if shear > 30 * median > 0:
             got = f"a median of {shear:.3g} N under a normal force of {median:.3g} N"
             findings.error(place(name), "forces [N]", got, "It looks like millinewtons; divide by 1000.")
+    for name in filter(_JOINT_ANGLE.fullmatch, presses.columns):
+        angle = _median(np.abs(presses.columns[name]))
+        if angle > 2 * np.pi:
+            factor = float(np.radians(1.0))
+            fix = f"Degrees? Then {scaled_by(factor)}."
+            findings.warn(place(name), "angles [rad]", f"a median of {angle:.3g}", fix, code=CODE, factor=factor)
     temperature = _median(presses.column("temperature_c"))
     if temperature > 150:
         findings.warn(place("temperature_c"), "degrees Celsius", f"a median of {temperature:.4g}", "Kelvin?")

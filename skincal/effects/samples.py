@@ -1,4 +1,4 @@
-"""What effects act on: samples of a session (contacts, forces, covariates), and the geometry of the skin."""
+"""Samples of a session (contacts, forces, covariates) and geometry of the skin, on which effects act."""
 
 from __future__ import annotations
 
