@@ -1,4 +1,4 @@
-"""Checks that the guards of a hand and of a stage share: the rig's clock, its taxels, and the steps of its commands."""
+"""Checks that the guards of a hand and of a stage share: the rig's clock, its taxels, and the steps of its commands.
 
 The checks run in every period. A good state passes with a few array operations; only if one fails is the part at fault
 determined.
