@@ -214,7 +214,9 @@ def _check_covariates(dataset: Dataset, sheet: Sheet) -> None:
         if angle > 2 * np.pi:
             factor = float(np.radians(1.0))
             fix = f"Degrees? Then {scaled_by(factor)}."
-            findings.warn(place(name), "angles [rad]", f"a median of {angle:.3g}", fix, code=CODE, factor=factor)
+            findings.warn(
+                place(name), "angles [rad]", f"a median of {angle:.3g}", fix, code=CODE, factor=factor
+            )
     temperature = _median(presses.column("temperature_c"))
     if temperature > 150:
         findings.warn(place("temperature_c"), "degrees Celsius", f"a median of {temperature:.4g}", "Kelvin?")

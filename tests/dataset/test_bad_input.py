@@ -416,7 +416,10 @@ WARNED: list[tuple[Edit, str]] = [
     (put("force_n", 2, -0.5), "column force_n, row 3"),
     (lambda t: t.assign(taxel_0_0=255), "nearly always 255 from taxel_0_0"),
     (lambda t: t.assign(temperature_c=295.0), "Kelvin"),
-    (lambda t: t.assign(q_0=0.3, q_1=-42.0), "column q_1: expected angles [rad]; got a median of 42. Degrees?"),
+    (
+        lambda t: t.assign(q_0=0.3, q_1=-42.0),
+        "column q_1: expected angles [rad]; got a median of 42. Degrees?",
+    ),
     (lambda t: t.assign(t_relese_s=1.0).drop(columns="t_release_s"), 'Did you mean "t_release_s"?'),
     (lambda t: pd.concat([t, t.tail(1).assign(press=77)]), "Was a press copied?"),
     (lambda t: t.assign(nx=0.0, ny=0.0, nz=-1.0), "the direction of the force"),
