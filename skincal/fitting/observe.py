@@ -53,7 +53,7 @@ class Readout:
 
 
 @dataclass(frozen=True, eq=False)
-class Observed:
+class ImagesAboveRest:
     """Counts as unclipped values above the rest level.
 
     Attributes:
@@ -159,7 +159,7 @@ def noise_from_rest(rest_mean: float, readout: Readout) -> float:
     return float(np.interp(rest_mean - readout.value_min, means, sigmas))
 
 
-def observe(counts: Floats, readout: Readout, rest_mean: Floats | None = None) -> Observed:
+def observe(counts: Floats, readout: Readout, rest_mean: Floats | None = None) -> ImagesAboveRest:
     """Turn hold means into unclipped values above the rest level.
 
     Args:
@@ -194,7 +194,7 @@ def observe(counts: Floats, readout: Readout, rest_mean: Floats | None = None) -
         np.nan_to_num(scatter) / np.sqrt(_MIN_REST_FRAMES),
         _level_sigma(apart, scatter, len(counts)),
     )
-    return Observed(values, slope, saturated, rest, sigma, scatter, spread, known)
+    return ImagesAboveRest(values, slope, saturated, rest, sigma, scatter, spread, known)
 
 
 def _level_sigma(apart: Floats, scatter: float, rows: int) -> float:

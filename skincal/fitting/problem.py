@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skincal.errors import WorkError
-from skincal.fitting.observe import Observed, Readout, observe
+from skincal.fitting.observe import ImagesAboveRest, Readout, observe
 from skincal.fitting.readings import Readings
 from skincal.fitting.shared import Shared, smooth_field
 from skincal.fitting.types import Bools, Floats, Ints
@@ -164,7 +164,7 @@ class FitProblem:
     rows: Ints
     status: tuple[str, ...]
     active: Ints
-    observed: Observed = field(repr=False)
+    observed: ImagesAboveRest = field(repr=False)
     observation: Readings = field(repr=False)
     shared: Shared = field(repr=False)
     active_above: float
@@ -337,7 +337,7 @@ def build_problem(
     )
 
 
-def active_threshold(seen: Observed, readout: Readout, *, untouched: bool = True) -> float:
+def active_threshold(seen: ImagesAboveRest, readout: Readout, *, untouched: bool = True) -> float:
     """Return the value above rest from which a taxel is active, in the unit of the data.
 
     The paper's 5 counts are 2 % of its converter's range. If that is more than 4 % of the largest value, or

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skincal.fitting.observe import Observed, Readout, clipped_share, expected_counts
+from skincal.fitting.observe import ImagesAboveRest, Readout, clipped_share, expected_counts
 from skincal.fitting.types import Bools, Floats
 from skincal.model import TaxelLayout
 from skincal.model.rest import rounding_step
@@ -157,7 +157,7 @@ class Readings:
 
     @classmethod
     def of(
-        cls, seen: Observed, counts: Floats, readout: Readout, layout: TaxelLayout, rows: np.ndarray
+        cls, seen: ImagesAboveRest, counts: Floats, readout: Readout, layout: TaxelLayout, rows: np.ndarray
     ) -> Readings:
         """Return the readings of some presses.
 
@@ -224,7 +224,7 @@ class Readings:
         return own * own + (self.signal[press] * misfit[:, None]) ** 2
 
 
-def _noise(seen: Observed, readout: Readout, typical: float) -> float:
+def _noise(seen: ImagesAboveRest, readout: Readout, typical: float) -> float:
     """Return the noise of a hold mean of a taxel away from the bounds [counts].
 
     Clipping reduces the scatter of a taxel at rest on its bound by four tenths; this is undone. If no taxel

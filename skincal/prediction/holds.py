@@ -19,7 +19,7 @@ import numpy as np
 
 from skincal.dataset import HOLD, Dataset
 from skincal.effects import EffectSkin, MemoryEffect, Samples
-from skincal.fitting.observe import Observed
+from skincal.fitting.observe import ImagesAboveRest
 from skincal.fitting.types import Floats, Ints
 from skincal.model import SkinParameters
 from skincal.prediction.images import images_with_effects
@@ -161,7 +161,7 @@ def _memory(on: CalibratedSkin, dataset: Dataset, slack_m: Floats | None) -> tup
 
 
 def best_slack(
-    on: CalibratedSkin, dataset: Dataset, seen: Observed, progress: Callable[[int, int], None]
+    on: CalibratedSkin, dataset: Dataset, seen: ImagesAboveRest, progress: Callable[[int, int], None]
 ) -> Floats:
     """Return the best slack of the presses (P, 2) [m]; it is 0 for a press of unknown position or without force."""
     progress(0, 1)
@@ -182,7 +182,7 @@ def best_slack(
     return slack
 
 
-def place_presses(on: CalibratedSkin, dataset: Dataset, seen: Observed, rows: Ints) -> Places:
+def place_presses(on: CalibratedSkin, dataset: Dataset, seen: ImagesAboveRest, rows: Ints) -> Places:
     """Estimate the positions of the presses ``rows`` (n,) of known position, on a skin without effects."""
     measured = Touches.of_presses(on, dataset).select(rows)
 
@@ -196,7 +196,7 @@ def _estimate_positions(
     simulate: Simulate,
     on: CalibratedSkin,
     dataset: Dataset,
-    seen: Observed,
+    seen: ImagesAboveRest,
     free: Ints,
     start: Places | None = None,
 ) -> Places:

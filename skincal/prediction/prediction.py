@@ -14,7 +14,7 @@ from skincal.dataset import IDLE, Dataset, DatasetMeta, Frames, Presses, idle_me
 from skincal.dataset.uniform_pressure import centre_contacts, uniform_pressure, zero_load_levels
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import Problem
-from skincal.fitting.observe import Observed, Readout, expected_counts, observe
+from skincal.fitting.observe import ImagesAboveRest, Readout, expected_counts, observe
 from skincal.fitting.types import Bools, Floats
 from skincal.prediction.holds import best_slack, idle_memory_residual, rest_level
 from skincal.prediction.images import images_with_effects
@@ -148,7 +148,7 @@ def _readout(dataset: Dataset) -> Readout:
     return Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
 
 
-def observed_images(dataset: Dataset, left_counts: Floats | float = 0.0) -> Observed:
+def observed_images(dataset: Dataset, left_counts: Floats | float = 0.0) -> ImagesAboveRest:
     """Return the measured images as unclipped values above rest.
 
     The rest level comes from idle frames if there are enough, else from the presses that do not touch a taxel. Uniform
@@ -174,7 +174,7 @@ def mismatch(
     measured: Floats,
     predicted: Floats,
     contact: Bools,
-    seen: Observed,
+    seen: ImagesAboveRest,
     level_counts: Floats | float = 0.0,
 ) -> Mismatch:
     """Return the mismatch of presses or frames.
