@@ -18,8 +18,7 @@ from skincal.dataset.uniform_pressure import UNIFORM, uniform_pressure
 from skincal.errors import InputError, Problem, input_error
 from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.general_local import LocalPlaces
-from skincal.fitting.general_skin import MARGIN_M as TABLE_MARGIN_M
-from skincal.fitting.general_skin import ContactMap
+from skincal.fitting.general_skin import TABLE_MARGIN_M, ContactMap
 from skincal.fitting.kernel import contact_reach
 from skincal.fitting.observe import Readout
 from skincal.fitting.problem import FitProblem, PressTable, Rig, build_problem

@@ -132,7 +132,7 @@ class Finding(Table, unknown="keep"):
     """A finding about a calibration, with advice for the user.
 
     Attributes:
-        code: code for programs, as ``few_presses``; ``CODES`` has them all.
+        code: code for programs, as ``few_presses``; ``CODES`` has those with properties.
         severity: ``info``, ``warning`` or ``error``.
         text: the finding.
         advice: what to do; may be empty.

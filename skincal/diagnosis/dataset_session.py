@@ -194,6 +194,11 @@ def smooth_positions(
 ) -> FloatArray:
     """Return the positions (M, 3) [m] of frames, smoothed press by press.
 
+    Positions from joint angles scatter from frame to frame, which the skin does not feel. A hand that gives way moves
+    the contact a little as the force rises, so the position of a press is fitted as a linear function of its force;
+    where an F test shows the need, with a separate path for unloading (friction in the joints) and a curve. A press
+    whose residuals change smoothly in time, such as one that slides, keeps its measured positions.
+
     Args:
         position_m: (M, 3) measured positions [m], NaN without contact.
         force_n: (M,) forces [N].

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.calibrate.data_findings import has_joints
 from skincal.collect import FullProtocol, Plan, full_plan
@@ -139,8 +138,6 @@ def _recommend_for_unseen(
         )
 
 
-Floats = NDArray[np.float64]
-
 _REGULAR, _REPEATS, _REVISITS, _OTHER = 44, 12, 14, 14
 _REST_S = 1.0
 """Longest observed part of the rest after a press [s]."""
@@ -185,9 +182,11 @@ def simulate_session(plan: Plan, rig: Rig, dataset: Dataset, rng: np.random.Gene
     return replace(session, samples=replace(session.samples, **_draw_covariates(session, dataset, rng)))
 
 
-def _draw_covariates(session: GapSession, dataset: Dataset, rng: np.random.Generator) -> dict[str, Floats]:
+def _draw_covariates(
+    session: GapSession, dataset: Dataset, rng: np.random.Generator
+) -> dict[str, FloatArray]:
     """Return tangential forces (K, 2) [N] and temperatures (K,) [°C] of a session, where the dataset has them."""
-    presses, samples, columns = dataset.presses, session.samples, dict[str, Floats]()
+    presses, samples, columns = dataset.presses, session.samples, dict[str, FloatArray]()
     shear = [presses.column(name) for name in ("shear_u_n", "shear_v_n")]
     if shear[0] is not None and shear[1] is not None:
         ratio = np.stack([shear[0], shear[1]], axis=1) / np.maximum(presses.force_n, 1e-3)[:, None]

@@ -100,7 +100,7 @@ class Values(Mapping[str, FloatArray]):
     """Checked parameters of an effect by name: read-only arrays, () for one number, (J,) or (poses,) for more."""
 
     def __init__(self, arrays: Mapping[str, FloatArray]) -> None:
-        """Store arrays that :meth:`Effect.checked` has checked."""
+        """Store arrays that :meth:`skincal.effects.effect.Effect.checked` has checked."""
         self._arrays = dict(arrays)
 
     def __getitem__(self, name: str) -> FloatArray:

@@ -23,7 +23,7 @@ micrometre on a fingertip; the facets of a mesh are coarser."""
 _MOST_NODES = 41
 """Most nodes along one side of the lattice."""
 
-MARGIN_M = 2.5e-3
+TABLE_MARGIN_M = 2.5e-3
 """Extent of the table beyond the slack, as the sensor's pose is not known yet [m]."""
 
 RESOLUTION_M = 0.25e-3

@@ -10,7 +10,6 @@ more than the log number of permutations that it competes with.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -20,6 +19,7 @@ from scipy.optimize import least_squares, linear_sum_assignment
 from scipy.special import gammaln
 
 from skincal.fitting.fit_options import SearchBox
+from skincal.fitting.lattice import square
 from skincal.fitting.presses import solve_small
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Floats, Ints
@@ -43,9 +43,8 @@ _MOST_NAMED = 4
 _ROUNDS = 3
 """Rounds of alternating fits."""
 
-_LATTICE = 7
-"""Positions along each direction within the slack from which a press is fitted again: two thirds of a contact's width
-apart at most."""
+_LATTICE = square(np.linspace(-1.0, 1.0, 7))
+"""Positions (49, 2), over the largest slack, from which a press is fitted again."""
 
 _POSE = 5
 """Number of pose parameters, which come before those of the smooth error of positions."""
@@ -122,9 +121,11 @@ def find_taxel_order(problem: FitProblem, box: SearchBox) -> TaxelOrder | None:
         if whole.score(other) > whole.score(one) + least:
             one, other = whole.refit(one, other, names), whole.refit(other, one, names)
             one = other if whole.score(other) > whole.score(one) + least else one
+    if (one.order == nominal.order).all():
+        return None
     nominal = whole.refit(nominal, one, names)
     odds = whole.score(one) - whole.score(nominal) - _WIN_NATS
-    if odds <= 0 or (one.order == nominal.order).all() or not whole.explains(nominal, one):
+    if odds <= 0 or not whole.explains(nominal, one):
         return None
     lit = max(int((problem.values * (problem.weight > 0) > 0).sum()), 1)
     before, after = (float(np.sqrt(c.squares / lit)) for c in (nominal, one))
@@ -160,6 +161,8 @@ class _Search:
         self.layout, self.rig = problem.rig.layout, problem.rig
         self.place_m = np.stack([problem.across_m, problem.along_m], axis=1)
         self.force_n, noise = problem.force_n, problem.noise_sigma_counts
+        self.sigma_m = max(self.rig.position_sigma_m, 1e-9)
+        self.bound_m = min(self.rig.slack_m, 3 * self.sigma_m)
         self.weight = np.clip(problem.weight, 0.0, 1.0) ** 2
         self.observed = np.where(self.weight > 0, problem.values, 0.0)
         lit = self.observed > max(4 * noise, 0.03 * float(self.observed.max(initial=0.0)))
@@ -288,8 +291,9 @@ class _Search:
             pose = self._fit_pose(order, pose, slack)
             slack = self._fit_slack(order, pose, slack)
         off = self._differences(self._nominal_images(pose, slack).shares, order)
-        sigma = max(self.rig.position_sigma_m, 1e-9)
-        moved = float((slack**2).sum()) / sigma**2 + float(((pose[_POSE:] / self.field_sigma) ** 2).sum())
+        moved = float((slack**2).sum()) / self.sigma_m**2 + float(
+            ((pose[_POSE:] / self.field_sigma) ** 2).sum()
+        )
         return _Candidate(order, _log_rivals(order, names), pose, slack, float((off**2).sum()), moved)
 
     def _build_starts(self) -> list[Floats]:
@@ -392,8 +396,7 @@ class _Search:
 
     def _fit_slack(self, order: Ints, pose: Floats, slack_m: Floats) -> Floats:
         """Fit the press positions within their slack, by Gauss-Newton."""
-        sigma, slack = self.rig.position_sigma_m, slack_m
-        bound, step = min(self.rig.slack_m, 3 * sigma), 0.5 * self.pitch
+        sigma, slack, step = self.sigma_m, slack_m, 0.5 * self.pitch
         noise = self._variance(self._differences(self._nominal_images(pose, slack).shares, order))
         for _ in range(4):
             shares, across, along, wide, long = self._nominal_images(pose, slack)
@@ -403,24 +406,23 @@ class _Search:
             hessian = np.einsum("kj,kja,kjb->kab", weight, by, by) / noise
             slope = np.einsum("kj,kja->ka", weight * (image - observed), by) / noise + slack / sigma**2
             hessian += np.eye(2) * (1 / sigma**2 + 1e-12)
-            slack = np.clip(slack + np.clip(-solve_small(hessian, slope), -step, step), -bound, bound)
+            slack = np.clip(
+                slack + np.clip(-solve_small(hessian, slope), -step, step), -self.bound_m, self.bound_m
+            )
         return slack
 
     def _search_slack(self, order: Ints, pose: Floats, slack_m: Floats) -> Floats:
         """Return the best position of each press on a lattice within its slack, the present ones included."""
-        sigma = max(self.rig.position_sigma_m, 1e-9)
+        tried = [slack_m, *(np.broadcast_to(at, slack_m.shape) for at in self.bound_m * _LATTICE)]
         _, _, scale, _ = self._apply_order(self._nominal_images(pose, slack_m).shares, order)
         observed, weight = self.observed[:, order], self.weight[:, order]
-        axis = np.linspace(-1.0, 1.0, _LATTICE) * min(self.rig.slack_m, 3 * sigma)
-        tried = [slack_m, *(np.broadcast_to(at, slack_m.shape) for at in itertools.product(axis, axis))]
         squares = [weight * (scale * self._nominal_images(pose, at).shares - observed) ** 2 for at in tried]
         noise = self._variance(np.sqrt(squares[0]))
         losses = [
-            off.sum(axis=1) / noise + (at**2).sum(axis=1) / sigma**2
+            off.sum(axis=1) / noise + (at**2).sum(axis=1) / self.sigma_m**2
             for off, at in zip(squares, tried, strict=True)
         ]
-        best = np.argmin(losses, axis=0)
-        return np.stack(tried)[best, np.arange(len(slack_m))]
+        return np.stack(tried)[np.argmin(losses, axis=0), np.arange(len(slack_m))]
 
 
 def _smooth_basis(place_m: Floats) -> Floats:

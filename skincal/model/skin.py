@@ -17,9 +17,6 @@ from skincal.model.patch import Patch
 from skincal.model.press.call import Entries, press
 from skincal.model.response import Pressures, SkinResponse, Status, refuse
 
-_WIDTH_M = 3e-4
-"""Standard deviation of the Gaussian for the finite difference [m]: about a cell, so that the points resolve it."""
-
 
 @dataclass(frozen=True)
 class Converter:
@@ -179,6 +176,10 @@ class Skin:
         if self.contact is None or self.spreading is None:
             return loads
         return self.pressures(indenter, contacts).loads(self.spreading)
+
+
+_WIDTH_M = 3e-4
+"""Standard deviation of the Gaussian for the finite difference [m]: about a cell, so that the points resolve it."""
 
 
 def spread_weights(patch: Patch, variance_m2: float) -> FloatArray:

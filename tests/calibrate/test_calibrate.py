@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -104,6 +105,19 @@ def test_a_fit_that_is_killed_leaves_no_worker(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=50)
     assert done.returncode == -signal.SIGKILL
     assert len(done.stdout.split()) == 2
+
+
+def test_an_interrupt_while_workers_start_comes_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
+    submit, started = ProcessPoolExecutor.submit, list[int]()
+
+    def interrupted(pool: ProcessPoolExecutor, *work: Any) -> Any:
+        started.append(signal.raise_signal(signal.SIGINT) or len(started))
+        return submit(pool, *work)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", interrupted)
+    with pytest.raises(KeyboardInterrupt), mapper(3):
+        pytest.fail("the interrupt is lost")
+    assert started == [0, 1]
 
 
 def test_an_interrupt_with_cancelled_work_is_quiet(capfd: pytest.CaptureFixture[str]) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skincal.fitting.general_skin import MARGIN_M, ContactMap
+from skincal.fitting.general_skin import TABLE_MARGIN_M, ContactMap
 from skincal.fitting.problem import FitProblem, PressTable, build_problem
 from skincal.model import Cylinder, MeshSurface, Surface
 from tests.fitting.conftest import RADIUS, rig
@@ -45,5 +45,5 @@ def general_problem(table: PressTable, surface: Surface | None = None) -> FitPro
         rig(), surface=surface, nominal_radius_m=RADIUS if isinstance(surface, MeshSurface) else None
     )
     problem = build_problem(own, table, min_active=2)
-    contacts = ContactMap.of(surface, on_cylinder(table), problem.rows, own.slack_m + MARGIN_M)
+    contacts = ContactMap.of(surface, on_cylinder(table), problem.rows, own.slack_m + TABLE_MARGIN_M)
     return replace(problem, contacts=contacts)

@@ -11,7 +11,7 @@ import pytest
 from skincal.fitting.fit_options import FitOptions, GridSteps, SearchBox
 from skincal.fitting.general import evaluate_pose, evaluate_slab
 from skincal.fitting.general_local import LocalPlaces
-from skincal.fitting.general_skin import MARGIN_M, ContactMap, SkinShares
+from skincal.fitting.general_skin import TABLE_MARGIN_M, ContactMap, SkinShares
 from skincal.fitting.general_table import (
     ROUGH,
     SkinTable,
@@ -304,7 +304,7 @@ def test_on_a_plane_the_centre_is_x(truth: Truth) -> None:
     table, _ = make_session(presses=6)
     problem = build_problem(flat, table)
     points = np.column_stack([table.across_m, table.along_m, np.zeros(6)])
-    problem = replace(problem, contacts=ContactMap.of(Plane(), points, problem.rows, 2e-3 + MARGIN_M))
+    problem = replace(problem, contacts=ContactMap.of(Plane(), points, problem.rows, 2e-3 + TABLE_MARGIN_M))
     shares = SkinShares(problem, 1e-3, 0.0238, 0.1)
     press = np.arange(len(problem))
     moved = SkinShares(problem, 2e-3, 0.0238, 0.1)
