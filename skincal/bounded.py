@@ -23,7 +23,7 @@ from typing import IO, Any, Final, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from skincal.errors import one_line, quoted, text_of
+from skincal.errors import cut, quoted, text_of
 from skincal.files import open_input
 
 MOST_TEXT_BYTES: Final = 8 << 20
@@ -245,7 +245,7 @@ def _check_text(text: str, place: tuple[str, ...]) -> None:
 
 
 def _beyond(place: tuple[str, ...], expected: str, got: str) -> UnreadableError:
-    return UnreadableError(expected, f"{got} in {one_line('.'.join(place), 80)}" if place else got)
+    return UnreadableError(expected, f"{got} in {cut('.'.join(place), 80)}" if place else got)
 
 
 def read_arrays(

@@ -36,15 +36,15 @@ class Problem:
     details: Mapping[str, Any] = field(default_factory=dict[str, Any], compare=False)
 
     def __str__(self) -> str:
-        place, expected, fix = _cut(self.place), _cut(self.expected, 1000), _cut(self.fix, 1000)
-        text = _shown(f"{place}: expected {expected}; got {_cut(self.got)}")
+        place, expected, fix = cut(self.place), cut(self.expected, 1000), cut(self.fix, 1000)
+        text = _shown(f"{place}: expected {expected}; got {cut(self.got)}")
         if not fix:
             return text
         return f"{text}{'' if text.endswith((*'.?…',)) else '.'} {fix}"
 
 
-def _cut(text: str, most: int = 500) -> str:
-    """A text of a file, of a length that can be read."""
+def cut(text: str, most: int = 500) -> str:
+    """Return a text of a file, of a length that can be read."""
     return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
@@ -86,7 +86,7 @@ def _line(error: BaseException, text_of: Callable[[BaseException], str], most: i
 
 def one_line(text: str, most: int) -> str:
     """Return a foreign text as one line without what would steer a terminal, of at most ``most`` letters."""
-    return _cut(_shown(" ".join(str(text)[: 8 * most].split())), most)
+    return cut(_shown(" ".join(str(text)[: 8 * most].split())), most)
 
 
 def _text(error: BaseException) -> str:

@@ -19,6 +19,7 @@ from typing import Annotated, Any
 import typer
 
 from skincal.cli.options import example, option
+from skincal.errors import WorkError
 
 EPILOG = example("skincal demo --out demo")
 
@@ -121,8 +122,6 @@ def sample_path(name: str) -> Path:
     Raises:
         WorkError: the installation lacks it.
     """
-    from skincal.errors import WorkError
-
     here = Path(__file__).parents[1]
     for folder in (here / "sample_data", here.parent / "data"):
         if (folder / name).exists():

@@ -57,7 +57,7 @@ def diagnose(
     del cache  # accepted so that commands written for earlier versions still work
     from skincal.calibration import read_calibration, write_calibration
     from skincal.collect import write_plan
-    from skincal.collect.rig import Rounds
+    from skincal.collect.rounds import Rounds
     from skincal.dataset import read_dataset
     from skincal.diagnosis.diagnosis import summary
     from skincal.diagnosis.next_presses import PLAN_FILE

@@ -162,7 +162,7 @@ def test(
     from skincal.hand.driver import StageDriver
     from skincal.hand.guard_options import GuardOptions
     from skincal.hand.registry import create_driver, create_rig, parse_options
-    from skincal.hand.stage_guard import run_stage_checks
+    from skincal.hand.stage_checks import run_stage_checks
     from skincal.robot import check_limits
 
     def show_check(result: CheckResult) -> None:

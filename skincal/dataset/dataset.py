@@ -262,3 +262,12 @@ def _concatenated(first: Table, second: Table, press: int, later_s: float, taxel
             one[name] = np.nan if number else ""
             other[name] = other[name].astype(float) if number else other[name]
     return type(first).of_pandas(pd.concat([a, b[[*a]]], ignore_index=True), taxels)
+
+
+def session_times_s(dataset: Dataset) -> FloatArray | None:
+    """Return the time of each press: the middle of its hold, or its start [s], shape (K,); None if unknown."""
+    column = dataset.presses.column
+    hold, release = column("t_hold_s"), column("t_release_s")
+    if hold is not None and release is not None:
+        return (hold + release) / 2
+    return column("t_start_s") if hold is None else hold

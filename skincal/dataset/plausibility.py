@@ -5,13 +5,13 @@ A quantity is wrong only if its *median* is implausible: single presses may be o
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from skincal.covariates import POSITION, TARGET
+from skincal.dataset.columns import JOINT
 from skincal.dataset.dataset import Dataset
 from skincal.dataset.findings import Sheet, listed
 from skincal.dataset.keys import MILLIMETRES, TWICE
@@ -56,9 +56,9 @@ APART_M, APART_SHARE, APART_IMAGE, FEWEST_COMPARED = 1e-3, 0.2, 0.7, 3
 """Frames belong to another press than the table's if their place is off by this [m], or their force is, and their
 image by this part of the press's own; reported if at least this many presses are affected."""
 
-_JOINT_ANGLE = re.compile(r"q_\d+")
 LARGEST_RADIUS_M, SMALLEST_RADIUS_M = 1.0, 5e-5
 FASTEST_M_PER_S = 0.5
+LARGEST_ANGLE_RAD = 2 * np.pi
 
 
 def check_plausible(dataset: Dataset, sheet: Sheet, frame_sheet: Sheet | None) -> None:
@@ -209,9 +209,9 @@ def _check_covariates(dataset: Dataset, sheet: Sheet) -> None:
         if shear > 30 * median > 0:
             got = f"a median of {shear:.3g} N under a normal force of {median:.3g} N"
             findings.error(place(name), "forces [N]", got, "It looks like millinewtons; divide by 1000.")
-    for name in filter(_JOINT_ANGLE.fullmatch, presses.columns):
+    for name in (name for name in presses.columns if (joint := JOINT.fullmatch(name)) and joint[1] == "q"):
         angle = _median(np.abs(presses.columns[name]))
-        if angle > 2 * np.pi:
+        if angle > LARGEST_ANGLE_RAD:
             factor = float(np.radians(1.0))
             fix = f"Degrees? Then {scaled_by(factor)}."
             findings.warn(

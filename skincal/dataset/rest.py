@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skincal.covariates import TARGET
-from skincal.dataset.dataset import Dataset
+from skincal.dataset.dataset import Dataset, session_times_s
 from skincal.dataset.tables import IDLE, PHASES
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 
@@ -246,15 +246,6 @@ def summarise(dataset: Dataset, threshold_counts: float = ACTIVE_COUNTS) -> Summ
         labels={name: _counted(presses.columns[name]) for name in LABELS if name in presses.columns},
         columns=tuple(name for name in presses.columns if name not in LABELS),
     )
-
-
-def session_times_s(dataset: Dataset) -> FloatArray | None:
-    """Return the time of each press: the middle of its hold, or its start [s], shape (K,); None if unknown."""
-    column = dataset.presses.column
-    hold, release = column("t_hold_s"), column("t_release_s")
-    if hold is not None and release is not None:
-        return (hold + release) / 2
-    return column("t_start_s") if hold is None else hold
 
 
 def _session_s(dataset: Dataset) -> float | None:

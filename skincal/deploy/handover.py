@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.envs.grasp import Postures
 from skincal.envs.pinch import Pinch
+from skincal.envs.postures import Postures
 from skincal.errors import WorkError
 from skincal.hand.driver import HandState
 from skincal.hand.guard import GuardedHand

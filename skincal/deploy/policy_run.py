@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from skincal.deploy.handover import DeployOptions, Handover, Motion, PinchForces, Watch
 from skincal.deploy.record import Record
-from skincal.envs.grasp import Postures
 from skincal.envs.pinch import Pinch
+from skincal.envs.postures import Postures
 from skincal.envs.trajectories import POLICY_HZ
 from skincal.errors import InputError, Problem, WorkError, input_error
 from skincal.hand.driver import HandDriver

@@ -125,9 +125,8 @@ def _put(new: Path, path: Path, force: bool, marker: str | None, mark: str) -> N
         fix = f"The new output is complete, as {kept}."
         raise InputError([replace(one, fix=fix) for one in error.problems]) from None
     finally:
-        with suppress(
-            OSError
-        ):  # some network file systems cannot, and a folder may be writable but not readable
+        # Some network file systems cannot, and a folder may be writable but not readable.
+        with suppress(OSError):
             _sync(path.parent)
 
 

@@ -2,7 +2,7 @@
 
 Each check creates its own driver. Calls are made as the guard makes them, so that a call that hangs fails only its own
 check. Every state and command is checked as by the guard, including the contact force, and a rig that breaks a limit
-is stopped. The checks are in :mod:`skincal.hand.contract_checks` and :mod:`skincal.hand.stage_guard`.
+is stopped. The checks are in :mod:`skincal.hand.contract_checks` and :mod:`skincal.hand.stage_checks`.
 """
 
 from __future__ import annotations

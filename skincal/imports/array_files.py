@@ -226,7 +226,7 @@ def table_of(
     columns = {name: column for name, column in columns.items() if column.ndim}
     refused = [name for name in no_columns if not columns or name in {name.split("[")[0] for name in wanted}]
     for name in refused:
-        fix = f"Save equal lists, as numpy.array(list({name}), dtype=float) does, with NaN for what is not there."
+        fix = f"Give its lists one length (NaN for what is missing), and save numpy.array(list({name}), dtype=float)."
         findings.error(f'{file}, "{name}"', "an array of numbers", no_columns[name], fix)
     if refused or not check_columns(file, columns, wanted, findings, hint):
         return None

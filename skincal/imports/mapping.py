@@ -27,7 +27,6 @@ from skincal.imports.mapping_file import (
     Rows,
 )
 from skincal.imports.recording import Column, FloatArray
-from skincal.imports.targets import Unit
 
 _AROUND = 4
 """The direction of a field is that of so many rows before and after."""
@@ -59,7 +58,7 @@ class Quantity:
     sources: tuple[str, ...] = ()
     topic: str = ""
     constant: float | str | None = None
-    unit: Unit = field(default_factory=lambda: Unit("1"))
+    unit: targets.Unit = field(default_factory=lambda: targets.Unit("1"))
     scale: float = 1.0
     offset: float = 0.0
     words: Map[str, str] = field(default_factory=dict[str, str])

@@ -16,8 +16,8 @@ from skincal.dataset.schema_errors import ABSENT, Place, Translator
 from skincal.imports import targets
 from skincal.imports.mapping import Quantity, Taxels
 from skincal.imports.mapping_file import (
+    AXES_PATTERN,
     PATTERN,
-    VECTORS,
     BagEntry,
     BagTaxels,
     CsvEntry,
@@ -25,7 +25,6 @@ from skincal.imports.mapping_file import (
     TaxelTable,
 )
 from skincal.imports.recording import IntArray
-from skincal.imports.targets import Unit
 
 AXES = ("x", "y", "z")
 AnyEntry = CsvEntry | BagEntry
@@ -99,7 +98,7 @@ def read_quantities(
     ]
 
 
-def _units(entry: AnyEntry, target: str, place: Place, report: Translator) -> tuple[Unit, ...]:
+def _units(entry: AnyEntry, target: str, place: Place, report: Translator) -> tuple[targets.Unit, ...]:
     """Return the unit of a quantity; of a time in several columns, that of each."""
     kind, place = targets.quantity_of(target), (*place, "unit")
     known = tuple(targets.FACTORS[kind])
@@ -122,7 +121,7 @@ def _units(entry: AnyEntry, target: str, place: Place, report: Translator) -> tu
 
 
 def _parts(
-    entry: AnyEntry, found: tuple[Unit, ...], columns: int, place: Place, report: Translator
+    entry: AnyEntry, found: tuple[targets.Unit, ...], columns: int, place: Place, report: Translator
 ) -> tuple[float, ...]:
     """Return the factors, in the first unit, with which the columns of a time are added; none for a single one."""
     dates = [unit.name == targets.DATETIME for unit in found]
@@ -137,7 +136,7 @@ def _parts(
 
 
 def _constants(
-    entry: AnyEntry, parts: Sequence[str], unit: Unit, place: Place, report: Translator
+    entry: AnyEntry, parts: Sequence[str], unit: targets.Unit, place: Place, report: Translator
 ) -> list[float | str] | None:
     value = entry.value
     if value is None:
@@ -254,7 +253,7 @@ def _vectors(table: CsvTaxels, image: Image, report: Translator) -> tuple[tuple[
         report.violation(place, "columns or vectors", "both", "Remove one of them.")
     if isinstance(given, str):
         if "{axis}" not in given:
-            report.violation(place, VECTORS, f'"{given}"', "Use {axis}.")
+            report.violation(place, AXES_PATTERN, f'"{given}"', "Use {axis}.")
             return nothing
         if not table.axes:
             report.violation(("taxels", "axes"), 'names of the axes, like ["X", "Y", "Z"]', ABSENT)
@@ -264,7 +263,7 @@ def _vectors(table: CsvTaxels, image: Image, report: Translator) -> tuple[tuple[
     rows = given or ()
     width = len(rows[0]) if rows else 0
     if len(rows) != count or not width or not all(len(row) == width and all(row) for row in rows):
-        report.violation(place, VECTORS, f"{len(rows)} lists for {count} taxels")
+        report.violation(place, AXES_PATTERN, f"{len(rows)} lists for {count} taxels")
         return nothing
     return tuple(name for row in rows for name in row), width
 

@@ -61,7 +61,7 @@ class CutRules(Table, unknown="refuse"):
 
 @dataclass(frozen=True, kw_only=True)
 class CsvFormat(Table, unknown="refuse"):
-    """Layout of a text file; ``docs/import.md`` explains the keys.
+    """Layout of a text file; ``docs/import.md`` and the template ``csv`` explain the keys.
 
     ``block_rows`` of 0 reach up to the next line that is not a row; without ``rate_hz``, a column holds the time; a
     space as mark of ``thousands`` stands for any kind of space.
@@ -188,7 +188,7 @@ class JoinedFormat(CsvFormat):
 PATTERN = (
     'a pattern like "tax_{r}_{c}", "p{R}{c}" or "s{j}", a list of all columns, or a list of rows of them'
 )
-VECTORS = 'a pattern like "S-{axis}[{j}]" with axes, or a list of a list of columns for each taxel'
+AXES_PATTERN = 'a pattern like "S-{axis}[{j}]" with axes, or a list of a list of columns for each taxel'
 WORDS = tuple(f"{sign}int{bits}" for bits in WIDTHS for sign in ("u", ""))
 
 _Names = tuple[tuple[str, ...], ...]
@@ -219,7 +219,7 @@ class CsvTaxels(TaxelTable):
 
     columns: Annotated[str | tuple[str, ...] | _Names | None, Key(PATTERN)] = None
     first: Annotated[int, Key("the first number of rows, columns or taxels, like 0 or 1")] = 0
-    vectors: Annotated[str | _Names | None, Key(VECTORS)] = None
+    vectors: Annotated[str | _Names | None, Key(AXES_PATTERN)] = None
     axes: Named = ()
     rest_rows: Annotated[int, Key("a number of rows, at least 1", 1)] = 50
 

@@ -32,7 +32,6 @@ from skincal.imports.recording import (
     summed,
 )
 from skincal.imports.resting import rested
-from skincal.imports.targets import LABELS
 from skincal.model.rest import rounding_step
 
 FORCE_SPIKES = 0.001
@@ -268,7 +267,7 @@ def _presses(recording: Recording, series: Series, spans: tuple[Span, ...], held
         columns["branch"] = np.array([span.branch for span in spans], dtype=object)
     for name, column in recording.columns.items():
         if name not in (*OWN, *NORMAL):
-            of_press = column.dtype == object or name in LABELS
+            of_press = column.dtype == object or name in targets.LABELS
             columns[name] = column[[span.hold for span in spans]] if of_press else means(column)
     normals = _normals(recording)
     if normals is not None:

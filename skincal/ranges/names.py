@@ -112,6 +112,7 @@ _TABLES: Final = {
     "skin": _SKIN,
     "skin.contact_law": _CONTACT_LAW,
 }
+"""Parameters by their table; their names become full in ``NAMES``."""
 
 NAMES: Final[dict[str, Name]] = {
     f"{table}.{one.path}": replace(one, path=f"{table}.{one.path}")

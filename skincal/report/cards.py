@@ -12,10 +12,10 @@ from skincal.calibrate import Outcome, UniformOutcome
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
 from skincal.diagnosis.diagnosis import Diagnosis
-from skincal.report.page import capital, rendered, span
+from skincal.report.page import capital, macro, rendered, span
 
 if TYPE_CHECKING:
-    from skincal.diagnosis.diagnosis import Diagnosis, NamedEffect
+    from skincal.diagnosis.diagnosis import NamedEffect
 
 
 Row = tuple[str, ...]
@@ -103,8 +103,6 @@ def verdict_lines(diagnosis: Diagnosis) -> list[str]:
 
 
 def _words(name: str, *values: object) -> str:
-    from skincal.report.page import macro
-
     return macro("diagnosis_words.txt", name, *values)
 
 

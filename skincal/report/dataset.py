@@ -16,14 +16,13 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from skincal.dataset import IDLE, Dataset
+from skincal.dataset.dataset import session_times_s
 from skincal.dataset.placement import patch_coordinates
-from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels, session_times_s
+from skincal.dataset.rest import ACTIVE_COUNTS, active_taxels
 from skincal.model.arrays import BoolArray, FloatArray
 from skincal.report import style
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from skincal.imports.alignment import JoinedClock
 
 

@@ -11,11 +11,11 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from skincal.diagnosis.audit import AuditReport
 from skincal.report import style
 
 if TYPE_CHECKING:
     from skincal.dataset import Dataset
+    from skincal.diagnosis.audit import AuditReport
     from skincal.diagnosis.diagnosis import Diagnosis
 
 

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from skincal.dataset import Dataset
-from skincal.dataset.rest import session_times_s
+from skincal.dataset.dataset import session_times_s
 from skincal.fitting.result import FitResult
 from skincal.fitting.types import Floats
 from skincal.model.arrays import BoolArray

@@ -1,4 +1,4 @@
-"""PyBullet: one client that shares nothing with others, and the fingers of a hand in it."""
+"""PyBullet: one client that shares nothing with others, the fingers of a hand in it, and options of the simulation."""
 
 from __future__ import annotations
 

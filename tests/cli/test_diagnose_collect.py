@@ -13,7 +13,8 @@ from calibrations import make_calibration
 from skincal.calibration import read_calibration, write_calibration
 from skincal.cli.main import main
 from skincal.collect import Mount, Plan, PlannedPress, collect
-from skincal.collect.rig import SESSION, Rig, Rounds
+from skincal.collect.rig import Rig
+from skincal.collect.rounds import SESSION, Rounds
 from skincal.dataset import Dataset, read_dataset
 from skincal.dataset.dataset import GAP_S
 from skincal.diagnosis.observed import observe

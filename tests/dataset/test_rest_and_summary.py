@@ -12,8 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skincal.dataset import Dataset, active_taxels, rest_levels
+from skincal.dataset.dataset import session_times_s
 from skincal.dataset.placement import patch_coordinates
-from skincal.dataset.rest import session_times_s, summarise
+from skincal.dataset.rest import summarise
 from skincal.model import Cylinder, MeshSurface, Plane, SensorPose
 from tests.dataset.changes import with_presses, with_sensor
 

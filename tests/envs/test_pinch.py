@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skincal.envs.grasp import Postures
 from skincal.envs.pinch import bundled_folder, read_pinch
+from skincal.envs.postures import Postures
 from skincal.errors import InputError
 
 

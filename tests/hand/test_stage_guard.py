@@ -14,7 +14,7 @@ import pytest
 
 from skincal.errors import InputError
 from skincal.hand import GuardedStage, GuardOptions, HandError, StageDescription, StageState
-from skincal.hand.stage_guard import run_stage_checks
+from skincal.hand.stage_checks import run_stage_checks
 from skincal.hand.stage_sim import StageSim
 
 QUICK = GuardOptions(timeout_s=0.3, stop_timeout_s=0.1, idle_s=None)
