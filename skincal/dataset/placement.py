@@ -34,12 +34,8 @@ def patch_coordinates(
     points = np.asarray(points_m, dtype=np.float64)
     if not surface.is_uniform:
         return _nearest(surface, pose, points, reach_m)
-    (across, along), radius = surface.unrolled(points), surface.arc_radius_m
-    if radius is None:
-        across = across - pose.x_m
-    else:
-        across = radius * (np.mod(across / radius - pose.beta_rad + np.pi, 2 * np.pi) - np.pi)
-    along, cos, sin = along - pose.y_m, np.cos(pose.alpha_rad), np.sin(pose.alpha_rad)
+    across, along = surface.unrolled(points, surface.wrap(pose, np.zeros((1, 2)))[0]).T
+    cos, sin = np.cos(pose.alpha_rad), np.sin(pose.alpha_rad)
     return np.column_stack([across * cos + along * sin, along * cos - across * sin])
 
 

@@ -488,10 +488,10 @@ class Forward:
 
     def _from_centre(self, state: State, places: FloatArray) -> FloatArray:
         """Return the places (P, 2) of presses relative to the patch's centre, across and along [m]."""
-        points = self.surface.project(self._measured.points_m)
-        centre = self.surface.wrap(replace(state.pose, alpha_rad=0.0), np.zeros((1, 2)))[0]
-        at, zero = self.surface.unrolled(points), self.surface.unrolled(centre)
-        return np.nan_to_num(np.stack([at[0] - zero[0], at[1] - zero[1]], axis=1) + places)
+        centre = self.surface.wrap(state.pose, np.zeros((1, 2)))[0]
+        return np.nan_to_num(
+            self.surface.unrolled(self.surface.project(self._measured.points_m), centre) + places
+        )
 
     def press_columns(self, prediction: StatePrediction) -> FloatArray:
         """Compute slopes (K, J, 3) by the shift of a press across and along [1/m] and the logarithm of its force.

@@ -63,7 +63,6 @@ def _layer_table(
     surface = forward.surface
     felt = np.flatnonzero(patch.taxel >= 0)
     points, areas, taxel = patch.points_m[felt], patch.areas_m2[felt], patch.taxel[felt]
-    arc, along = surface.unrolled(points)
     owner = np.zeros((len(felt), patch.layout.taxels))
     owner[np.arange(len(felt)), taxel] = areas
     most = presses.most_n / e
@@ -87,10 +86,11 @@ def _layer_table(
         if solved is None:
             return None
         forces, fields = solved
-        at_arc, at_along = surface.unrolled(surface.project(presses.points_m[rows]))
+        about = surface.project(presses.points_m[rows])[:, None]
+        arc, along = np.stack([surface.unrolled(points, contact) for contact in about]).transpose(2, 0, 1)
         loads = np.zeros((len(rows), len(forces) + 1, owner.shape[1]))
         for k, field in enumerate(fields):
-            spot = field.felt_at(arc[None] - at_arc[:, None], along[None] - at_along[:, None], bare)
+            spot = field.felt_at(arc, along, bare)
             loads[:, k + 1] = spot @ owner
         curve = PchipInterpolator(np.sqrt(np.append(0.0, forces)), loads, axis=1)
         for i, p in enumerate(rows.tolist()):

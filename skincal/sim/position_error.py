@@ -8,7 +8,6 @@ import numpy as np
 
 from skincal.dataset.dataset import pose_of
 from skincal.errors import WorkError
-from skincal.model import Surface
 from skincal.model.arrays import FloatArray
 from skincal.robot import Kinematics, contact_from_joints, place_indenter
 from skincal.sim.truth import Truth
@@ -59,11 +58,6 @@ def position_error(kinematics: Kinematics, truth: Truth) -> PositionError:
     )
 
 
-def surface_error(surface: Surface, measured_m: FloatArray, true_m: FloatArray) -> FloatArray:
-    """Return measured minus true points (K, 3), along the surface: (K, 2) towards growing beta and +y [m]."""
-    return np.stack(surface.unrolled(measured_m), axis=1) - np.stack(surface.unrolled(true_m), axis=1)
-
-
 def _places(kinematics: Kinematics) -> tuple[FloatArray, FloatArray]:
     """Return points (P, 3) [m] and normals (P, 3) of a grid around the nominal centre."""
     surface, steps = kinematics.surface, np.linspace(-_HALF_M, _HALF_M, _SIDE)
@@ -89,5 +83,5 @@ def _error_at(
     if hand.compliance_rad_per_nm is not None:
         measured = q + tau / truth.joints.drive_stiffness_nm_per_rad
     contact = contact_from_joints(kinematics, measured + truth.joints.angle_error_rad(measured), tau)
-    across, along = surface_error(kinematics.surface, contact.points_m, point[None])[0].tolist()
+    across, along = kinematics.surface.unrolled(contact.points_m, point[None])[0].tolist()
     return across, along

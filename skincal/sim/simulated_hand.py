@@ -14,7 +14,7 @@ from skincal.robot import HandDescription, HandState, Kinematics, contact_from_j
 from skincal.robot.kinematics import prepare_contacts
 from skincal.sim.drives import DriveParameters, Drives
 from skincal.sim.physics_client import Fingers, SimOptions
-from skincal.sim.position_error import position_error, surface_error
+from skincal.sim.position_error import position_error
 from skincal.sim.reference_skin import ReferenceSkin
 from skincal.sim.touch import Look, SkinMemory, TrueContact, contact_stiffness, true_contact
 from skincal.sim.truth import Truth
@@ -155,7 +155,7 @@ class SimulatedHand:
         measured = contact_from_joints(self._kinematics, angles, torques)
         true = np.array([look.contact.point_m for look in looks])
         surface = self._kinematics.surface
-        across, along = surface_error(surface, measured.points_m, true).mean(axis=0)
+        across, along = surface.unrolled(measured.points_m, true).mean(axis=0)
         pose = surface.moved_pose(self.truth.pose, float(across))
         shifted = replace(self.truth, pose=replace(pose, y_m=pose.y_m + float(along)))
         model = shifted.model_dict(plane=self.description.meta.surface.is_plane)

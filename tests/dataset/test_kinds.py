@@ -52,14 +52,15 @@ def test_a_surface_is_made_and_says_what_it_is(name: str) -> None:
     assert surface.arc_radius_m is not None or not SURFACES[name].in_tasks
     if not surface.is_uniform:
         with pytest.raises(TypeError, match="the same everywhere"):
-            surface.unrolled(points)
+            surface.unrolled(points, points[:1])
         return
     # Arcs and y are those by which points are offset, and a pose moves by arcs.
-    pose = SensorPose(0.0235, 0.0)
-    moved = surface.moved_pose(pose, 2e-3)
-    here, there = (surface.wrap(p, np.zeros((1, 2)))[0] for p in (pose, moved))
-    np.testing.assert_allclose(surface.offset(here, 2e-3, 0.0), there, atol=1e-12)
-    assert surface.unrolled(there)[0] - surface.unrolled(here)[0] == pytest.approx(2e-3)
+    for beta in (0.0, np.pi - 0.1):
+        pose = SensorPose(0.0235, beta)
+        moved = surface.moved_pose(pose, 2e-3)
+        here, there = (surface.wrap(p, np.zeros((1, 2)))[0] for p in (pose, moved))
+        np.testing.assert_allclose(surface.offset(here, 2e-3, 0.0), there, atol=1e-12)
+        np.testing.assert_allclose(surface.unrolled(there, here), [[2e-3, 0.0]], atol=1e-12)
     radius = surface.arc_radius_m
     assert radius == surface.arc_radius_at(pose)
     assert (radius is None) == spec.is_plane

@@ -41,10 +41,11 @@ class Cylinder(Surface):
     def arc_radius_at(self, pose: SensorPose) -> float:
         return self.radius_m
 
-    def unrolled(self, points_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        # Arcs lie within half a turn of beta = 0; a point on the axis has beta = 0.
-        points = as_floats(points_m)
-        return self.radius_m * self._beta(points), points[:, 1]
+    def unrolled(self, points_m: ArrayLike, about_m: ArrayLike) -> FloatArray:
+        # A point on the axis has beta = 0.
+        points, about = as_floats(points_m), as_floats(about_m)
+        turn = np.mod(self._beta(points) - self._beta(about) + np.pi, 2 * np.pi) - np.pi
+        return np.column_stack([self.radius_m * turn, points[:, 1] - about[:, 1]])
 
     def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
         across, along = turned(pose, uv_m)

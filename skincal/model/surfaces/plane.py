@@ -21,9 +21,8 @@ class Plane(Surface):
     def arc_radius_at(self, pose: SensorPose) -> None:
         return None
 
-    def unrolled(self, points_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        points = as_floats(points_m)
-        return points[:, 0], points[:, 1]
+    def unrolled(self, points_m: ArrayLike, about_m: ArrayLike) -> FloatArray:
+        return (as_floats(points_m) - as_floats(about_m))[:, :2]
 
     def wrap(self, pose: SensorPose, uv_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
         across, along = turned(pose, uv_m)

@@ -65,11 +65,11 @@ class Surface(ABC):
             return replace(pose, x_m=pose.x_m + across_m)
         return replace(pose, beta_rad=pose.beta_rad + across_m / max(radius, _ON_AXIS_M))
 
-    def unrolled(self, points_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Unroll points (K, 3) [m].
+    def unrolled(self, points_m: ArrayLike, about_m: ArrayLike) -> FloatArray:
+        """Unroll points (K, 3) [m] about others, (1, 3) or (K, 3) [m].
 
         Returns:
-            Positions across (K,), arcs from beta = 0 (on a plane x), and positions along (K,), y [m].
+            (K, 2): arcs across, within half a turn (on a plane differences of x), and differences along [m].
 
         Raises:
             TypeError: the surface is not uniform and cannot be unrolled as a whole.
