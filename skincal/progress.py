@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.progress import Progress, TaskID
 
 on_compile: Callable[[], None] | None = None
@@ -18,16 +19,22 @@ on_compile: Callable[[], None] | None = None
 NOTE = "skincal: compiling the skin model or the fit, once on this machine (about 15 s)"
 
 
+def console() -> Console:
+    """Return the terminal of all progress, standard error; where it is none, ``is_terminal`` is False."""
+    from rich.console import Console
+
+    return Console(stderr=True)
+
+
 @contextmanager
 def progress() -> Generator[Progress]:
     """Yield the bars; add tasks to them."""
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    console = Console(stderr=True)
+    terminal = console()
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    shown = console.is_terminal or console.is_jupyter
-    with Progress(*columns, console=console, transient=True, disable=not shown) as bars:
+    shown = terminal.is_terminal or terminal.is_jupyter
+    with Progress(*columns, console=terminal, transient=True, disable=not shown) as bars:
         yield bars
 
 

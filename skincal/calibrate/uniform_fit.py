@@ -14,6 +14,7 @@ from skincal.dataset import Dataset, idle_means
 from skincal.dataset.dataset import refusal
 from skincal.dataset.uniform_pressure import UNIFORM, centre_contacts, zero_load_levels
 from skincal.errors import first_of
+from skincal.fitting.fit_options import FitOptions
 from skincal.fitting.observe import Readout, observe
 from skincal.fitting.problem import active_threshold
 from skincal.fitting.types import Bools, Floats
@@ -56,7 +57,7 @@ def calibrate_uniform(
     dataset: Dataset,
     *,
     active_counts: float | None = None,
-    level: float = 0.98,
+    level: float = FitOptions().level,
     seed: int = 0,
     command: str = "",
 ) -> UniformOutcome:

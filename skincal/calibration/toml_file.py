@@ -13,7 +13,6 @@ import numpy as np
 from skincal.calibration.calibration import Calibration
 from skincal.calibration.parts import (
     LAW,
-    REST,
     Effect,
     Finding,
     FittedLaw,
@@ -140,8 +139,7 @@ def plain_file(calibration: Calibration) -> dict[str, Any]:
     )  # fmt: skip
     model, law = calibration.model, calibration.contact_law
     plain = {"format": FORMAT} | {name: _plain(getattr(calibration, name)) for name in names}
-    best = model.best() | {REST: model.rest_counts, "scale_per_taxel_per_n": model.scale_per_taxel_per_n}
-    plain |= {"model": best, "intervals": calibration.intervals}
+    plain |= {"model": model.best() | _plain(model), "intervals": calibration.intervals}
     if law is not None:
         plain["contact_law"] = vars(law.law) | {"intervals": law.intervals}
     return toml_value(plain | dict(calibration.extra))

@@ -15,6 +15,7 @@ from skincal.cli.collect import press, rig_of
 from skincal.cli.interrupt import AGAIN, moving
 from skincal.cli.options import command_line, example, option
 from skincal.cli.terminal import answer, calibration_line, plain, say, warn
+from skincal.progress import console
 
 EPILOG = example(
     "skincal diagnose run cal --out cal-2",
@@ -127,17 +128,16 @@ def diagnose(
 @contextmanager
 def stage_shown() -> Generator[Callable[[str], None]]:
     """Yield a callback that shows the stage and the elapsed time on standard error, line by line without a terminal."""
-    from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
     from rich.table import Column
 
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    terminal = console()
+    if not terminal.is_terminal:
         yield say
         return
     # Truncate a long stage name, not the time.
     stage = TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True, ratio=1))
     columns = SpinnerColumn(), TimeElapsedColumn(table_column=Column(min_width=7)), stage
-    with Progress(*columns, console=console, transient=True, expand=True) as shown:
+    with Progress(*columns, console=terminal, transient=True, expand=True) as shown:
         task = shown.add_task("reading", total=None)
         yield lambda name: shown.update(task, description=name)

@@ -92,7 +92,9 @@ def fit(
     active_counts: Annotated[float | None, option(ACTIVE, min=0.0)] = None,
     min_active: Annotated[int | None, option(MIN_ACTIVE, min=1, max=16_384)] = None,
     bound: Annotated[str, option(BOUND)] = "noise",
-    level: Annotated[float, option("Posterior probability inside each interval.", min=0.5, max=0.999)] = 0.98,
+    level: Annotated[
+        float, option("Posterior probability inside each interval.", min=0.5, max=0.999)
+    ] = FitOptions().level,
     draws: Annotated[int, option("Number of posterior draws to write.", min=10, max=1_000_000)] = 2000,
     per_taxel: Annotated[bool, option("Also fit a scale for every taxel.", "--per-taxel")] = False,
     effects: Annotated[Path | None, option(EFFECTS)] = None,

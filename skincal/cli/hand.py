@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import signal
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
@@ -16,6 +15,7 @@ from skincal.cli import options
 from skincal.cli.interrupt import moving
 from skincal.cli.options import argument, example, find_modules_here, option
 from skincal.cli.terminal import answer, picked, print_json, say, table
+from skincal.progress import console
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -167,7 +167,7 @@ def test(
 
     def show_check(result: CheckResult) -> None:
         # A terminal and JSON show the checks as they come; otherwise the table shows all at the end.
-        if as_json or sys.stderr.isatty():
+        if as_json or console().is_terminal:
             say(f"{result.status:8s}{result.name}")
 
     settings = parse_options(driver_option or [])

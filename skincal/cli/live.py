@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
 from skincal.cli.terminal import say
-from skincal.progress import progress
+from skincal.progress import console, progress
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,10 +37,8 @@ class _Live(AbstractContextManager["_Live"]):
     """A picture on standard error that is updated now and then; none without a terminal."""
 
     def __init__(self, sensor: SensorSpec) -> None:
-        from rich.console import Console
-
         self._sensor = sensor
-        self._console = Console(stderr=True)
+        self._console = console()
         self._is_terminal = self._console.is_terminal
         self._live: Live | None = None
         self._began = self._drawn = time.monotonic()

@@ -1,6 +1,7 @@
 """Kinds of surfaces and indenters: the values of ``kind`` in a file, their keys, and their classes in the model.
 
-A new kind needs a file in ``model/surfaces`` or ``model/indenters`` and a line in one of these tables.
+A new kind needs a class in ``model/surfaces`` or ``model/indenters``, exported by ``skincal.model``, and a line in one
+of these tables; a number with a new key also needs a field in ``dataset/spec.py``.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
     R = R_said + (s - 1) R_said^(1 - w) R_0^w,    R_0 = 5 mm
 
-for a sphere or a flat punch, which still touches at the same place. With w = 0 every indenter is off by the same
+for an indenter that still touches at the same place. With w = 0 every indenter is off by the same
 factor, with w = 1 by the same length, as under a coat; only indenters of different sizes distinguish the two. The
-radius is at least a tenth of the stated one. The effect refuses a mesh, which has no radius.
+radius is at least a tenth of the stated one. A mesh grows as a whole; its R is half the shortest side of its bounds.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ from dataclasses import replace
 from skincal.effects.effect import InputEffect
 from skincal.effects.parameter import Values, form, start, strength
 from skincal.effects.samples import Samples, Setting
-from skincal.errors import input_error
-from skincal.model import FlatPunch, Indenter, Sphere
+from skincal.model import Indenter
 
 _REFERENCE_M, _SMALLEST = 5e-3, 0.1
 
@@ -35,17 +34,10 @@ class IndenterRadius(InputEffect):
     source = "Contact area of a sphere on an elastic foundation, a² = 2 R delta: Johnson, Contact Mechanics, 1985, 4.3."
 
     def apply(self, samples: Samples, values: Values, setting: Setting) -> Samples:
-        """Return the samples with resized indenters (:meth:`InputEffect.apply`).
-
-        Raises:
-            InputError: an indenter has no radius.
-        """
+        """Return the samples with resized indenters (:meth:`InputEffect.apply`)."""
         scale, coat = values.number("scale"), values.number("coat")
         return replace(samples, indenters=tuple(_resized(thing, scale, coat) for thing in samples.indenters))
 
 
 def _resized(indenter: Indenter, scale: float, coat: float) -> Indenter:
-    if isinstance(indenter, Sphere | FlatPunch):
-        own = 1 + (scale - 1) * (_REFERENCE_M / indenter.radius_m) ** coat
-        return type(indenter)(max(own, _SMALLEST) * indenter.radius_m)
-    raise input_error("effect indenter_radius", "a sphere or a flat punch", type(indenter).__name__)
+    return indenter.resized(max(1 + (scale - 1) * (_REFERENCE_M / indenter.radius_m) ** coat, _SMALLEST))

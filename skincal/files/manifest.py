@@ -19,14 +19,14 @@ TEMPORARY: Final = r"\.{name}\.[a-z0-9_]{{8}}\.(part|old)"
 """Patterns of the names that killed processes leave next to an output."""
 _LEFTOVER: Final = re.compile(TEMPORARY.format(name=".+"))
 
-_PICTURES = (
+_OLD_PICTURES = (
     "valley", "draws", "images", "slack", "residuals", "scatter", "gap", "signature", "where", "candidates", "audit",
     "scales", "answers",
 )  # fmt: skip
 _BEFORE: Final[dict[str, tuple[str, ...]]] = {
     "calibration.toml": (
         "calibration.toml", "grid.parquet", "slack.csv", "draws.parquet", "report.html", "diagnosis.json",
-        "next-presses.toml", *(f"{stem}.png" for stem in _PICTURES),
+        "next-presses.toml", *(f"{stem}.png" for stem in _OLD_PICTURES),
     ),
     "dataset.toml": ("dataset.toml", "presses.csv", "presses.parquet", "frames.csv", "frames.parquet"),
     "run.toml": (

@@ -60,7 +60,7 @@ def conclude(
     chosen = draws.resampled(rng, options.draws)
     fixed = options.bound_counts2
     if fixed is None:
-        bound, level = valley_loss(model, peak.places, chosen, rng), options.level
+        bound, level = valley_loss(model, peak.places, chosen, rng, options.level), options.level
         clouds = _mix_laws(add_unseen_errors(problem, chosen, rng), law, problem.rig.force_scale_sigma, rng)
     else:
         bound, level = fixed, 1.0
@@ -211,8 +211,10 @@ def closed(name: str, low: float, high: float, box: SearchBox) -> tuple[float, f
     return low, high
 
 
-def valley_loss(model: PressModel, places: Places, points: Floats, rng: np.random.Generator) -> float:
-    """Return the loss [counts²] that 98 % of the draws (N, 11) stay below: the bound of the valley by the noise.
+def valley_loss(
+    model: PressModel, places: Places, points: Floats, rng: np.random.Generator, level: float
+) -> float:
+    """Return the loss [counts²] that a part ``level`` of draws (N, 11) stays below: the valley's bound by the noise.
 
     Some of the draws are evaluated, at random.
     """
@@ -225,7 +227,7 @@ def valley_loss(model: PressModel, places: Places, points: Floats, rng: np.rando
     each = state.press + np.repeat(np.arange(len(some)) * len(problem), len(places.press))
     best = best_of_each(each, state.objective, len(some) * len(problem))
     total = squares[best].reshape(len(some), -1).sum(axis=1)
-    return float(np.quantile(total / max(float((problem.weight > 0).sum()), 1.0), 0.98))
+    return float(np.quantile(total / max(float((problem.weight > 0).sum()), 1.0), level))
 
 
 def choose(grid: GridResult, count: int, rng: np.random.Generator) -> Floats:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from threading import Thread
 from typing import Any
 
@@ -40,8 +40,7 @@ def description_is_sound(trial: Trial) -> str:
     """joints, limits, home and force of the description fit together, before connecting."""
     d = trial.driver.description
     n, limits = len(d.joints), d.limits
-    names = ("lower_rad", "upper_rad", "velocity_rad_per_s", "torque_nm")
-    shapes = {name: getattr(limits, name).shape for name in names}
+    shapes = {one.name: getattr(limits, one.name).shape for one in fields(limits)}
     wrong = [
         f"limits.{name} of shape {shape} for {n} joints" for name, shape in shapes.items() if shape != (n,)
     ]

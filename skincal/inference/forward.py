@@ -340,9 +340,8 @@ class Forward:
     def _key(self, skin: EffectSkin, felt: Samples, state: State) -> object:
         """Return everything that a table depends on except the places."""
         spread = [a for a in skin.effects if isinstance(a.effect, SpreadEffect) and not a.neutral]
-        radii = tuple(i.radius_m if isinstance(i, Sphere) else n for n, i in enumerate(felt.indenters))
         law = tuple((LAW_WAYS @ state.law).tolist())
-        return _stress(skin), law, spread[0].key if spread else None, radii, state.pose, state.log_e
+        return _stress(skin), law, spread[0].key if spread else None, felt.indenters, state.pose, state.log_e
 
     def _table(
         self, key: object, skin: EffectSkin, felt: Samples, state: State, places: FloatArray

@@ -26,12 +26,11 @@ from typing import Final
 import numpy as np
 
 from skincal.calibration import Calibration, Effect
-from skincal.calibration.parts import LAW
+from skincal.calibration.parts import LAW, REST
 from skincal.effects import EFFECTS, EffectParameter
 from skincal.errors import Problem, WorkError, input_error
 from skincal.model.arrays import FloatArray
 from skincal.ranges import presets
-from skincal.ranges.names import NAMES
 from skincal.ranges.parameter import Numbers, Parameter
 from skincal.ranges.ranges import JointDraws, Ranges
 
@@ -80,7 +79,7 @@ def from_calibration(
     for path in ("skin.beta_deg", "skin.y_m", "skin.alpha_deg") if flat else ("skin.x_m",):
         parameters.pop(path, None)
     for name in calibration.intervals:
-        if f"skin.{name}" not in NAMES:
+        if name == REST:
             continue  # the level at rest belongs to the session; a task has its own offsets
         if name == _SCALE and not calibration.identified(name):
             parameters[f"skin.{name}"] = Parameter.uniform(*_assumed_scale(calibration, assumed_scale))

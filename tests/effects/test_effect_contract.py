@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from effect_sessions import (
     BASE,
     LAYOUT,
@@ -23,7 +24,7 @@ from effect_sessions import (
 from skincal.calibration import EFFECT_NAMES
 from skincal.effects import COVARIATES, EFFECTS, Samples, SkinStream, Stage
 from skincal.errors import InputError
-from skincal.model import Sphere
+from skincal.model import FlatPunch, MeshIndenter, Sphere
 
 every_effect = pytest.mark.parametrize("name", EFFECTS)
 
@@ -274,6 +275,14 @@ def test_a_contact_that_is_not_known_harms_no_other(name: str):
     others = np.setdiff1d(np.arange(len(SHORT)), unknown)
     assert np.isnan(values[unknown]).all()
     np.testing.assert_allclose(values[others], skin.values(SHORT[others]), rtol=0, atol=1e-9)
+
+
+@every_effect
+def test_it_acts_under_every_indenter(name: str):
+    edges = trimesh.creation.box((0.01, 0.004, 0.004)).apply_translation([0, 0, 0.002])
+    for indenter in (FlatPunch(0.003), MeshIndenter(edges.vertices, edges.faces)):
+        pressed = replace(SHORT, indenters=(indenter, indenter.resized(0.8)))
+        assert rms(skin_with(name).values(pressed) - BASE.values(pressed)) > 0
 
 
 @every_effect

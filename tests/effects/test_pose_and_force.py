@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from effect_sessions import BASE, FINGER, LAYOUT, SESSION, SKIN, contacts_at, rms, skin_with
 
 from skincal.effects import Samples, Setting
 from skincal.effects.cover import Cover
 from skincal.effects.force_bias import ForceBias
 from skincal.effects.parameter import Scene
-from skincal.errors import InputError
-from skincal.model import Contacts, FlatPunch, Sphere, contact_rotations
+from skincal.model import Contacts, FlatPunch, MeshIndenter, Sphere, contact_rotations
 
 BALL = Sphere(0.006)
 
@@ -127,19 +127,18 @@ def test_no_indenter_has_less_than_a_tenth_of_its_radius():
     np.testing.assert_allclose(worn.values(told), BASE.values(true), rtol=1e-12)
 
 
-def test_indenter_radius_of_a_mesh_is_refused():
-    class Odd(Sphere):
-        pass
-
-    assert skin_with("indenter_radius", scale=1.1).values(Samples.of(contacts_at(0, 0, 1), Odd(0.006))).any()
-    import trimesh
-
-    from skincal.model import MeshIndenter
-
-    mesh = trimesh.creation.icosphere(1, radius=0.006)
-    samples = Samples.of(contacts_at(0.0, 0.0, 1.0), MeshIndenter(mesh.vertices, mesh.faces))
-    with pytest.raises(InputError, match="MeshIndenter"):
-        skin_with("indenter_radius", scale=1.1).values(samples)
+def test_indenter_radius_of_a_mesh_is_a_mesh_of_another_size():
+    balls = (
+        trimesh.creation.icosphere(3, radius=radius).apply_translation([0, 0, radius])
+        for radius in (0.006, 0.0066)
+    )
+    told, true = (
+        Samples.of(contacts_at(1e-3, 0.0, [0.5, 3.0]), MeshIndenter(ball.vertices, ball.faces))
+        for ball in balls
+    )
+    np.testing.assert_allclose(
+        skin_with("indenter_radius", scale=1.1).values(told), BASE.values(true), rtol=1e-9
+    )
 
 
 def test_cover_carries_its_share_at_first_and_its_most_at_last():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,7 +34,12 @@ class Indenter(ABC):
 
     In its frame, +z is the contact normal n_c (out of the fingertip, into the indenter) and the origin is the contact
     point. A free object may use any other frame (see :class:`skincal.model.Contacts`).
+
+    Attributes:
+        radius_m: its size [m]; of a mesh half the shortest side of its bounding box.
     """
+
+    radius_m: float
 
     @abstractmethod
     def cast(self, origins_m: ArrayLike, direction: ArrayLike) -> RayHits:
@@ -47,6 +52,10 @@ class Indenter(ABC):
             origins_m: (N, 3) points [m].
             direction: (3,) unit vector.
         """
+
+    @abstractmethod
+    def resized(self, factor: float) -> Indenter:
+        """Return the indenter with all lengths multiplied; the contact point stays where it is."""
 
     @property
     @abstractmethod
@@ -70,6 +79,9 @@ class ClosedForm(Indenter):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radius_m", positive(f"{self.name} radius_m", self.radius_m))
+
+    def resized(self, factor: float) -> Self:
+        return type(self)(factor * self.radius_m)
 
     def cast(self, origins_m: ArrayLike, direction: ArrayLike) -> RayHits:
         from skincal.model.press.call import routine

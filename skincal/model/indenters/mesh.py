@@ -28,6 +28,7 @@ class MeshIndenter(Indenter):
     error falls with the square of the edge length, and linearly once edges are shorter than the patch's cells.
 
     Attributes:
+        radius_m: see :class:`Indenter`.
         mesh: the triangles and their ray structure.
         ahead: search depth of the next press, over the penetration that the bound of the mesh predicts. It adapts from
             press to press to save rays, and does not change results.
@@ -50,7 +51,7 @@ class MeshIndenter(Indenter):
         self.mesh = TriangleMesh("indenter mesh", vertices_m, faces)
         if closed:
             self.mesh.check_closed()
-        self._depth_m = float(np.ptp(self.mesh.vertices_m, axis=0).min()) / 2
+        self.radius_m = float(np.ptp(self.mesh.vertices_m, axis=0).min()) / 2
         self.ahead = 1.1
         self.upright: FloatArray | None = None
 
@@ -62,7 +63,10 @@ class MeshIndenter(Indenter):
     @property
     def depth_m(self) -> float:
         """Half the shortest side of the bounding box [m]."""
-        return self._depth_m
+        return self.radius_m
+
+    def resized(self, factor: float) -> MeshIndenter:
+        return MeshIndenter(factor * self.vertices_m, self.mesh.faces, closed=False)
 
     def cast(self, origins_m: ArrayLike, direction: ArrayLike) -> RayHits:
         origins, way = as_floats(origins_m), as_floats(direction)

@@ -1,7 +1,7 @@
 """Distances from points to closed-form indenters, and their bounds for tiles of points.
 
 A new closed form needs one file with the functions ``meet`` and ``paraboloid`` (see
-:mod:`skincal.model.indenters.sphere`), a number here, and a branch in :func:`meet_point` and :func:`paraboloid`.
+:mod:`skincal.model.indenters.sphere`), and a branch in :func:`meet_point` and :func:`paraboloid`.
 """
 
 from __future__ import annotations
