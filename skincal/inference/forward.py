@@ -454,13 +454,13 @@ class Forward:
         s, near = prediction.state, _LocalTables(self, prediction)
         out = np.zeros((*prediction.values.shape, len(BASE) + len(LAW)))
         alike = self.surface.is_uniform
-        far, ends = self._from_centre(s, near.places), list[FloatArray]()
+        far, ends = self._from_centre(s, near.places) if alike else None, list[FloatArray]()
         for angle in (_STEP["alpha"], -_STEP["alpha"]):
             # On a uniform surface presses turn with the patch.
-            along = angle * np.stack([-far[:, 1], far[:, 0]], axis=1) if alike else 0.0
+            along = 0.0 if far is None else angle * np.stack([-far[:, 1], far[:, 0]], axis=1)
             ends.append(near.loads(pose=moved_pose(self.surface, s.pose, "alpha", angle), along=along))
         out[..., 2] = self.values_by_loads(prediction, (ends[0] - ends[1]) / 2) / _STEP["alpha"]
-        if alike:
+        if far is not None:
             # On a uniform surface a move of the patch equals the opposite move of all presses. The slopes must be
             # equal exactly, or their difference would seem to identify one of them. A turn is a shift of each press and
             # a turn about it; what memory keeps of the press before is shifted alike, an approximation.
