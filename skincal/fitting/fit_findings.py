@@ -50,7 +50,7 @@ It is 3 at most in sessions of the foundation, and the widest is not the best on
 mm."""
 
 _NAMES = {
-    "across_m": "position across (beta)",
+    "across_m": "position across (beta, on a plane x)",
     "y_m": "y",
     "alpha_rad": "alpha",
     "elasticity_pa_per_m": "elasticity E",

@@ -106,9 +106,10 @@ class Shared:
 def smooth_field(places: Floats, force_n: Floats, posture: Floats, rows: Ints) -> tuple[Floats, Floats]:
     """Return basis functions of a smooth error of positions: gradient and curvature, linear in force and joints.
 
-    They have mean 0 and root mean square 1, and are uncorrelated over all presses of the session, not only
-    over the fitted ones: the pose includes the mean error over the session. Presses outside the range of the
-    fitted ones count as at its border. Functions that the presses cannot separate are left out.
+    They have mean 0 and root mean square 1 (that of force less, where forces hardly differ), and are uncorrelated over
+    all presses of the session, not only over the fitted ones: the pose includes the mean error over the session.
+    Presses outside the range of the fitted ones count as at its border. Functions that the presses
+    cannot separate are left out.
 
     Args:
         places: (N, 2) measured positions of all presses [m]; NaN if unknown.
@@ -126,11 +127,12 @@ def smooth_field(places: Floats, force_n: Floats, posture: Floats, rows: Ints) -
     if fitted.shape[1] < found.shape[1]:
         found, fitted = found[:, :3], found[rows, :3]
     most, columns, kept = max(0, len(rows) - 6) // 2, list[Floats](), list[Floats]()
-    fading: list[float] = []
+    fading, sizes = list[float](), list[float]()
     if most == 0:
         return np.zeros((len(rows), 0)), np.zeros(0)
     everywhere = np.clip(found[np.isfinite(found).all(axis=1)], fitted.min(axis=0), fitted.max(axis=0))
     middle, size = everywhere.mean(axis=0), np.maximum(everywhere.std(axis=0), 1e-12)
+    size[2] = max(size[2], _FORCES_VARY * middle[2])
     # Use one scale for both directions of the position.
     size[:2] = size[:2].max()
     there, here = _raw((everywhere - middle) / size), _raw((fitted - middle) / size)
@@ -146,12 +148,17 @@ def smooth_field(places: Floats, force_n: Floats, posture: Floats, rows: Ints) -
         if left > _APART * max(start, _APART) and len(columns) < most:
             columns.append(column / left)
             kept.append(own / left)
-            fading.append(0.5 * float(middle[2] / size[2]) / left if number == _BY_FORCE else 0.0)
-    return (np.stack(kept, axis=1) if kept else np.zeros((len(rows), 0))), np.array(fading)
+            by_force = number == _BY_FORCE
+            sizes.append(min(start, 1.0) if by_force else 1.0)
+            fading.append(0.5 * float(middle[2] / size[2]) / left * sizes[-1] if by_force else 0.0)
+    return (np.stack(kept, axis=1) * sizes if kept else np.zeros((len(rows), 0))), np.array(fading)
 
 
 _BY_FORCE = 5
 """Number of the function that is linear in force."""
+_FORCES_VARY = 0.25
+"""Least variation of force relative to its mean over which an error of positions is as large as over places: a prior.
+Nearly equal forces would otherwise allow any slope, and with it any pose at other forces."""
 _APART = 0.25
 """Least fraction of a function that the earlier functions do not explain."""
 

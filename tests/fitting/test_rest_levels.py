@@ -106,6 +106,11 @@ def test_smooth_errors_have_no_part_that_a_pose_takes_up() -> None:
     error = 1e-4 * force
     found = np.linalg.lstsq(np.column_stack([np.ones(40), basis]), error, rcond=None)[0]
     assert found[1:] @ fading == pytest.approx(error.mean() / 2, rel=0.02)
+    # Nearly equal forces show no such error, and must not allow any that is far larger at half of the force.
+    nearly_equal, less = smooth_field(places, 2.0 + 0.1 * force, np.empty((40, 0)), rows)
+    assert nearly_equal.shape == (40, 6)
+    assert np.abs(less).max() < 2.5
+    assert np.abs(smooth_field(places, 2.0 + 1e-3 * force, np.empty((40, 0)), rows)[1]).max(initial=0.0) == 0.0
     at_one_place = smooth_field(np.zeros((40, 2)), np.ones(40), np.empty((40, 0)), rows)[0]
     assert at_one_place.shape == (40, 0)
 

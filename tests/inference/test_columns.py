@@ -8,8 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 from inference.made import made
+from model.model_shapes import cylinder_mesh
 from report.diagnosis_cases import calibration
 
+from skincal.dataset import SurfaceSpec
 from skincal.diagnosis.observed import Observed, observe
 from skincal.inference.candidate_scores import scene_of
 from skincal.inference.columns import Candidate, candidates, free_columns, free_parameters
@@ -69,3 +71,21 @@ def test_columns_of_one_run_are_those_of_runs_of_their_own(others: Effects):
         changed["taxel_offset"]["offset_counts"][k] += 0.5
         slope = (forward.with_effects(fit.prediction, changed) - fit.prediction.values) / 0.5
         assert whole[k].array()[..., 0] == pytest.approx(slope, abs=1e-6)
+
+
+def test_columns_of_the_base_on_a_mesh_are_those_of_its_cylinder():
+    data = made(presses=4, rest=30.0)
+    mesh = cylinder_mesh(120)
+    other = replace(
+        data,
+        meta=replace(data.meta, surface=SurfaceSpec("mesh", None, "tip.stl")),
+        meshes={"tip.stl": mesh.export(file_type="stl")},
+    )
+    columns = list[np.ndarray]()
+    for one in (data, other):
+        known = replace(calibration(), sensor=one.meta.sensor, surface=one.meta.surface, meshes=one.meshes)
+        fitter = observe(one, known, np.random.default_rng(0), keep=False).fitter
+        fit = fitter.linearise(fitter.priors.start, ())
+        columns.append(fitter.forward.base_columns(fit.prediction)[..., :5].reshape(-1, 5))
+    plain, meshed = (c / np.linalg.norm(c, axis=0) for c in columns)
+    assert ((plain * meshed).sum(axis=0) > 0.98).all()

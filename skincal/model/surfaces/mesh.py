@@ -130,26 +130,27 @@ class MeshSurface(Surface):
         points = floats("points_m", points_m, (None, 3), finite=False)
         nearest, normals = np.full(points.shape, np.nan), np.full(points.shape, np.nan)
         known = np.flatnonzero(np.isfinite(points).all(axis=1))
-        face = np.zeros(len(points), dtype=np.int64)
-        for k in known:
-            candidates = self._candidates(points[k])
-            corners = self._mesh.vertices_m[self._mesh.faces[candidates]]
-            repeated = np.tile(points[k], (len(candidates), 1))
-            on_face: FloatArray = triangles.closest_point(corners, repeated)  # pyright: ignore[reportUnknownMemberType]
-            best = np.argmin(np.sum((on_face - points[k]) ** 2, axis=1))
-            nearest[k], face[k] = on_face[best], candidates[best]
-        inward = -self._outward * self._mesh.normals[face[known]]
-        normals[known] = self._walker.normals(face[known], nearest[known], inward)
+        if len(known):
+            candidates, owner = self._candidates(points[known])
+            corners, each = self._mesh.vertices_m[self._mesh.faces[candidates]], points[known][owner]
+            on_face: FloatArray = triangles.closest_point(corners, each)  # pyright: ignore[reportUnknownMemberType]
+            order = np.lexsort((np.sum((on_face - each) ** 2, axis=1), owner))
+            best = order[np.searchsorted(owner[order], np.arange(len(known)))]
+            face, nearest[known] = candidates[best], on_face[best]
+            inward = -self._outward * self._mesh.normals[face]
+            normals[known] = self._walker.normals(face, nearest[known], inward)
         return Stand(nearest, normals, np.full(points.shape, np.nan))
 
-    def _candidates(self, point: FloatArray) -> IntArray:
-        """Return the faces that may contain the nearest point.
+    def _candidates(self, points: FloatArray) -> tuple[IntArray, IntArray]:
+        """Return the faces that may contain the nearest points (K, 3), (M,), and the number of the point of each, (M,).
 
         The centroid of such a face is no farther than the nearest centroid plus the largest extent of a face.
         """
-        distance, _ = self._centroids.query(point)
-        reach = (float(distance) + self._face_reach_m) * (1 + 1e-9)
-        return np.asarray(self._centroids.query_ball_point(point, reach), dtype=np.int64)
+        distance, _ = self._centroids.query(points)
+        faces = self._centroids.query_ball_point(points, (distance + self._face_reach_m) * (1 + 1e-9))
+        return np.concatenate(faces).astype(np.int64), np.repeat(
+            np.arange(len(points)), [len(f) for f in faces]
+        )
 
 
 def _walk_both_ways(walker: Walker, start: Stand, which: IntArray, length_m: FloatArray) -> Stand:
