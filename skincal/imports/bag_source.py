@@ -103,7 +103,8 @@ def _recording(
             if np.isfinite(values).any():
                 columns[one] = resampled(times, values, time, stream.rules.resample, stream.rules.max_age_s)
     read = (ReadFile(name, len(time)),)
-    recording = Recording(columns, mapping.taxels.counts(images), np.full(len(time), part), read)
+    rows = np.arange(len(time))
+    recording = Recording(columns, mapping.taxels.counts(images), np.full(len(time), part), rows, read)
     needed = [q for q in mapping.quantities if q.target in mapping.required]
     ages = {q.topic: f"{q.topic} within {file.rules(q.topic).max_age_s:g} s (max_age_s)" for q in needed}
     missing = {f"no {q.target} from {ages[q.topic]}": np.isnan(columns[q.target]) for q in needed}

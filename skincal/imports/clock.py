@@ -5,15 +5,15 @@ The rows of a file are taken in their order: it is the order of events, and the 
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import pandas as pd
 
 from skincal.imports.mapping_file import Resampling
-from skincal.imports.recording import Column, FloatArray, IntArray
+from skincal.imports.recording import BoolArray, Column, FloatArray, IntArray
 
 BITS: Final = (8, 16, 24, 32)
 """Usual widths of counters [bit]."""
@@ -44,57 +44,94 @@ RARE_STEP: Final = 3.0
 EPOCH_S: Final = (9.46e8, 4.1e9)
 """Seconds since 1970 of the years 2000 and 2100, which bound today's stamps."""
 
+DISPLACED: Final = 20
+"""Rows at most this many places from the order of their stamps were written late; farther, the clock was set."""
+
 
 @dataclass(frozen=True)
 class Wraps:
     """The wraps of a clock.
 
     Its ``period`` is in the unit of the stamps, ``words`` name the kind of clock with this period ('' if it was given),
-    and ``rows`` are the first ones after each wrap.
+    and ``turns`` (n,) count the wraps up to each row.
     """
 
     period: float
     words: str
-    rows: IntArray
+    turns: IntArray
+
+    @property
+    def rows(self) -> IntArray:
+        """The first rows of each turn."""
+        return np.flatnonzero(
+            np.diff(np.maximum.accumulate(self.turns), prepend=self.turns.min(initial=0)) > 0
+        )
 
 
-def steps_back(stamps: FloatArray) -> IntArray:
-    """Return the rows whose stamp is lower than that of the row before, ignoring missing stamps."""
+def wraps_of(stamps: FloatArray, period: float, words: str = "") -> Wraps:
+    """Return the wraps of a clock of known period: its falls by more than half of it.
+
+    A rise by as much beside a fall takes the wrap back: a row from before the wrap was written after it, or a single
+    stamp is wrong. Any other rise is a pause, and other falls are no wraps. Stamps (n,) are NaN where missing.
+    """
     given = np.flatnonzero(np.isfinite(stamps))
-    return given[1:][np.diff(stamps[given]) < 0]
+    steps = np.diff(stamps[given], prepend=stamps[given[:1]])
+    falls = np.concatenate([[0], np.cumsum(steps < -period / 2)])
+    at = np.arange(len(given))
+    beside = falls[np.minimum(at + DISPLACED + 1, len(given))] > falls[np.maximum(at - DISPLACED, 0)]
+    turns = np.zeros(len(stamps), dtype=np.int64)
+    turns[given] = np.diff(falls) - ((steps > period / 2) & beside)
+    return Wraps(period, words, np.cumsum(turns))
 
 
 def find_wraps(stamps: FloatArray, unit_s: float) -> Wraps | None:
-    """Return the wraps that explain every step back of a clock; None without steps back, or without such a period.
+    """Return the wraps that explain the large steps back of a clock; None without such steps or such a period.
 
     A counter has wrapped if adding its period turns the step back into a small step forward, or, for a counter of usual
     width, into a pause like those elsewhere in the recording. Of several such periods, the one with the smallest steps
-    is chosen. Stamps (n,) are in the order of events, NaN where missing; their unit is ``unit_s`` [s].
+    is chosen. Steps back by less than half a period are none of its wraps. Stamps (n,) are in the order of the rows,
+    NaN where missing; their unit is ``unit_s`` [s].
     """
-    back = steps_back(stamps)
-    if not back.size:
+    steps = np.diff(stamps[np.isfinite(stamps)])
+    if not (steps < 0).any():
         return None
-    last_given = pd.Series(stamps).ffill().to_numpy()
-    fall = last_given[back - 1] - stamps[back]
     usual = usual_step(stamps)
     span = float(np.nanmax(stamps) - np.nanmin(stamps))
-    pause = float(np.diff(stamps[np.isfinite(stamps)]).max())
-    found: list[tuple[float, Wraps]] = []
+    found: list[tuple[float, float, str]] = []
     for words, period, rare in _periods(unit_s):
-        step = period - fall
-        usually = max(LARGEST_STEP * usual, SMALL_PART * period, PAUSES * pause)
+        wraps = steps < -period / 2
         # A clock shows nothing beyond its period, and falls back by most of it.
-        fits = span < period < 2 * fall.min() and step.min() >= 0
-        if fits and step.max() <= (RARE_STEP * usual if rare else usually):
-            found.append((float(step.max()), Wraps(period, words, back)))
-    return min(found, key=lambda one: one[0], default=(0.0, None))[1]
+        if span >= period or not wraps.any():
+            continue
+        step = period + float(steps[wraps].max())
+        pause = float(steps[steps <= period / 2].max())
+        usually = max(LARGEST_STEP * usual, SMALL_PART * period, PAUSES * pause)
+        if step <= (RARE_STEP * usual if rare else usually):
+            found.append((step, period, words))
+    if not found:
+        return None
+    _, period, words = min(found, key=lambda one: one[0])
+    return wraps_of(stamps, period, words)
 
 
 def unwrapped(stamps: FloatArray, wraps: Wraps) -> FloatArray:
-    """Return the stamps with the period added once more from every wrap on."""
-    turns = np.zeros(len(stamps))
-    turns[wraps.rows] = wraps.period
-    return stamps + np.cumsum(turns)
+    """Return the stamps with the period added for every turn."""
+    return stamps + wraps.period * wraps.turns
+
+
+def in_order(stamps: FloatArray) -> BoolArray:
+    """Return which stamps (n,), all given, belong to a longest part that does not fall; the others are out of order."""
+    tops: list[float] = []  # the lowest last stamp of a part of each length, and its row
+    rows: list[int] = []
+    before: list[int] = []
+    for row, stamp in enumerate(stamps.tolist()):
+        at = bisect_right(tops, stamp)
+        before.append(rows[at - 1] if at else -1)
+        tops[at : at + 1], rows[at : at + 1] = [stamp], [row]
+    kept, row = np.zeros(len(stamps), dtype=bool), rows[-1] if rows else -1
+    while row >= 0:
+        kept[row], row = True, before[row]
+    return kept
 
 
 def usual_step(stamps: FloatArray) -> float:

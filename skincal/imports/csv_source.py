@@ -18,7 +18,7 @@ from skincal.imports import targets
 from skincal.imports.alignment import JoinedClock, NoOffsetError, estimate_offset
 from skincal.imports.clock import DAY_S, resampled, usual_step
 from skincal.imports.mapping import JoinedFile, Mapping, Quantity, source_columns
-from skincal.imports.mapping_file import CsvFormat, CsvSource
+from skincal.imports.mapping_file import DROP_INCOMPLETE, CsvFormat, CsvSource
 from skincal.imports.place_alignment import estimate_offset_by_place
 from skincal.imports.recording import Column, FloatArray, ReadFile, Recording, joined
 from skincal.imports.source_table import read_source_tables
@@ -67,8 +67,9 @@ def _recording(
     columns = {q.target: q.column(table.rows, table.text, table.numbers) for q in own}
     raw = {name: table.numbers(name) for name in dict.fromkeys(mapping.taxels.names)}
     images = np.column_stack([raw[name] for name in mapping.taxels.names])
-    parts, read = np.full(table.rows, part, dtype=np.int64), (ReadFile(table.sheet.file, table.rows),)
-    recording = Recording(columns, mapping.taxels.counts(images), parts, read)
+    parts, rows = np.full(table.rows, part, dtype=np.int64), np.arange(table.rows)
+    read = (ReadFile(table.sheet.file, table.rows, table.sheet.lines),)
+    recording = Recording(columns, mapping.taxels.counts(images), parts, rows, read)
     if form.drop_incomplete:
         return recording
     for quantity in own:
@@ -78,7 +79,7 @@ def _recording(
             reported = [column != "" for column in cells if column.dtype == object]
             missing = np.isnan(columns[quantity.target]) & ~np.any(reported or [[False]], axis=0)
             expected = f"a number ({quantity.target} is required in every row)"
-            fix = "drop_incomplete = true in [csv] leaves such rows out."
+            fix = DROP_INCOMPLETE
             name = ", ".join(quantity.sources)
             table.sheet.bad_rows(name, missing, np.full(table.rows, np.nan), expected, fix)
     return recording
@@ -99,7 +100,7 @@ def _complete(recording: Recording, mapping: Mapping, form: CsvSource) -> Record
 
 
 def _needed(mapping: Mapping, quantity: Quantity) -> bool:
-    """Return whether a column needs a value in every row; a clock fills its own gaps."""
+    """Return whether a column needs a value in every row; a clock fills its own gaps, and a rest needs no position."""
     if not quantity.sources or targets.is_text(quantity.target):
         return False
     if mapping.rows == targets.SERIES:

@@ -101,6 +101,10 @@ class CsvFormat(Table, unknown="refuse"):
             yield "encoding", "an encoding like utf-8, utf-16 or latin-1", f'"{self.encoding}"'
 
 
+DROP_INCOMPLETE = "drop_incomplete = true in [csv] leaves such rows out."
+"""Advice for rows that lack a required number."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class CsvSource(CsvFormat):
     """The text files with the taxels, relative to the mapping; incomplete rows are refused unless they are dropped."""

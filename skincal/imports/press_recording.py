@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from skincal.covariates import NORMAL, POSITION, TIMES
 from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD, Frames, Presses
@@ -18,7 +19,7 @@ from skincal.errors import InputError, first_of, input_error
 from skincal.imports import targets
 from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_numbered, in_contact
 from skincal.imports.mapping import Mapping
-from skincal.imports.mapping_file import CutRules
+from skincal.imports.mapping_file import DROP_INCOMPLETE, CsvSource, CutRules
 from skincal.imports.recording import (
     BoolArray,
     Column,
@@ -26,12 +27,14 @@ from skincal.imports.recording import (
     Dropped,
     FloatArray,
     Recording,
+    Rejected,
     Series,
     Span,
     runs,
     summed,
 )
 from skincal.imports.resting import rested
+from skincal.imports.text_table import SourceSheet
 from skincal.model.rest import rounding_step
 
 FORCE_SPIKES = 0.001
@@ -70,6 +73,8 @@ def presses_and_frames(
             _check_released(series, rules, file, findings)
     findings.raise_errors()
     found = rested(found, series, recording, mapping, file, findings)
+    recording, series, found = _with_positions(recording, series, found, mapping, findings)
+    findings.raise_errors()
     if not found.spans:
         raise _no_press(series, found, rules, file)
     dropped = [*recording.dropped]
@@ -78,6 +83,44 @@ def presses_and_frames(
         dropped += [Dropped(1, "contact", rejected.why), frames]
     recording = _without_spikes(recording, found, file, findings)
     return *tables_of_series(recording, series, found), summed(dropped)
+
+
+def _with_positions(
+    recording: Recording, series: Series, found: Cut, mapping: Mapping, findings: Findings
+) -> tuple[Recording, Series, Cut]:
+    """Return a cut series without the rows in contact that lack a required position; refuse them unless they may go.
+
+    Only the cut tells them from rows at rest, which need no position.
+    """
+    own = [
+        q for q in mapping.quantities if q.target in mapping.required and q.target in POSITION and not q.topic
+    ]
+    touching = _phases(series, found.spans) != IDLE
+    for one in found.rejected:
+        touching[one.start : one.stop] = False
+    lacking = touching & np.isnan([recording.columns[q.target] for q in own]).any(axis=0)
+    if not lacking.any():
+        return recording, series, found
+    if not (isinstance(mapping.source, CsvSource) and mapping.source.drop_incomplete):
+        name = ", ".join(dict.fromkeys(source for q in own for source in q.sources))
+        for part, file in enumerate(recording.files):
+            rows = np.sort(recording.row[lacking & (recording.part == part)])
+            if rows.size:
+                place = SourceSheet(findings, file.file, file.lines).rows(name, rows)
+                findings.error(place, "a position in every row of a contact", "none", DROP_INCOMPLETE)
+        return recording, series, found
+    kept = ~lacking
+    at = np.concatenate([[0], np.cumsum(kept)]).tolist()
+    spans: list[Span] = []
+    rejected = [replace(one, start=at[one.start], stop=at[one.stop]) for one in found.rejected]
+    for one in found.spans:
+        start, hold, end, stop = at[one.start], at[one.hold], at[one.hold_stop], at[one.stop]
+        if hold < end:
+            spans.append(replace(one, start=start, hold=hold, hold_stop=end, stop=stop))
+        else:
+            rejected.append(Rejected(start, stop, "no position in its hold"))
+    recording = recording.without("row", {"no position, in a contact": lacking})
+    return recording, series.select(kept), Cut(tuple(spans), tuple(rejected))
 
 
 def _without_spikes(recording: Recording, found: Cut, file: str, findings: Findings) -> Recording:
@@ -146,8 +189,7 @@ def _one_clock(recording: Recording, rules: CutRules, findings: Findings) -> Flo
 def _where(recording: Recording, bad: BoolArray) -> str:
     rows = np.flatnonzero(bad)
     part = int(recording.part[rows[0]])
-    begin = int(np.flatnonzero(recording.part == part)[0])
-    named = first_of(rows[recording.part[rows] == part] - begin + 1, total=len(rows))
+    named = first_of(recording.row[rows[recording.part[rows] == part]] + 1, total=len(rows))
     return f"{recording.files[part].file}, {'row' if len(rows) == 1 else 'rows'} {named}"
 
 
@@ -231,7 +273,6 @@ def presses_of_rows(recording: Recording) -> Presses:
 def tables_of_series(recording: Recording, series: Series, cut: Cut) -> tuple[Presses, Frames]:
     """Return the hold means of every press, and the frames without samples of rejected spans."""
     press = np.full(len(series), -1, dtype=np.int64)
-    phase = np.full(len(series), IDLE, dtype=np.int8)
     kept = np.ones(len(series), dtype=bool)
     for rejected in cut.rejected:
         kept[rejected.start : rejected.stop] = False
@@ -239,15 +280,23 @@ def tables_of_series(recording: Recording, series: Series, cut: Cut) -> tuple[Pr
     kept &= np.isfinite(recording.counts).any(axis=1) | ~np.isfinite(recording.counts).any()
     for span in cut.spans:
         press[span.start : span.stop] = span.number
-        phase[span.start : span.hold] = LOAD if span.rising else UNLOAD
-        phase[span.hold : span.hold_stop] = HOLD
-        phase[span.hold_stop : span.stop] = UNLOAD
-    if series.phase is not None:
-        phase = np.array([PHASES.index(word) for word in series.phase], dtype=np.int8)
+    phase = _phases(series, cut.spans)
     position = np.where((phase == IDLE)[:, None], np.nan, recording.vector(POSITION))
     columns = {name: column for name, column in recording.columns.items() if name not in OWN}
     frames = Frames(press, phase, series.time_s, series.force_n, position, recording.counts, columns)
     return _presses(recording, series, cut.spans, phase == HOLD), frames.select(kept)
+
+
+def _phases(series: Series, spans: tuple[Span, ...]) -> NDArray[np.int8]:
+    """Return the phase of every sample, shape (M,)."""
+    if series.phase is not None:
+        return np.array([PHASES.index(word) for word in series.phase], dtype=np.int8)
+    phase = np.full(len(series), IDLE, dtype=np.int8)
+    for span in spans:
+        phase[span.start : span.hold] = LOAD if span.rising else UNLOAD
+        phase[span.hold : span.hold_stop] = HOLD
+        phase[span.hold_stop : span.stop] = UNLOAD
+    return phase
 
 
 def _presses(recording: Recording, series: Series, spans: tuple[Span, ...], held: BoolArray) -> Presses:

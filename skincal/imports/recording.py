@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,6 +34,11 @@ class Series:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    def select(self, rows: BoolArray) -> Series:
+        """Return the series with only these rows."""
+        press, phase = (None if column is None else column[rows] for column in (self.press, self.phase))
+        return Series(self.time_s[rows], self.force_n[rows], self.part[rows], press, phase)
 
 
 @dataclass(frozen=True)
@@ -95,10 +100,14 @@ class Dropped:
 
 @dataclass(frozen=True)
 class ReadFile:
-    """A file that was read, with its number of rows, or of messages of the taxels' topic."""
+    """A file that was read, with its number of rows, or of messages of the taxels' topic.
+
+    ``lines`` are the line numbers of the rows, None for a file without lines.
+    """
 
     file: str
     rows: int
+    lines: IntArray | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +118,7 @@ class Recording:
         columns: columns by name of the dataset's column, in SI; numbers with NaN, or text with ''.
         counts: images, shape (M, J).
         part: index of the file of each row, shape (M,).
+        row: index of each row in its file, shape (M,).
         dropped: rows that a reader left out.
         notes: repairs by the reader that the user should know.
         clocks: alignment of the clocks of other files with that of the taxels.
@@ -117,6 +127,7 @@ class Recording:
     columns: Mapping[str, Column]
     counts: FloatArray
     part: IntArray
+    row: IntArray
     files: tuple[ReadFile, ...]
     dropped: tuple[Dropped, ...] = ()
     notes: tuple[str, ...] = ()
@@ -128,8 +139,9 @@ class Recording:
     def select(self, rows: NDArray[Any], dropped: tuple[Dropped, ...] = ()) -> Recording:
         """Return the recording with only these rows, with a report on the others."""
         columns = {name: column[rows] for name, column in self.columns.items()}
-        counts, part = self.counts[rows], self.part[rows]
-        return replace(self, columns=columns, counts=counts, part=part, dropped=(*self.dropped, *dropped))
+        counts, part, row = self.counts[rows], self.part[rows], self.row[rows]
+        dropped = (*self.dropped, *dropped)
+        return replace(self, columns=columns, counts=counts, part=part, row=row, dropped=dropped)
 
     def without(self, what: str, bad: Mapping[str, BoolArray]) -> Recording:
         """Return the recording without the rows of some masks, by the reason; the first reason of a row counts."""
@@ -152,6 +164,7 @@ def joined(parts: Sequence[Recording]) -> Recording:
         {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns},
         np.concatenate([part.counts for part in parts]),
         np.concatenate([part.part for part in parts]),
+        np.concatenate([part.row for part in parts]),
         tuple(file for part in parts for file in part.files),
         summed([dropped for part in parts for dropped in part.dropped]),
     )

@@ -14,7 +14,7 @@ from skincal.dataset.findings import Findings, listed
 from skincal.imports import clock, targets
 from skincal.imports.mapping import Quantity
 from skincal.imports.mapping_file import CsvFormat
-from skincal.imports.recording import FloatArray, IntArray
+from skincal.imports.recording import FloatArray, IntArray, runs
 from skincal.imports.text_table import TextTable
 
 Kind = Literal["number", "date", "day"]
@@ -24,16 +24,18 @@ TIME_OF_DAY = r"\d{1,2}:\d{2}:\d{2}(?:\.\d+)?"
 DATE_MARKS = ("%d", "%j", "%x", "%c", "%D", "%F", "%s")
 """Directives of a format that give the date; without them it describes a time of day."""
 
-DATE_FORMATS = tuple(
-    (date + hours).strip()
+DATE_FORMATS = (
+    *((date + hours).strip()
     for date in ("", "%d.%m.%Y ", "%d/%m/%Y ", "%m/%d/%Y ", "%d-%m-%Y ", "%d %b %Y ", "%d-%b-%Y ", "%Y%m%d ")
     for hours in (
         "%H:%M:%S.%f", "%H:%M:%S", "%H:%M:%S:%f", "%I:%M:%S.%f %p", "%I:%M:%S %p", "%H-%M-%S.%f", "%H.%M.%S.%f",
-    )
+        "%H:%M:%S,%f",
+    )),
+    "%M:%S.%f", "%M:%S,%f", "%M:%S",
 )  # fmt: skip
 
-DISPLACED = 20
-"""Rows at most this many places from the order of their stamps were written late; farther, the clock was set."""
+ALONE = 2
+"""Stamps in succession that may be wrong although the clock was not set."""
 
 HOUR_S = 3600.0
 
@@ -86,17 +88,19 @@ def read_clock(
     if kind == "number":
         _check_unit([stamps for stamps, _ in read], time, findings, slow=slow)
     groups = [[i] for i in range(len(tables))] if own_clocks else [[*range(len(tables))]]
-    rows = [np.arange(size) for size in sizes]
-    if form.order == "time":
-        rows = [np.argsort(clock.with_missing(one), kind="stable") for one, _ in read]
     times: list[FloatArray] = []
     notes: list[str] = []
     for group in groups:
-        stamps = np.concatenate([read[i][0][rows[i]] for i in group])
+        stamps = np.concatenate([read[i][0] for i in group])
         ends = np.cumsum([sizes[i] for i in group])[:-1]
         mended, said = _mended(stamps, time, kind, findings)
         times += np.split(time.si(mended), ends)
         notes += said
+    rows = [np.arange(size) for size in sizes]
+    if form.order == "time":
+        # Only a clock that runs on can be sorted: of one that wrapped, the end would come first.
+        rows = [_by_time(table, part, time, findings) for table, part in zip(tables, times, strict=True)]
+        times = [part[order] for part, order in zip(times, rows, strict=True)]
     for table, time_s in zip(tables, times, strict=True):
         _check_order(table, time_s, time, findings)
     if equal := sum(int((np.diff(part) == 0).sum()) for part in times):
@@ -161,7 +165,7 @@ def _mended(
     notes: list[str] = []
     wraps = None
     if time.wraps_at is not None:
-        wraps = clock.Wraps(time.wraps_at, "", clock.steps_back(stamps))
+        wraps = clock.wraps_of(stamps, time.wraps_at)
     elif kind != "date":
         wraps = clock.find_wraps(stamps, 1.0 if kind == "day" else abs(time.scale) * time.unit.factor)
     if wraps is not None and wraps.rows.size:
@@ -234,6 +238,23 @@ def _clock_digits(stamps: FloatArray) -> bool:
     return bool(at.size and digits and (given[at] % 100 > 55).all() and (given[at + 1] % 100 < 5).all())
 
 
+def _by_time(table: TextTable, time_s: FloatArray, time: Quantity, findings: Findings) -> IntArray:
+    """Return the order of rows by their times; warn where it moves rows farther than if they were written late."""
+    rows = np.argsort(time_s, kind="stable")
+    moved, steps = np.abs(rows - np.arange(len(rows))), np.diff(time_s)
+    if (moved > clock.DISPLACED).any() and (steps > 0).any():  # not where the last row is the first event
+        back, largest = int(np.argmin(steps)), float(np.diff(time_s[rows]).max())
+        findings.warn(
+            table.sheet.rows(time.sources[0], [back + 1]),
+            f'rows at most {clock.DISPLACED} places from the order of their stamps, for order = "time"',
+            f"{-steps[back]:.6g} s back: {(moved > clock.DISPLACED).sum()} rows were moved farther, by "
+            f"{moved.max()} at most; the largest step is now {largest:.6g} s",
+            "If the clock was set, restarted or wrapped there, these rows are now in the wrong order: remove order, "
+            "and follow the advice on that row. If a stamp is wrong, empty its cell.",
+        )  # fmt: skip
+    return rows
+
+
 def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings: Findings) -> None:
     """Check that times follow the order of rows; a step back without a wrap is an error with its likely cause."""
     if not np.isfinite(time_s).all():
@@ -249,13 +270,15 @@ def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings:
             fix = "If the clock was set forward there, take that off the stamps from this row on."
             findings.note(table.sheet.rows(time.sources[0], ahead), "a clock that runs on", got, fix)
         return
+    wrong = ~clock.in_order(time_s)
     row = int(back[0])
     largest = float((time_s[back - 1] - time_s[back]).max())
     moved = np.abs(np.argsort(np.argsort(time_s, kind="stable")) - np.arange(len(time_s))).max()
-    single = bool((np.diff(np.delete(time_s, back)) >= 0).all())
+    single = max(stop - start for start, stop in runs(wrong)) <= ALONE and moved > clock.DISPLACED
     top = float(time_s.max()) / (abs(time.scale) * time.unit.factor)
     bits = next((bits for bits in clock.BITS if 2.0**bits / 4 < top < 2.0**bits), None)
     limit = "" if bits is None else f" ({2**bits} for {bits} bits)"
+    counts = "" if time.wraps_at is not None else f"give wraps_at if it counts to a limit{limit}, or "
     hour_off = abs(float(time_s[row - 1] - time_s[row]) - HOUR_S)
     fix = (
         f"The clock went back by an hour, as at the end of daylight saving time: set wraps_at = {HOUR_S:g}."
@@ -265,13 +288,13 @@ def _check_order(table: TextTable, time_s: FloatArray, time: Quantity, findings:
         else 'The last row is the first event: set order = "time".'
         if back.size == len(time_s) - 1
         else "These stamps alone are wrong: empty their cells; they are then placed between their neighbours."
-        if single and moved > DISPLACED
+        if single
         else 'If rows were written late and their stamps are right, set order = "time".'
-        if moved <= DISPLACED
-        else "The clock was set or restarted, and the order of the rows is that of the events: give wraps_at if it "
-        f"counts to a limit{limit}, or split the file there and set own_clocks = true in "
-        "[series]."
+        if moved <= clock.DISPLACED
+        else "The clock was set or restarted, and the order of the rows is that of the events: "
+        f"{counts}split the file there and set own_clocks = true in [series]."
     )
     more = f", and {back.size - 1} more steps back, of {largest:.3g} s at most" if back.size > 1 else ""
     got = f"{time_s[row]:.6g} s after {time_s[row - 1]:.6g} s{more}"
-    findings.error(table.sheet.rows(time.sources[0], back), "times in order", got, fix)
+    rows = np.flatnonzero(wrong) if single else back
+    findings.error(table.sheet.rows(time.sources[0], rows), "times in order", got, fix)

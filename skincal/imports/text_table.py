@@ -48,13 +48,13 @@ class SourceSheet(Sheet):
 
     def __init__(self, findings: Findings, file: str, lines: IntArray | None) -> None:
         super().__init__(findings, file, None)
-        self._lines = lines
+        self.lines = lines
 
     def rows(self, name: str, rows: ArrayLike, total: int | None = None) -> str:
         """Return the place of some rows (counted from 0) of a column, the first of ``total``, with their lines."""
         index = np.atleast_1d(np.asarray(rows))
         count = index.size if total is None else total
-        lines = ["" if self._lines is None else f" (line {self._lines[row]})" for row in index[:SHOWN]]
+        lines = ["" if self.lines is None else f" (line {self.lines[row]})" for row in index[:SHOWN]]
         named = first_of((f"{row + 1}{line}" for row, line in zip(index, lines, strict=False)), SHOWN, count)
         return f'{self.file}, column "{name}", {"row" if count == 1 else "rows"} {named}'
 

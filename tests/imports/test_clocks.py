@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 from skincal.dataset import Dataset
 from skincal.errors import InputError
 from skincal.imports import Imported
-from skincal.imports.clock import find_wraps, spread_equal, unwrapped, with_missing
+from skincal.imports.clock import find_wraps, in_order, spread_equal, unwrapped, with_missing, wraps_of
 from tests.imports.devices import ONE_FILE, PLANE, contacts, whole_table
 from tests.imports.foreign import imported, mapping
 
@@ -26,10 +27,12 @@ TIME = np.arange(0, FOUND.end_s, 1 / RATE_HZ)
 TABLE = whole_table(FOUND, TIME).drop(columns="t")
 
 
-def bring(folder: Path, stamps: Any, time: dict[str, Any] | None, **changes: Any) -> tuple[Dataset, Imported]:
-    """Import the recording with these stamps in a column ``t``, or in several columns."""
+def bring(
+    folder: Path, stamps: Any, time: dict[str, Any] | None, rows: Any = slice(None), **changes: Any
+) -> tuple[Dataset, Imported]:
+    """Import the recording with these stamps in a column ``t``, or in several columns, its rows written so."""
     columns = {} if stamps is None else stamps if isinstance(stamps, dict) else {"t": stamps}
-    TABLE.assign(**columns).to_csv(folder / "a.csv", index=False)
+    TABLE.assign(**columns).iloc[rows].to_csv(folder / "a.csv", index=False)
     content = mapping(PLANE, ONE_FILE, columns={"time_s": None}, **changes)
     if time is not None:
         content["columns"]["time_s"] = time if "columns" in time else {"column": "t", **time}
@@ -127,9 +130,20 @@ def test_dates_of_a_format(tmp_path: Path):
     words = (pd.Timestamp("2026-11-20 12:00:00") + pd.to_timedelta(TIME, unit="s")).strftime(form)
     back, _ = bring(tmp_path, words, {"unit": "datetime", "format": form})
     assert_same(back)
-    (tmp_path / "b").mkdir()
-    with pytest.raises(InputError, match=r'Set format = "%d\.%m\.%Y %H:%M:%S\.%f"'):
-        bring(tmp_path / "b", words, {"unit": "datetime"})
+
+
+@pytest.mark.parametrize(
+    "form", ["%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S,%f", "%Y%m%d %H:%M:%S,%f", "%M:%S.%f", "%M:%S,%f"]
+)
+def test_format_of_dates_is_proposed_and_fits(tmp_path: Path, form: str):
+    words = (pd.Timestamp("2026-11-20 12:59:50") + pd.to_timedelta(TIME, unit="s")).strftime(form)
+    csv = {"delimiter": "|", "decimal": "," if "," in form else "."}
+    TABLE.assign(t=words).to_csv(tmp_path / "a.csv", index=False, sep="|", decimal=csv["decimal"])
+    content = mapping(PLANE, ONE_FILE, columns={"time_s": {"column": "t", "unit": "datetime"}}, csv=csv)
+    with pytest.raises(InputError, match=re.escape(f'Set format = "{form}".')):
+        imported(tmp_path, content, [tmp_path / "a.csv"])
+    content["columns"]["time_s"]["format"] = form
+    assert_same(imported(tmp_path, content, [tmp_path / "a.csv"])[0])
 
 
 @pytest.mark.parametrize(
@@ -246,6 +260,82 @@ def test_rows_written_late(tmp_path: Path):
     back, _ = imported(tmp_path, content, [tmp_path / "a.csv"])
     assert_same(back)
     np.testing.assert_array_equal(back.frames.counts, TABLE.to_numpy()[:, 3:])
+
+
+WRAPPED = (np.rint(TIME * 1e3).astype(np.int64) + 2**16 - 10_000) % 2**16
+"""A counter of 16 bits in ms that wraps after ten seconds, before row 500."""
+
+
+@pytest.mark.parametrize("given", [{}, {"wraps_at": 2**16}])
+def test_rows_written_late_around_a_wrap(tmp_path: Path, given: dict[str, int]):
+    order = np.arange(len(TIME))
+    for late in (100, 498, 499, 502, 700):
+        order[[late, late + 1]] = order[[late + 1, late]]
+    with pytest.raises(InputError, match='set order = "time"'):
+        bring(tmp_path, WRAPPED, {"unit": "ms", **given}, order)
+    back, done = bring(tmp_path, WRAPPED, {"unit": "ms", **given}, order, csv={"order": "time"})
+    assert_same(back)
+    said = [*done.notes, *(problem.got for problem in done.warnings)]
+    assert sum("wraps at 65536" in text and "once" in text for text in said) == 1
+    assert not any("moved farther" in text for text in said)
+
+
+@pytest.mark.parametrize("given", [{}, {"wraps_at": 2**16}])
+def test_wrong_stamps_of_a_counter_that_wraps(tmp_path: Path, given: dict[str, int]):
+    """The rows named are those of the wrong stamps; with their cells empty, time is right."""
+    wrong = [480, 700, 900]
+    stamps = pd.Series(WRAPPED.astype(float))
+    stamps[wrong] = 0.0
+    with pytest.raises(InputError, match="empty their cells") as caught:
+        bring(tmp_path, stamps, {"unit": "ms", **given})
+    assert "rows 481 (line 482), 701 (line 702), 901 (line 902): " in str(caught.value)
+    stamps[wrong] = np.nan
+    assert_same(bring(tmp_path, stamps, {"unit": "ms", **given})[0])
+
+
+def test_a_wrap_is_removed_before_rows_are_sorted(tmp_path: Path):
+    back, _ = bring(tmp_path, WRAPPED, {"unit": "ms"}, csv={"order": "time"})
+    assert_same(back)
+
+
+def test_sorting_that_moves_blocks_is_told(tmp_path: Path):
+    restarted = np.where(np.arange(len(TIME)) < 600, TIME + 100, TIME - TIME[600])
+    _, done = bring(tmp_path, restarted, {"unit": "s"}, csv={"order": "time"})
+    (told,) = [problem for problem in done.warnings if "moved farther" in problem.got]
+    assert told.severity == "warning" and "row 601 (line 602)" in told.place
+    assert told.got.startswith("111.98 s back") and f"{len(TIME)} rows were moved farther" in told.got
+    (tmp_path / "b").mkdir()
+    back, done = bring(tmp_path / "b", TIME, {"unit": "s"}, slice(None, None, -1), csv={"order": "time"})
+    assert_same(back)
+    assert not any("moved farther" in problem.got for problem in done.warnings)
+
+
+def test_a_rise_far_from_a_wrap_is_a_pause():
+    stamps = np.concatenate(
+        [np.arange(0, 60, 0.5), np.arange(0, 15, 0.5), np.arange(45, 60, 0.5), [np.nan, 0.0]]
+    )
+    assert wraps_of(stamps, 60.0).rows.tolist() == [120, 181]
+    assert wraps_of(stamps[:160], 60.0).turns[-1] == 1
+
+
+@given(st.floats(0.1, 0.9), st.lists(st.integers(0, 398), max_size=12))
+def test_unwrapping_keeps_rows_that_were_written_late(phase: float, late: list[int]):
+    true = np.arange(400.0) + 1000 - np.floor(phase * 400)
+    for row in late:
+        true[[row, row + 1]] = true[[row + 1, row]]
+    stamps = true % 1000
+    np.testing.assert_array_equal(np.diff(unwrapped(stamps, wraps_of(stamps, 1000.0))), np.diff(true))
+
+
+@given(st.lists(st.integers(0, 9), min_size=1, max_size=12))
+def test_the_longest_part_in_order_is_found(stamps: list[int]):
+    kept = in_order(np.array(stamps, dtype=float))
+    longest = max(
+        sum(chosen)
+        for chosen in product([False, True], repeat=len(stamps))
+        if (np.diff(np.array(stamps)[np.array(chosen)]) >= 0).all()
+    )
+    assert kept.sum() == longest and (np.diff(np.array(stamps)[kept]) >= 0).all()
 
 
 @given(

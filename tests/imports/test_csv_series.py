@@ -274,6 +274,39 @@ def test_force_that_is_missing(tmp_path: Path, recording: Recorded):
     assert 'part0.csv, column "F", rows 8 (line 9), 9 (line 10): expected a number' in found
 
 
+@pytest.mark.parametrize("numbered", [False, True])
+def test_position_that_is_missing_in_contact(tmp_path: Path, recording: Recorded, numbered: bool):
+    """The rows of the source are named, also where they were sorted; those at rest need no position."""
+    table, late = series_table(recording), np.arange(len(recording.time_s))
+    middle = [int(row) for row in np.flatnonzero(recording.press == 1)[[60, 61]]]
+    table.loc[middle, "Y"] = np.nan
+    table.loc[recording.force_n < 0.05, ["X", "Y", "Z"]] = np.nan
+    table["nr"] = np.where(recording.press < 0, np.nan, recording.press)
+    late[[100, 101]] = late[[101, 100]]
+    files = [table[: middle[0] - 100], table[middle[0] - 100 :].iloc[late[: len(table) - middle[0] + 100]]]
+    content = mapping(SERIES, csv={"order": "time"}, columns={"press": "nr"} if numbered else {})
+    found = refused(tmp_path, files, content)
+    assert found.startswith(
+        'part1.csv, column "X, Y, Z", rows 101 (line 102), 102 (line 103): expected a position'
+    )
+    assert "drop_incomplete = true" in found
+    content["csv"]["drop_incomplete"] = True
+    back, done = bring(tmp_path, files, content)
+    assert [str(dropped) for dropped in done.dropped] == ["2 rows: no position, in a contact"]
+    assert_found(back, recording)
+    assert back.frames is not None
+    assert len(back.frames) == len(recording.time_s) - 2
+
+
+def test_contact_without_a_position(tmp_path: Path, recording: Recorded):
+    table = series_table(recording)
+    table.loc[recording.press == 3, ["X", "Y", "Z"]] = np.nan
+    back, done = bring(tmp_path, [table], mapping(SERIES, csv={"drop_incomplete": True}))
+    assert len(back.presses) == 7
+    assert "1 contact: no position in its hold" in [str(dropped) for dropped in done.dropped]
+    np.testing.assert_allclose(back.presses.force_n, np.delete(recording.level_n, 3), rtol=0.01)
+
+
 def test_times_in_a_wrong_unit(tmp_path: Path, recording: Recorded):
     content = mapping(SERIES, columns={"time_s": {"unit": "s"}})
     found = refused(tmp_path, [series_table(recording)], content)
