@@ -276,7 +276,7 @@ def _other_parameters(observed: Observed, calibration: Calibration, fit: Fitted)
     if off:
         text = (
             f"the best values of {', '.join(off)} for this session differ from those of the calibration, which was "
-            "fitted to another session"
+            "fitted to other presses"
         )
-        advice = "Fit this session (skincal fit) and diagnose it with that calibration."
+        advice = "Fit these presses (skincal fit) and diagnose them with that calibration."
         yield Finding("other_numbers", "warning", text, advice)
