@@ -21,7 +21,6 @@ import numpy as np
 from skincal.dataset import HOLD, PHASES
 from skincal.dataset.findings import Findings, listed
 from skincal.imports.clock import LARGEST_STEP
-from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import CutRules
 from skincal.imports.recording import BoolArray, Column, Cut, FloatArray, Rejected, Series, Span, runs
 
@@ -181,11 +180,8 @@ def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
     return cut(replace(series, force_n=activity - rest), found)
 
 
-def in_contact(force_n: FloatArray, found: Cut, mapping: Mapping) -> FloatArray:
-    """Return the force [N] (M,); one that was not measured is kept during contact and set to 0 elsewhere."""
-    quantity = mapping.quantity("force_n")
-    if quantity is None or quantity.constant is None:
-        return force_n
+def in_contact(force_n: FloatArray, found: Cut) -> FloatArray:
+    """Return a force that was not measured [N] (M,): kept during contact, and 0 elsewhere."""
     touched = np.zeros(len(force_n), dtype=bool)
     for span in found.spans:
         touched[span.start : span.stop] = True

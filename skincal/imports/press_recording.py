@@ -17,6 +17,7 @@ from skincal.dataset.findings import Findings, listed
 from skincal.errors import InputError, first_of, input_error
 from skincal.imports import targets
 from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_numbered, in_contact
+from skincal.imports.force_zero import check_option, check_zero, zeroed
 from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import CutRules
 from skincal.imports.recording import (
@@ -59,16 +60,20 @@ def presses_and_frames(
         findings.raise_errors()
         return presses, None, recording.dropped
     file, rules = first_of(file.file for file in recording.files), mapping.cut
+    check_option(mapping, findings)
     series = _series(recording, rules, file, findings)
     findings.raise_errors()
-    if rules.by == "taxels":
-        found = cut_by_taxels(series, recording.counts, rules)
-        series = replace(series, force_n=in_contact(series.force_n, found, mapping))
-    else:
-        found = cut(series, rules) if series.press is None else cut_numbered(series, rules, file, findings)
+    found = _cut(series, recording, rules, file, findings)
+    findings.raise_errors()
+    if mapping.measures("force_n"):
+        if rules.zero_force:
+            series = zeroed(series, found)
+            found = _cut(series, recording, rules, file, findings)
         if rules.by == "force" and series.press is None:
             _check_released(series, rules, file, findings)
-    findings.raise_errors()
+        check_zero(series, found, mapping, file, findings)
+    elif rules.by == "taxels":
+        series = replace(series, force_n=in_contact(series.force_n, found))
     found = rested(found, series, recording, mapping, file, findings)
     if not found.spans:
         raise _no_press(series, found, rules, file)
@@ -78,6 +83,12 @@ def presses_and_frames(
         dropped += [Dropped(1, "contact", rejected.why), frames]
     recording = _without_spikes(recording, found, file, findings)
     return *tables_of_series(recording, series, found), summed(dropped)
+
+
+def _cut(series: Series, recording: Recording, rules: CutRules, file: str, findings: Findings) -> Cut:
+    if rules.by == "taxels":
+        return cut_by_taxels(series, recording.counts, rules)
+    return cut(series, rules) if series.press is None else cut_numbered(series, rules, file, findings)
 
 
 def _without_spikes(recording: Recording, found: Cut, file: str, findings: Findings) -> Recording:
