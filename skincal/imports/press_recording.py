@@ -66,6 +66,10 @@ def presses_and_frames(
     found = _cut(series, recording, rules, file, findings)
     findings.raise_errors()
     if mapping.measures("force_n"):
+        spikes = _spikes_of_force(series, recording, rules)
+        if spikes.any():
+            recording, series = _without_samples(recording, spikes, file, findings), series.select(~spikes)
+            found = _cut(series, recording, rules, file, findings)
         if rules.zero_force:
             series = zeroed(series, found)
             found = _cut(series, recording, rules, file, findings)
@@ -89,6 +93,30 @@ def _cut(series: Series, recording: Recording, rules: CutRules, file: str, findi
     if rules.by == "taxels":
         return cut_by_taxels(series, recording.counts, rules)
     return cut(series, rules) if series.press is None else cut_numbered(series, rules, file, findings)
+
+
+def _spikes_of_force(series: Series, recording: Recording, rules: CutRules) -> BoolArray:
+    """Return the samples (M,) whose force jumps and returns, in the phases of presses that no spike cuts in two."""
+    spikes = np.zeros(len(series), dtype=bool)
+    while True:
+        left = series.select(~spikes)
+        calm = left.force_n.copy()
+        calm[1:-1] = np.median([calm[:-2], calm[1:-1], calm[2:]], axis=0)
+        found = _cut(replace(left, force_n=calm), recording.select(~spikes), rules, "", Findings())
+        more = find_spikes(left.force_n[:, None], found)[:, 0]
+        if not more.any():
+            return spikes
+        # Of several in a short phase, some hide others, as they add to its noise.
+        spikes[np.flatnonzero(~spikes)[more]] = True
+
+
+def _without_samples(recording: Recording, spikes: BoolArray, file: str, findings: Findings) -> Recording:
+    findings.note(
+        f"{file}, force_n", "forces that go with those before and after",
+        f"{spikes.sum()} single ones that jump and return: the force dropped out, or was disturbed",
+        "These samples are left out. Look at the connection of the force sensor.", code=IMPOSSIBLE,
+    )  # fmt: skip
+    return recording.without("sample", {"force that jumps and returns": spikes})
 
 
 def _without_spikes(recording: Recording, found: Cut, file: str, findings: Findings) -> Recording:
