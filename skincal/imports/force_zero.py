@@ -9,6 +9,7 @@ import numpy as np
 
 from skincal.dataset import IDLE, PHASES
 from skincal.dataset.findings import Findings
+from skincal.imports.cutting import cut_by_taxels
 from skincal.imports.mapping import Mapping
 from skincal.imports.recording import Cut, FloatArray, Series, runs
 
@@ -20,6 +21,12 @@ SIGMAS: Final = 3.0
 
 FEWEST: Final = 4
 """Smallest number of samples from which the level of a gap between contacts is taken."""
+
+FORCE_SPIKES: Final = 0.001
+"""Part of the samples that may be spikes of the force sensor."""
+
+WEAK: Final = 0.5
+"""A force at which the taxels are at rest is no press if it is below this part of the presses that they see."""
 
 ENDS: Final = 4
 """The first and the last of so many parts of the gaps tell whether the zero drifts."""
@@ -34,12 +41,16 @@ LENGTH: Final = (
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """Force in the gaps between contacts, in order: time [s] and level [N] of each gap, and its scatter [N]."""
+    """Force in the gaps between contacts, in order: time [s] and level [N] of each gap, and its scatter [N].
+
+    ``samples`` is the usual number in a gap, ``least_n`` the lowest tenth of all of them.
+    """
 
     time_s: FloatArray
     level_n: FloatArray
     sigma_n: FloatArray
     samples: int
+    least_n: float
 
 
 def force_at_rest(series: Series, found: Cut) -> Rest:
@@ -55,7 +66,9 @@ def force_at_rest(series: Series, found: Cut) -> Rest:
     level = np.array([np.median(force) for force in forces])
     away = [np.median(np.abs(force - one)) for force, one in zip(forces, level, strict=True)]
     time = np.array([series.time_s[start:stop].mean() for start, stop in middles])
-    return Rest(time, level, 1.4826 * np.array(away), int(np.median([len(force) for force in forces] or [0])))
+    samples = int(np.median([len(force) for force in forces] or [0]))
+    least = float(np.quantile(np.concatenate(forces), 0.1)) if forces else 0.0
+    return Rest(time, level, 1.4826 * np.array(away), samples, least)
 
 
 def zeroed(series: Series, found: Cut) -> Series:
@@ -84,6 +97,34 @@ def check_option(mapping: Mapping, findings: Findings) -> None:
             f"Remove zero_force. {LENGTH}" * (got != "a constant"),
         )
         findings.error(place, "a measured force with a sign", got, fix or "Remove zero_force.")
+
+
+def check_released(
+    series: Series, images: FloatArray, mapping: Mapping, file: str, findings: Findings
+) -> None:
+    """Warn of a force that is not that of no contact where nothing touches: then rest counts as contact.
+
+    Where it crosses ``off_n`` for moments only, between a rest and a press, the taxels (M, J) tell the rest.
+    """
+    rules, quantity = mapping.cut, mapping.quantity("force_n")
+    level, got = float(np.quantile(series.force_n, FORCE_SPIKES)) if len(series) else 0.0, "at least"
+    if len(series) and level <= rules.off_n:
+        touched = cut_by_taxels(series, images, rules)
+        rest, got = force_at_rest(series, touched), "where the taxels are at rest"
+        level = float(np.median(rest.level_n)) if len(rest.level_n) else 0.0
+        # Presses beside the sensor leave the taxels at rest, too, but they are released, and as strong as others.
+        held = [series.force_n[span.hold : span.hold_stop] for span in touched.spans]
+        strong = level > WEAK * float(np.median(np.concatenate(held or [[0.0]])))
+        if strong or not len(rest.level_n) or rest.least_n <= rules.off_n:
+            return
+    length = quantity is not None and len(quantity.sources) > 1
+    offset = "take it off: offset in [columns.force_n], in the unit of the column."
+    fix = LENGTH if length else f"If the zero of the force sensor is off, or a preload was on it, {offset}"
+    findings.warn(
+        f"{file}, force_n", f"forces below off_n = {rules.off_n:g} N where nothing touches",
+        f"{level:.3g} N {got}, so that rest counts as contact", f"{fix} Or raise on_n and off_n in [series].",
+        code="zero_of_force",
+    )  # fmt: skip
 
 
 def check_zero(series: Series, found: Cut, mapping: Mapping, file: str, findings: Findings) -> None:

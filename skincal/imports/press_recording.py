@@ -17,7 +17,7 @@ from skincal.dataset.findings import Findings, listed
 from skincal.errors import InputError, first_of, input_error
 from skincal.imports import targets
 from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_numbered, in_contact
-from skincal.imports.force_zero import check_option, check_zero, zeroed
+from skincal.imports.force_zero import check_option, check_released, check_zero, zeroed
 from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import CutRules
 from skincal.imports.recording import (
@@ -34,9 +34,6 @@ from skincal.imports.recording import (
 )
 from skincal.imports.resting import rested
 from skincal.model.rest import rounding_step
-
-FORCE_SPIKES = 0.001
-"""Part of the samples that may be spikes of the force sensor."""
 
 
 def presses_and_frames(
@@ -74,7 +71,7 @@ def presses_and_frames(
             series = zeroed(series, found)
             found = _cut(series, recording, rules, file, findings)
         if rules.by == "force" and series.press is None:
-            _check_released(series, rules, file, findings)
+            check_released(series, recording.counts, mapping, file, findings)
         check_zero(series, found, mapping, file, findings)
     elif rules.by == "taxels":
         series = replace(series, force_n=in_contact(series.force_n, found))
@@ -129,19 +126,6 @@ def _without_spikes(recording: Recording, found: Cut, file: str, findings: Findi
         "They are left out. Look at the connection of the sensor.", code=IMPOSSIBLE,
     )  # fmt: skip
     return replace(recording, counts=np.where(spikes, np.nan, recording.counts))
-
-
-def _check_released(series: Series, rules: CutRules, file: str, findings: Findings) -> None:
-    """Warn of a force that is never that of no contact: then the whole recording is one."""
-    least = float(np.quantile(series.force_n, FORCE_SPIKES)) if len(series) else 0.0
-    if least > rules.off_n:
-        findings.warn(
-            f"{file}, force_n", f"forces below off_n = {rules.off_n:g} N where nothing touches",
-            f"{least:.3g} N at least, so that the whole recording is one contact",
-            "If the zero of the force sensor is off, or a preload was on it, take it off: offset in "
-            "[columns.force_n], in the unit of the column. Or raise on_n and off_n in [series].",
-            code="zero_of_force",
-        )  # fmt: skip
 
 
 def _check_numbers(recording: Recording, mapping: Mapping, findings: Findings) -> None:

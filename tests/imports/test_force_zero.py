@@ -14,6 +14,7 @@ import pytest
 from skincal.dataset import Dataset
 from skincal.errors import Problem
 from skincal.imports import Imported
+from tests.imports.devices import ONE_FILE, PLANE, contacts, whole_table
 from tests.imports.foreign import SERIES, Recorded, imported, mapping, recorded, refusals, series_table
 
 
@@ -86,3 +87,23 @@ def test_the_length_of_a_vector_has_no_zero(tmp_path: Path, recording: Recorded)
         "map.toml, [series], zero_force: expected a measured force with a sign; got the length of a vector"
         in problem
     )
+
+
+def test_rest_that_counts_as_contact_is_seen_by_the_taxels(tmp_path: Path):
+    """The length of a force that crosses 0 on the way to a press is small for moments only."""
+    found = contacts()
+    time = np.arange(0, found.end_s, 0.02)
+    table = whole_table(found, time)
+    table["Fx"], table["F"] = 0.1, table["F"] - 0.35
+    table.to_csv(tmp_path / "a.csv", index=False)
+    columns = {"force_n": {"column": None, "columns": ["Fx", "F"]}}
+    _, done = imported(tmp_path, mapping(PLANE, ONE_FILE, columns=columns), [tmp_path / "a.csv"])
+    (problem,) = zeros(done)
+    assert "rest counts as contact" in str(problem) and "map the axis along the normal alone" in str(problem)
+
+
+def test_presses_beside_the_sensor_are_no_bias(tmp_path: Path, recording: Recorded):
+    table = series_table(recording)
+    taxels = [name for name in table if str(name).startswith("tax_")]
+    table.loc[np.isin(recording.press, [0, 1, 2, 4, 5]), taxels] = 0
+    assert not zeros(bring(tmp_path, table)[1])
