@@ -21,9 +21,18 @@ import numpy as np
 from skincal.dataset import HOLD, PHASES
 from skincal.dataset.findings import Findings, listed
 from skincal.imports.clock import LARGEST_STEP
-from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import CutRules
-from skincal.imports.recording import BoolArray, Column, Cut, FloatArray, Rejected, Series, Span, runs
+from skincal.imports.recording import (
+    BoolArray,
+    Column,
+    Cut,
+    FloatArray,
+    IntArray,
+    Rejected,
+    Series,
+    Span,
+    runs,
+)
 
 BRIDGED = 2
 """Samples in succession outside the band that do not end a hold: a spike of the force sensor is not a release."""
@@ -178,14 +187,33 @@ def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
     top = float(np.quantile(activity, 0.99)) - rest
     on = max(ON_SIGMAS * sigma, LEAST_PART * top)
     found = replace(rules, by="force", on_n=on, off_n=max(OFF_SIGMAS * sigma, on / 2))
-    return cut(replace(series, force_n=activity - rest), found)
+    return _widened(cut(replace(series, force_n=activity - rest), found), activity, series.part)
 
 
-def in_contact(force_n: FloatArray, found: Cut, mapping: Mapping) -> FloatArray:
-    """Return the force [N] (M,); one that was not measured is kept during contact and set to 0 elsewhere."""
-    quantity = mapping.quantity("force_n")
-    if quantity is None or quantity.constant is None:
-        return force_n
+def _widened(found: Cut, activity: FloatArray, part: IntArray) -> Cut:
+    """Return a cut whose contacts reach to where the activity (M,) is down to its level in the gap before or after.
+
+    Below the thresholds a contact begins and ends, too: as rest, its weak images would raise the level of rest.
+    """
+    every = (*found.spans, *found.rejected)
+    idle = np.ones(len(activity), dtype=bool)
+    for one in every:
+        idle[one.start : one.stop] = False
+    starts, stops = {one.start: one.start for one in every}, {one.stop: one.stop for one in every}
+    for start, stop in runs(idle, part):
+        middle = activity[start + (stop - start) // 4 : stop - (stop - start) // 4]
+        quiet = start + np.flatnonzero(activity[start:stop] <= np.median(middle))
+        if start and part[start - 1] == part[start]:
+            stops[start] = int(quiet[0])
+        if stop < len(part) and part[stop] == part[stop - 1]:
+            starts[stop] = int(quiet[-1]) + 1
+    spans = (replace(span, start=starts[span.start], stop=stops[span.stop]) for span in found.spans)
+    rejected = (replace(one, start=starts[one.start], stop=stops[one.stop]) for one in found.rejected)
+    return Cut(tuple(spans), tuple(rejected))
+
+
+def in_contact(force_n: FloatArray, found: Cut) -> FloatArray:
+    """Return a force that was not measured [N] (M,): kept during contact, and 0 elsewhere."""
     touched = np.zeros(len(force_n), dtype=bool)
     for span in found.spans:
         touched[span.start : span.stop] = True

@@ -223,3 +223,8 @@ class Mapping:
     def quantity(self, target: str) -> Quantity | None:
         """Return the source of a column; None if it is not mapped."""
         return next((q for q in self.quantities if q.target == target), None)
+
+    def measures(self, target: str) -> bool:
+        """Return True if a column comes from the recording, not from a constant of the mapping."""
+        quantity = self.quantity(target)
+        return quantity is not None and quantity.constant is None

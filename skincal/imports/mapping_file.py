@@ -50,6 +50,7 @@ class CutRules(Table, unknown="refuse"):
     start_at_zero: bool = True
     own_clocks: bool = False
     gap_s: _Time = 1.0
+    zero_force: bool = False
     slides: Slides = "cut"
     still_m: Annotated[float | None, Key("a length [m], 0 or more", 0.0)] = None
 

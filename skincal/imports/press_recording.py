@@ -18,6 +18,7 @@ from skincal.dataset.findings import Findings, listed
 from skincal.errors import InputError, first_of, input_error
 from skincal.imports import targets
 from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_numbered, in_contact
+from skincal.imports.force_zero import check_option, check_released, check_zero, zeroed
 from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import DROP_INCOMPLETE, CsvSource, CutRules
 from skincal.imports.recording import (
@@ -36,9 +37,6 @@ from skincal.imports.recording import (
 from skincal.imports.resting import rested
 from skincal.imports.text_table import SourceSheet
 from skincal.model.rest import rounding_step
-
-FORCE_SPIKES = 0.001
-"""Part of the samples that may be spikes of the force sensor."""
 
 
 def presses_and_frames(
@@ -62,16 +60,24 @@ def presses_and_frames(
         findings.raise_errors()
         return presses, None, recording.dropped
     file, rules = first_of(file.file for file in recording.files), mapping.cut
+    check_option(mapping, findings)
     series = _series(recording, rules, file, findings)
     findings.raise_errors()
-    if rules.by == "taxels":
-        found = cut_by_taxels(series, recording.counts, rules)
-        series = replace(series, force_n=in_contact(series.force_n, found, mapping))
-    else:
-        found = cut(series, rules) if series.press is None else cut_numbered(series, rules, file, findings)
-        if rules.by == "force" and series.press is None:
-            _check_released(series, rules, file, findings)
+    found = _cut(series, recording, rules, file, findings)
     findings.raise_errors()
+    if mapping.measures("force_n"):
+        spikes = _spikes_of_force(series, recording, rules)
+        if spikes.any():
+            recording, series = _without_samples(recording, spikes, file, findings), series.select(~spikes)
+            found = _cut(series, recording, rules, file, findings)
+        if rules.zero_force:
+            series = zeroed(series, found)
+            found = _cut(series, recording, rules, file, findings)
+        if rules.by == "force" and series.press is None:
+            check_released(series, recording.counts, mapping, file, findings)
+        check_zero(series, found, mapping, file, findings)
+    elif rules.by == "taxels":
+        series = replace(series, force_n=in_contact(series.force_n, found))
     found = rested(found, series, recording, mapping, file, findings)
     recording, series, found = _with_positions(recording, series, found, mapping, findings)
     findings.raise_errors()
@@ -123,6 +129,36 @@ def _with_positions(
     return recording, series.select(kept), Cut(tuple(spans), tuple(rejected))
 
 
+def _cut(series: Series, recording: Recording, rules: CutRules, file: str, findings: Findings) -> Cut:
+    if rules.by == "taxels":
+        return cut_by_taxels(series, recording.counts, rules)
+    return cut(series, rules) if series.press is None else cut_numbered(series, rules, file, findings)
+
+
+def _spikes_of_force(series: Series, recording: Recording, rules: CutRules) -> BoolArray:
+    """Return the samples (M,) whose force jumps and returns, in the phases of presses that no spike cuts in two."""
+    spikes = np.zeros(len(series), dtype=bool)
+    while True:
+        left = series.select(~spikes)
+        calm = left.force_n.copy()
+        calm[1:-1] = np.median([calm[:-2], calm[1:-1], calm[2:]], axis=0)
+        found = _cut(replace(left, force_n=calm), recording.select(~spikes), rules, "", Findings())
+        more = find_spikes(left.force_n[:, None], found)[:, 0]
+        if not more.any():
+            return spikes
+        # Of several in a short phase, some hide others, as they add to its noise.
+        spikes[np.flatnonzero(~spikes)[more]] = True
+
+
+def _without_samples(recording: Recording, spikes: BoolArray, file: str, findings: Findings) -> Recording:
+    findings.note(
+        f"{file}, force_n", "forces that go with those before and after",
+        f"{spikes.sum()} single ones that jump and return: the force dropped out, or was disturbed",
+        "These samples are left out. Look at the connection of the force sensor.", code=IMPOSSIBLE,
+    )  # fmt: skip
+    return recording.without("sample", {"force that jumps and returns": spikes})
+
+
 def _without_spikes(recording: Recording, found: Cut, file: str, findings: Findings) -> Recording:
     spikes = find_spikes(recording.counts, found)
     if not spikes.any():
@@ -133,19 +169,6 @@ def _without_spikes(recording: Recording, found: Cut, file: str, findings: Findi
         "They are left out. Look at the connection of the sensor.", code=IMPOSSIBLE,
     )  # fmt: skip
     return replace(recording, counts=np.where(spikes, np.nan, recording.counts))
-
-
-def _check_released(series: Series, rules: CutRules, file: str, findings: Findings) -> None:
-    """Warn of a force that is never that of no contact: then the whole recording is one."""
-    least = float(np.quantile(series.force_n, FORCE_SPIKES)) if len(series) else 0.0
-    if least > rules.off_n:
-        findings.warn(
-            f"{file}, force_n", f"forces below off_n = {rules.off_n:g} N where nothing touches",
-            f"{least:.3g} N at least, so that the whole recording is one contact",
-            "If the zero of the force sensor is off, or a preload was on it, take it off: offset in "
-            "[columns.force_n], in the unit of the column. Or raise on_n and off_n in [series].",
-            code="zero_of_force",
-        )  # fmt: skip
 
 
 def _check_numbers(recording: Recording, mapping: Mapping, findings: Findings) -> None:

@@ -35,7 +35,7 @@ class Series:
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def select(self, rows: BoolArray) -> Series:
+    def select(self, rows: NDArray[Any]) -> Series:
         """Return the series with only these rows."""
         press, phase = (None if column is None else column[rows] for column in (self.press, self.phase))
         return Series(self.time_s[rows], self.force_n[rows], self.part[rows], press, phase)

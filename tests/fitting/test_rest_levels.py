@@ -110,7 +110,9 @@ def test_smooth_errors_have_no_part_that_a_pose_takes_up() -> None:
     nearly_equal, less = smooth_field(places, 2.0 + 0.1 * force, np.empty((40, 0)), rows)
     assert nearly_equal.shape == (40, 6)
     assert np.abs(less).max() < 2.5
-    assert np.abs(smooth_field(places, 2.0 + 1e-3 * force, np.empty((40, 0)), rows)[1]).max(initial=0.0) == 0.0
+    assert (
+        np.abs(smooth_field(places, 2.0 + 1e-3 * force, np.empty((40, 0)), rows)[1]).max(initial=0.0) == 0.0
+    )
     at_one_place = smooth_field(np.zeros((40, 2)), np.ones(40), np.empty((40, 0)), rows)[0]
     assert at_one_place.shape == (40, 0)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skincal.imports.cutting import contacts, cut, hold_of, kept_level, slopes
+from skincal.imports.cutting import contacts, cut, cut_by_taxels, hold_of, kept_level, slopes
 from skincal.imports.mapping_file import CutRules
 from skincal.imports.recording import Series, runs
 
@@ -66,6 +66,23 @@ def test_contacts_have_hysteresis():
     force = np.array([0, 0.15, 0.15, 0, 0, 0.15, 0.3, 0.15, 0.3, 0.05, 0])
     series = Series(np.arange(11.0), force, np.zeros(11, dtype=np.int64))
     assert contacts(series, CutRules(on_n=0.2, off_n=0.1)) == [(5, 9)]
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_no_part_of_a_contact_is_rest_by_the_taxels(noise: float):
+    """Weak images of the ramps, below the thresholds of a contact, would raise the level of rest."""
+    rng = np.random.default_rng(1)
+    level = np.concatenate([trapeze(scale, 0.4, 0.6)[1] for scale in rng.uniform(0.4, 1, 10)])
+    share = np.concatenate([[*np.zeros(90), *one] for one in level.reshape(10, -1)] + [np.zeros(60)])
+    images = 500 + share[:, None] * [5, 30, 60, 80] + noise * rng.standard_normal((len(share), 4))
+    part = np.zeros(len(share), dtype=np.int64)
+    found = cut_by_taxels(Series(np.arange(float(len(share))), np.ones(len(share)), part), images, CutRules())
+    assert len(found.spans) == 10
+    idle = np.ones(len(share), dtype=bool)
+    for span in found.spans:
+        idle[span.start : span.stop] = False
+    assert share[idle].max() < (0.03 if noise else 1e-9)  # twice the noise of a sum
+    assert idle.sum() > 0.9 * (share == 0).sum()
 
 
 def test_no_contact_goes_from_one_file_to_the_next():

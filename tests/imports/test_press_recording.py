@@ -70,6 +70,28 @@ def test_an_import_leaves_spikes_out(session: Callable[..., Dataset], tmp_path: 
     np.testing.assert_allclose(back.presses.counts, recording.image, atol=2.0, rtol=0.01)
 
 
+@pytest.mark.parametrize("rules", [{}, {"by": "plateaus", "slope_n_per_s": 1.0}])
+@pytest.mark.parametrize("values", [[-1.0], [0.0], [9999.0], [-12.0, 12.0, 20.0]])
+def test_an_import_leaves_spikes_of_the_force_out(
+    session: Callable[..., Dataset], tmp_path: Path, values: list[float], rules: dict[str, Any]
+) -> None:
+    recording = recorded(session(8, frames_per_press=0))
+    table, rng = series_table(recording), np.random.default_rng(4)
+    at = np.arange(5, len(table) - 30, 30)  # several in each press, never two in succession
+    at += rng.integers(0, 20, len(at))
+    table.loc[at, "F"] = rng.choice(values, len(at))
+    table.to_csv(tmp_path / "a.csv", index=False)
+    back, done = imported(tmp_path, mapping(SERIES, series=rules), [tmp_path / "a.csv"])
+    (found,) = [one for one in done.warnings if one.code]
+    assert found.code == IMPOSSIBLE and "force" in str(found)
+    assert len(back.presses) == 8
+    np.testing.assert_allclose(back.presses.force_n, recording.level_n, rtol=0.01)
+    np.testing.assert_allclose(back.presses.counts, recording.image, atol=2.0, rtol=0.01)
+    # A jump to 0 shows in contact only.
+    (left_out,) = [item.count for item in done.dropped if item.what == "sample"]
+    assert left_out == (len(at) if 0.0 not in values else pytest.approx(len(at) * 0.6, rel=0.4))
+
+
 def test_single_drop_outs_are_no_words_that_overflow() -> None:
     press = np.repeat(np.arange(10), 20)
     counts = np.rint(100.0 + np.random.default_rng(3).normal(0, 1, (200, 3)))
