@@ -8,19 +8,19 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from skincal.covariates import NORMAL, POSITION, TIMES
-from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD, Frames, Presses
+from skincal.dataset import HOLD, IDLE, Frames, Presses
 from skincal.dataset.columns import repeated
 from skincal.dataset.corrections import IMPOSSIBLE
 from skincal.dataset.findings import Findings, listed
 from skincal.errors import InputError, first_of, input_error
 from skincal.imports import targets
+from skincal.imports.contact_positions import phases, with_positions
 from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_numbered, in_contact
 from skincal.imports.force_zero import check_option, check_released, check_zero, zeroed
 from skincal.imports.mapping import Mapping
-from skincal.imports.mapping_file import DROP_INCOMPLETE, CsvSource, CutRules
+from skincal.imports.mapping_file import CutRules
 from skincal.imports.recording import (
     BoolArray,
     Column,
@@ -28,14 +28,12 @@ from skincal.imports.recording import (
     Dropped,
     FloatArray,
     Recording,
-    Rejected,
     Series,
     Span,
     runs,
     summed,
 )
 from skincal.imports.resting import rested
-from skincal.imports.text_table import SourceSheet
 from skincal.model.rest import rounding_step
 
 
@@ -79,7 +77,7 @@ def presses_and_frames(
     elif rules.by == "taxels":
         series = replace(series, force_n=in_contact(series.force_n, found))
     found = rested(found, series, recording, mapping, file, findings)
-    recording, series, found = _with_positions(recording, series, found, mapping, findings)
+    recording, series, found = with_positions(recording, series, found, mapping, findings)
     findings.raise_errors()
     if not found.spans:
         raise _no_press(series, found, rules, file)
@@ -89,44 +87,6 @@ def presses_and_frames(
         dropped += [Dropped(1, "contact", rejected.why), frames]
     recording = _without_spikes(recording, found, file, findings)
     return *tables_of_series(recording, series, found), summed(dropped)
-
-
-def _with_positions(
-    recording: Recording, series: Series, found: Cut, mapping: Mapping, findings: Findings
-) -> tuple[Recording, Series, Cut]:
-    """Return a cut series without the rows in contact that lack a required position; refuse them unless they may go.
-
-    Only the cut tells them from rows at rest, which need no position.
-    """
-    own = [
-        q for q in mapping.quantities if q.target in mapping.required and q.target in POSITION and not q.topic
-    ]
-    touching = _phases(series, found.spans) != IDLE
-    for one in found.rejected:
-        touching[one.start : one.stop] = False
-    lacking = touching & np.isnan([recording.columns[q.target] for q in own]).any(axis=0)
-    if not lacking.any():
-        return recording, series, found
-    if not (isinstance(mapping.source, CsvSource) and mapping.source.drop_incomplete):
-        name = ", ".join(dict.fromkeys(source for q in own for source in q.sources))
-        for part, file in enumerate(recording.files):
-            rows = np.sort(recording.row[lacking & (recording.part == part)])
-            if rows.size:
-                place = SourceSheet(findings, file.file, file.lines).rows(name, rows)
-                findings.error(place, "a position in every row of a contact", "none", DROP_INCOMPLETE)
-        return recording, series, found
-    kept = ~lacking
-    at = np.concatenate([[0], np.cumsum(kept)]).tolist()
-    spans: list[Span] = []
-    rejected = [replace(one, start=at[one.start], stop=at[one.stop]) for one in found.rejected]
-    for one in found.spans:
-        start, hold, end, stop = at[one.start], at[one.hold], at[one.hold_stop], at[one.stop]
-        if hold < end:
-            spans.append(replace(one, start=start, hold=hold, hold_stop=end, stop=stop))
-        else:
-            rejected.append(Rejected(start, stop, "no position in its hold"))
-    recording = recording.without("row", {"no position, in a contact": lacking})
-    return recording, series.select(kept), Cut(tuple(spans), tuple(rejected))
 
 
 def _cut(series: Series, recording: Recording, rules: CutRules, file: str, findings: Findings) -> Cut:
@@ -303,23 +263,11 @@ def tables_of_series(recording: Recording, series: Series, cut: Cut) -> tuple[Pr
     kept &= np.isfinite(recording.counts).any(axis=1) | ~np.isfinite(recording.counts).any()
     for span in cut.spans:
         press[span.start : span.stop] = span.number
-    phase = _phases(series, cut.spans)
+    phase = phases(series, cut.spans)
     position = np.where((phase == IDLE)[:, None], np.nan, recording.vector(POSITION))
     columns = {name: column for name, column in recording.columns.items() if name not in OWN}
     frames = Frames(press, phase, series.time_s, series.force_n, position, recording.counts, columns)
     return _presses(recording, series, cut.spans, phase == HOLD), frames.select(kept)
-
-
-def _phases(series: Series, spans: tuple[Span, ...]) -> NDArray[np.int8]:
-    """Return the phase of every sample, shape (M,)."""
-    if series.phase is not None:
-        return np.array([PHASES.index(word) for word in series.phase], dtype=np.int8)
-    phase = np.full(len(series), IDLE, dtype=np.int8)
-    for span in spans:
-        phase[span.start : span.hold] = LOAD if span.rising else UNLOAD
-        phase[span.hold : span.hold_stop] = HOLD
-        phase[span.hold_stop : span.stop] = UNLOAD
-    return phase
 
 
 def _presses(recording: Recording, series: Series, spans: tuple[Span, ...], held: BoolArray) -> Presses:
