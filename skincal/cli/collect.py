@@ -102,8 +102,8 @@ def _report(found: Collected, out: Path, as_json: bool) -> None:
         "rest_shifts": [str(shift) for shift in found.rest_shifts],
         "problems": [str(problem) for problem in found.problems],
     }
-    summary = f"{presses} presses ({marks}), {found.missed_target} missed their target"
-    answer(as_json, content, f"{summary}, {found.session_s:.0f} s of the hand's time", f"dataset: {out}")
+    summary = f"{presses} presses ({marks}), {found.session_s:.0f} s of the hand's time"
+    answer(as_json, content, summary, f"dataset: {out}")
     warn((*found.rest_shifts, *found.problems))
     if found.problems:
         expected = "expected a dataset that can be fitted; got the problems above. Nothing is lost."

@@ -181,7 +181,8 @@ def fit(
         presses = f"{len(found.result.problem)} presses"
         about = in_unit(why_dropped(found.result.problem), data.meta.sensor.unit)
         if found.resumed:
-            say(f"{found.resumed} turn{'s' * (found.resumed > 1)} of the grid taken from an interrupted run")
+            rotations = len(found.result.grid.grid.alpha_rad)
+            say(f"{found.resumed} of {rotations} sensor rotations were already computed")
     rmse = f"{found.calibration.loss.mse_counts2**0.5:.3g} {data.meta.sensor.unit_label} per taxel"
     cal = found.calibration
     findings = [f"{one.severity}: {one.text} {one.advice}".rstrip() for one in cal.findings]

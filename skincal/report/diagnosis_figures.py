@@ -188,7 +188,7 @@ def _draw_strengths(axes: Axes, report: AuditReport) -> None:
     axes.set_yticks(place, list(report.effects))
     axes.invert_yaxis()
     label = "typical strength over the smallest visible one; right of the line: visible"
-    axes.set(xlabel=label, title="Smallest visible strength (number)")
+    axes.set(xlabel=label, title="Visibility: 1 / smallest visible strength (number: that strength)")
     axes.grid(axis="x")
 
 
