@@ -10,7 +10,7 @@ import typer
 
 from skincal.cli import options
 from skincal.cli.interrupt import AGAIN, moving
-from skincal.cli.options import example, numbers_by_name, option
+from skincal.cli.options import example, numbers_by_name, option, options_named
 from skincal.cli.terminal import answer, say, warn
 from skincal.errors import input_error
 from skincal.tasks import PROTOCOLS
@@ -125,9 +125,10 @@ def rig_of(
     from skincal.collect.rig import Rig
 
     effects = numbers_by_name("--effect", effect, "NAME=STRENGTH")
-    return Rig.of(
-        driver, given, seed, beyond_limits=beyond_limits, effects=effects, truth_path=truth, hand=hand
-    )
+    with options_named("driver", "effect"):
+        return Rig.of(
+            driver, given, seed, beyond_limits=beyond_limits, effects=effects, truth_path=truth, hand=hand
+        )
 
 
 def press(rig: Rig, plan: Plan, out: Path, source: str, start_s: float = 0.0, **output: Any) -> Collected:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -15,7 +13,7 @@ from skincal.cli.collect import press, rig_of
 from skincal.cli.interrupt import AGAIN, moving
 from skincal.cli.options import command_line, example, option
 from skincal.cli.terminal import answer, calibration_line, plain, say, warn
-from skincal.progress import console
+from skincal.progress import stage_shown
 
 EPILOG = example(
     "skincal diagnose run cal --out cal-2",
@@ -123,21 +121,3 @@ def diagnose(
         if rounds is not None:
             rounds.done()
     answer(as_json, content, *([] if as_json else verdict_lines(found)), then=calibration_line(out, report))
-
-
-@contextmanager
-def stage_shown() -> Generator[Callable[[str], None]]:
-    """Yield a callback that shows the stage and the elapsed time on standard error, line by line without a terminal."""
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-    from rich.table import Column
-
-    terminal = console()
-    if not terminal.is_terminal:
-        yield say
-        return
-    # Truncate a long stage name, not the time.
-    stage = TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True, ratio=1))
-    columns = SpinnerColumn(), TimeElapsedColumn(table_column=Column(min_width=7)), stage
-    with Progress(*columns, console=terminal, transient=True, expand=True) as shown:
-        task = shown.add_task("reading", total=None)
-        yield lambda name: shown.update(task, description=name)

@@ -191,8 +191,9 @@ def _check_rig(result: FitResult) -> Iterator[FitFinding]:
         bends = "less" if response.grows > 1 else "more"
         yield _warn(
             "response_bends",
-            f"Images bend: straightening the readings by {100 * abs(response.grows - 1):.2g} % at the largest one makes "
-            f"presses at all places and forces agree better (log evidence {response.rise:.0f}). The sensor seems to answer {bends} the more it is pressed; "
+            f"Images bend: straightening the readings by {100 * abs(response.grows - 1):.2g} % at the largest one "
+            f"makes presses at all places and forces agree better (log evidence {response.rise:.0f}). The sensor seems "
+            f"to answer {bends} the more it is pressed; "
             "E and S may lie outside of their intervals.",
             "Check the converter's range and the zero of the force, and run `skincal diagnose`: it tells such causes "
             "apart.",

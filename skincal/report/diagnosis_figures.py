@@ -106,7 +106,7 @@ def where_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     parts = diagnosis.depends[::-1]
     panels[2].barh([s.meaning for s in parts], [s.times for s in parts], color=style.BLUE)
     panels[2].axvline(1.0, color=style.BLACK, linewidth=1)
-    panels[2].set_xlabel("share of the excess over share of the values")
+    panels[2].set_xlabel("mean excess over that of the session, or of all presses")
     return figure
 
 
