@@ -10,7 +10,7 @@ from typing import Annotated
 
 from skincal.cli import options
 from skincal.cli.collect import press, rig_of
-from skincal.cli.interrupt import AGAIN, moving
+from skincal.cli.interrupt import AGAIN, moving, resumable
 from skincal.cli.options import command_line, example, option
 from skincal.cli.terminal import answer, calibration_line, plain, say, warn
 from skincal.progress import stage_shown
@@ -72,6 +72,14 @@ def diagnose(
     if collect:
         rig = rig_of(driver, seed, effect, hand, driver_option, beyond_limits=beyond_limits)
         rounds = Rounds.of(out, data, rig, partial(press, rig))
+
+    def saved() -> str:
+        return (
+            ""
+            if rounds is None
+            else f"{rounds.saved} rounds of presses are saved in {rounds.folder}; {AGAIN}."
+        )
+
     warnings = (*data.warnings, *cal.warnings)
     warn(warnings)
     sessions = CONSTANTS.null_sessions * (5 if thorough else 1)
@@ -79,16 +87,13 @@ def diagnose(
         from skincal.diagnosis.adaptive_collection import diagnose_adaptively
 
         # No bar for the stages: the hand's own is shown while it presses.
-        with (
-            moving(lambda: f"{rounds.saved} rounds of presses are saved in {rounds.folder}; {AGAIN}."),
-            mapper(workers) as spread,
-        ):
+        with moving(saved), mapper(workers) as spread:
             settled = diagnose_adaptively(
                 data, cal, rounds.press, seed, lambda _: None, sessions, say, mapper=spread
             )
         say(settled.reason)
         data = settled.dataset
-    with stage_shown() as show_stage, mapper(workers) as spread:
+    with stage_shown() as show_stage, mapper(workers) as spread, resumable(saved):
         # Workers import while this process begins.
         modules = ["skincal.inference.search", *(["skincal.report.diagnosis"] if report else [])]
         spread(import_modules, [modules] * available_cores())

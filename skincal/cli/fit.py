@@ -117,7 +117,7 @@ def fit(
     bound_counts2 = _bound(bound)
     refuse_existing(out, dataset, effects, force=force, marker="calibration.toml")
     # Workers start while this process imports and reads.
-    with rare_collections(), mapper(workers, scheduler) as spread:
+    with rare_collections(), mapper(workers, scheduler) as spread, resumable(lambda: ""):
         here = map if scheduler is not None else spread  # a cluster need not have what draws
         first = "skincal.report.fit_images" if report else "skincal.calibrate"
         here(import_module, [first, "skincal.fitting.wiring"])

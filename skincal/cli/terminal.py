@@ -17,10 +17,11 @@ import typer
 from skincal.errors import Problem, readable
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
     from rich.table import Table
 
 
-def answer(as_json: bool, content: Mapping[str, Any], *shown: object, then: str = "") -> None:
+def answer(as_json: bool, content: Mapping[str, Any], *shown: RenderableType, then: str = "") -> None:
     """Print the result of a verb on standard output; ``then`` follows for a person, on standard error."""
     if as_json:
         print_json(content)

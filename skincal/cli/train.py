@@ -178,7 +178,11 @@ def _trained(out: Path, work: Work, ranges: Ranges, steps: int, *, processes: bo
             f"skincal: warning: --steps {steps}: the policy begins to learn after {first} steps, so it stays untrained"
         )
     again = f"Continue from the last checkpoint with\n  skincal train {work.task} --out {out} --steps {steps} --resume"
-    with resumable(lambda: again if (out / CHECKPOINT).is_dir() else ""), training_shown(steps) as progress:
+    nothing = (
+        f"There is no checkpoint yet, so nothing learned is saved; {out} has the run's description alone."
+    )
+    kept = out / CHECKPOINT
+    with resumable(lambda: again if kept.is_dir() else "", nothing), training_shown(steps) as progress:
         done = train(out, maker(work, ranges), steps, processes=processes, progress=progress)
     about = done.description
     figure = curves_figure({"": read_curve(out / "curve.csv")}, f"{about.task}, {about.policy}")
