@@ -104,9 +104,11 @@ def _lines(report: AuditReport, unit: str) -> list[str]:
             (floor.mean_from, floor.mean_interval),
         )
     )
+    frame_counts = f"{floor.frame_counts:.3g}"
+    unit = "count" if (frame_counts, unit) == ("1", "counts") else unit
     lines = [
         f"{report.presses} {what}, {report.observations} images ({of}) of {report.taxels} taxels",
-        f"noise of a frame {floor.frame_counts:.3g} {unit} {frame}, of a hold mean {floor.mean_counts:.3g} {mean}",
+        f"noise of a frame {frame_counts} {unit} {frame}, of a hold mean {floor.mean_counts:.3g} {mean}",
     ]
     if report.left_out:
         presses = first_of(report.left_out, MOST_LISTED)
