@@ -97,7 +97,7 @@ def calibrate_uniform(
     if not scales.responding.any():
         raise refusal(
             dataset,
-            f"no taxel rises by more than {active_counts:g} counts in two presses: nothing can be calibrated. "
+            f"no taxel rises by more than {active_counts:.3g} counts in two presses: nothing can be calibrated. "
             "Press harder, or lower --active-counts",
         )
     rng = np.random.default_rng(seed)

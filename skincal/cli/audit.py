@@ -97,11 +97,18 @@ def _lines(report: AuditReport, unit: str) -> list[str]:
     what = "planned presses" if report.planned else "presses"
     of = "frames in bins" if report.has_frames else "hold means"
     floor, settings = report.floor, report.options
-    frame, mean = (f"({low:.3g} to {high:.3g}" for low, high in (floor.frame_interval, floor.mean_interval))
+    frame, mean = (
+        f"({source}; {low:.3g} to {high:.3g})"
+        for source, (low, high) in (
+            (floor.frame_from, floor.frame_interval),
+            (floor.mean_from, floor.mean_interval),
+        )
+    )
+    frame_counts = f"{floor.frame_counts:.3g}"
+    unit = "count" if (frame_counts, unit) == ("1", "counts") else unit
     lines = [
         f"{report.presses} {what}, {report.observations} images ({of}) of {report.taxels} taxels",
-        f"noise of a frame {floor.frame_counts:.3g} {unit} {frame}, from {floor.frame_from}), "
-        f"of a hold mean {floor.mean_counts:.3g} {mean}, from {floor.mean_from})",
+        f"noise of a frame {frame_counts} {unit} {frame}, of a hold mean {floor.mean_counts:.3g} {mean}",
     ]
     if report.left_out:
         presses = first_of(report.left_out, MOST_LISTED)

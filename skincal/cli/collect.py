@@ -10,7 +10,7 @@ import typer
 
 from skincal.cli import options
 from skincal.cli.interrupt import AGAIN, moving
-from skincal.cli.options import example, numbers_by_name, option
+from skincal.cli.options import example, numbers_by_name, option, options_named
 from skincal.cli.terminal import answer, say, warn
 from skincal.errors import input_error
 from skincal.tasks import PROTOCOLS
@@ -102,8 +102,8 @@ def _report(found: Collected, out: Path, as_json: bool) -> None:
         "rest_shifts": [str(shift) for shift in found.rest_shifts],
         "problems": [str(problem) for problem in found.problems],
     }
-    summary = f"{presses} presses ({marks}), {found.missed_target} missed their target"
-    answer(as_json, content, f"{summary}, {found.session_s:.0f} s of the hand's time", f"dataset: {out}")
+    summary = f"{presses} presses ({marks}), {found.session_s:.0f} s of the hand's time"
+    answer(as_json, content, summary, f"dataset: {out}")
     warn((*found.rest_shifts, *found.problems))
     if found.problems:
         expected = "expected a dataset that can be fitted; got the problems above. Nothing is lost."
@@ -125,9 +125,10 @@ def rig_of(
     from skincal.collect.rig import Rig
 
     effects = numbers_by_name("--effect", effect, "NAME=STRENGTH")
-    return Rig.of(
-        driver, given, seed, beyond_limits=beyond_limits, effects=effects, truth_path=truth, hand=hand
-    )
+    with options_named("driver", "effect"):
+        return Rig.of(
+            driver, given, seed, beyond_limits=beyond_limits, effects=effects, truth_path=truth, hand=hand
+        )
 
 
 def press(rig: Rig, plan: Plan, out: Path, source: str, start_s: float = 0.0, **output: Any) -> Collected:

@@ -145,14 +145,14 @@ def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
 def _lines(data: Dataset, summary: Summary) -> list[tuple[str, str]]:
     meta, sensor = data.meta, data.meta.sensor
     low, median, high = summary.force_n
-    least = f"{summary.threshold_counts:.3g}"
+    above = f"over {summary.threshold_counts:.3g} {sensor.unit_label} above rest; a fit corrects for clipping first"
     lines = [
         ("source", meta.source or "not said"),
         ("sensor", f"{sensor.rows} x {sensor.cols} taxels on a {meta.surface}"),
         ("indenter", str(meta.indenter)),
         ("presses", str(summary.presses) + ("" if summary.sites is None else f" at {summary.sites} targets")),
         ("force", f"{low:.3g} to {high:.3g} N, median {median:.3g} N"),
-        ("answered", f"{summary.usable} presses by two taxels or more (over {least} {sensor.unit_label})"),
+        ("answered", f"{summary.usable} presses by two taxels or more ({above})"),
     ]
     if summary.frames:
         phases = ", ".join(f"{count} {phase}" for phase, count in summary.phases.items())

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from skincal.cli import options
 from skincal.cli.interrupt import moving
-from skincal.cli.options import argument, example, numbers_by_name, option
+from skincal.cli.options import argument, example, numbers_by_name, option, options_named
 from skincal.cli.terminal import answer, plain
 from skincal.errors import input_error
 from skincal.tasks import SPEEDS_RAD_PER_S, Task
@@ -90,7 +90,8 @@ def deploy(
         raise input_error(policy, f"a policy for {task.value}", f"one for {chosen.description.task}", fix)
     targets = targets_of(task, trajectory, write, frequency_hz, duration_s)
     settings = _driver_options(driver, driver_option, seed, effect, task, pinch)
-    made = create_driver(driver, **settings)
+    with options_named("driver"):
+        made = create_driver(driver, **settings)
     hand, width = read_pinch(pinch), 1e-3 * width_mm
     sensor = hand.description.meta.sensor
     speed = _speed(chosen, task, float(hand.description.limits.velocity_rad_per_s.min()))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -12,10 +10,10 @@ from typing import Annotated
 
 from skincal.cli import options
 from skincal.cli.collect import press, rig_of
-from skincal.cli.interrupt import AGAIN, moving
+from skincal.cli.interrupt import AGAIN, moving, resumable
 from skincal.cli.options import command_line, example, option
 from skincal.cli.terminal import answer, calibration_line, plain, say, warn
-from skincal.progress import console
+from skincal.progress import stage_shown
 
 EPILOG = example(
     "skincal diagnose run cal --out cal-2",
@@ -74,6 +72,14 @@ def diagnose(
     if collect:
         rig = rig_of(driver, seed, effect, hand, driver_option, beyond_limits=beyond_limits)
         rounds = Rounds.of(out, data, rig, partial(press, rig))
+
+    def saved() -> str:
+        return (
+            ""
+            if rounds is None
+            else f"{rounds.saved} rounds of presses are saved in {rounds.folder}; {AGAIN}."
+        )
+
     warnings = (*data.warnings, *cal.warnings)
     warn(warnings)
     sessions = CONSTANTS.null_sessions * (5 if thorough else 1)
@@ -81,16 +87,13 @@ def diagnose(
         from skincal.diagnosis.adaptive_collection import diagnose_adaptively
 
         # No bar for the stages: the hand's own is shown while it presses.
-        with (
-            moving(lambda: f"{rounds.saved} rounds of presses are saved in {rounds.folder}; {AGAIN}."),
-            mapper(workers) as spread,
-        ):
+        with moving(saved), mapper(workers) as spread:
             settled = diagnose_adaptively(
                 data, cal, rounds.press, seed, lambda _: None, sessions, say, mapper=spread
             )
         say(settled.reason)
         data = settled.dataset
-    with stage_shown() as show_stage, mapper(workers) as spread:
+    with stage_shown() as show_stage, mapper(workers) as spread, resumable(saved):
         # Workers import while this process begins.
         modules = ["skincal.inference.search", *(["skincal.report.diagnosis"] if report else [])]
         spread(import_modules, [modules] * available_cores())
@@ -123,21 +126,3 @@ def diagnose(
         if rounds is not None:
             rounds.done()
     answer(as_json, content, *([] if as_json else verdict_lines(found)), then=calibration_line(out, report))
-
-
-@contextmanager
-def stage_shown() -> Generator[Callable[[str], None]]:
-    """Yield a callback that shows the stage and the elapsed time on standard error, line by line without a terminal."""
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-    from rich.table import Column
-
-    terminal = console()
-    if not terminal.is_terminal:
-        yield say
-        return
-    # Truncate a long stage name, not the time.
-    stage = TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True, ratio=1))
-    columns = SpinnerColumn(), TimeElapsedColumn(table_column=Column(min_width=7)), stage
-    with Progress(*columns, console=terminal, transient=True, expand=True) as shown:
-        task = shown.add_task("reading", total=None)
-        yield lambda name: shown.update(task, description=name)

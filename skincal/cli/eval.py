@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -197,18 +198,23 @@ def _table(found: list[Evaluated], trial: Trial, *, predicted: bool) -> Table:
     from skincal.train.scores import fare, rolling
 
     bolt = trial.task is Task.bolt
-    titles = ["policy", "sees", "held", "error settled [mm]", "at the end [mm]"]
-    titles += ["direction right", "angle error [°]"] if bolt else []
-    titles += ["will be held", "error on your hand [mm]"] if predicted else []
+    titles = [
+        "policy",
+        "sees",
+        "held",
+        "error [mm]\nsettled",
+        "at the\nend",
+        *(["right\nway", "angle\n[°]"] * bolt),
+    ]
+    titles += ["will be held", "error [mm]\non your hand"] if predicted else []
     rows: list[list[str]] = []
     for one in found:
         score = one.score
-        low, high = (1e3 * end for end in score.error_settled_interval_m)
         row = [
             escape(one.name),
             str(one.policy.description.policy),
             f"{score.episodes - score.drops} of {score.episodes}",
-            f"{1e3 * score.error_settled_m:.2f} ({low:.2f} … {high:.2f})",
+            f"{1e3 * score.error_settled_m:.2f} ({_span_mm(score.error_settled_interval_m)})",
             f"{1e3 * score.error_end_m:.2f}",
         ]
         if bolt:
@@ -216,8 +222,12 @@ def _table(found: list[Evaluated], trial: Trial, *, predicted: bool) -> Table:
             row += [f"{whole.direction_right:.0%}", f"{57.29578 * whole.angle_error_rad:.1f}"]
         if predicted:
             own = fare(one.runs)
-            low, high = (1e3 * end for end in own.error_interval_m)
             least, most = own.success_interval
-            row += [f"{least:.0%} … {most:.0%}", f"{low:.2f} … {high:.2f} ({own.level:.0%})"]
+            row += [f"{least:.0%} … {most:.0%}", f"{_span_mm(own.error_interval_m)} ({own.level:.0%})"]
         rows.append(row)
-    return table(map(escape, titles), rows)
+    return table(map(escape, titles), rows, right=True)
+
+
+def _span_mm(ends_m: Iterable[float]) -> str:
+    low, high = (1e3 * end for end in ends_m)
+    return f"{low:.2f} … {high:.2f}" if low <= high else "–"

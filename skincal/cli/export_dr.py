@@ -71,6 +71,8 @@ def export_dr(
         cells.append((row.path.removeprefix("skin."), str(row.parameter), before, ratio))
     known = len(ranges.calibrated())
     cloud = f", {len(ranges.joint)} draws of the valley" if ranges.joint else ""
-    shown = [] if as_json else [table(("calibrated", "range", preset, "width of it"), cells)]
+    shown = (
+        [] if as_json else [table(("calibrated", "range", preset, "width /\npreset's"), cells, right=True)]
+    )
     summary = f"{out}: {known} parameters calibrated, {len(ranges) - known} assumed from {preset}{cloud}"
     answer(as_json, content, *shown, summary)

@@ -14,7 +14,7 @@ from skincal.cli import options
 from skincal.cli.interrupt import AGAIN, resumable
 from skincal.cli.options import Pair, command_line, example, option
 from skincal.cli.terminal import answer, calibration_line, say, table, warn
-from skincal.errors import input_error
+from skincal.errors import InputError, Problem, input_error
 from skincal.fitting.fit_options import PAPER_BOUND_COUNTS2, STEPS, FitOptions, GridSteps
 from skincal.progress import stage_bars
 from skincal.units import deg, rad
@@ -117,7 +117,7 @@ def fit(
     bound_counts2 = _bound(bound)
     refuse_existing(out, dataset, effects, force=force, marker="calibration.toml")
     # Workers start while this process imports and reads.
-    with rare_collections(), mapper(workers, scheduler) as spread:
+    with rare_collections(), mapper(workers, scheduler) as spread, resumable(lambda: ""):
         here = map if scheduler is not None else spread  # a cluster need not have what draws
         first = "skincal.report.fit_images" if report else "skincal.calibrate"
         here(import_module, [first, "skincal.fitting.wiring"])
@@ -181,7 +181,8 @@ def fit(
         presses = f"{len(found.result.problem)} presses"
         about = in_unit(why_dropped(found.result.problem), data.meta.sensor.unit)
         if found.resumed:
-            say(f"{found.resumed} turn{'s' * (found.resumed > 1)} of the grid taken from an interrupted run")
+            rotations = len(found.result.grid.grid.alpha_rad)
+            say(f"{found.resumed} of {rotations} sensor rotations were already computed")
     rmse = f"{found.calibration.loss.mse_counts2**0.5:.3g} {data.meta.sensor.unit_label} per taxel"
     cal = found.calibration
     findings = [f"{one.severity}: {one.text} {one.advice}".rstrip() for one in cal.findings]
@@ -239,6 +240,17 @@ def search_box(
         expected = f"low and high [MPa/m], at most {LARGEST_E_MPA_PER_M:g}"
         fix = "Are they in Pa/m? Divide by 1e6."
         raise input_error("--e-range-mpa-per-m", expected, f"{stiff[0]:g} and {stiff[1]:g}", fix)
+    given = {
+        "--y-range-mm": y_mm, "--x-range-mm": x_mm, "--beta-range-deg": beta_deg, "--alpha-range-deg": alpha_deg,
+        "--e-range-mpa-per-m": elasticity_mpa_per_m,
+    }  # fmt: skip
+    wrong = [
+        Problem(name, "low below high", f"{pair[0]:g} and {pair[1]:g}")
+        for name, pair in given.items()
+        if pair is not None and not pair[0] < pair[1]
+    ]
+    if wrong:
+        raise InputError(wrong)
     return search_box(
         data,
         y_m=_metres("--y-range-mm", y_mm, mount.y_range_m),

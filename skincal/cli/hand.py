@@ -57,7 +57,7 @@ def list_drivers(as_json: options.Json = False) -> None:
         for one in driver["options"]:
             default = "required" if one["required"] else f"default {one['default']}"
             text = f": {one['text']}" if one["text"] else ""
-            lines.append(f"  {one['name']:14s}{one['type']} ({default}){text}")
+            lines.append(f"  {one['name']:13s} {one['type']} ({default}){text}")
     answer(as_json, {"drivers": drivers}, *lines)
 
 

@@ -48,12 +48,13 @@ AGAIN = "give the same command again to continue"
 
 
 @contextmanager
-def resumable(saved: Callable[[], str]) -> Generator[None]:
-    """Say, when a verb ends early, what is saved of its work and how to continue."""
+def resumable(saved: Callable[[], str], nothing: str = "Nothing was saved.") -> Generator[None]:
+    """Say, when a verb ends early, what is saved of its work and how to continue, or ``nothing`` at an interrupt."""
     try:
         yield
     except BaseException as error:
-        text, stopped = saved(), is_interrupt(error)
+        stopped = is_interrupt(error)
+        text = saved() or nothing * stopped
         if not text:
             raise
         say(f"skincal: {'interrupted' if stopped else 'the work ended early'}. {text}")

@@ -138,6 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except typer.Abort:
         status = 130
     except USAGE_ERROR as error:
+        error.message = error.message.replace("Value error, ", "")  # pydantic's word, which typer passes on
         error.show()
         status = 2
     except Ended:

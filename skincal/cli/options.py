@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from skincal.errors import input_error, readable
+from skincal.errors import InputError, input_error, readable
 from skincal.tasks import DURATION_S, Task
 
 
@@ -95,6 +97,18 @@ def numbers_by_name(name: str, given: Iterable[str] | None, metavar: str = "NAME
         except ValueError as error:
             raise input_error(name, f"{metavar} with {error}", repr(text)) from None
     return found
+
+
+@contextmanager
+def options_named(*names: str) -> Generator[None]:
+    """Call arguments of a function in its errors as the options that they come from."""
+    try:
+        yield
+    except InputError as error:
+        if not error.problems:
+            raise
+        named = [replace(one, place="--" * (one.place in names) + one.place) for one in error.problems]
+        raise InputError(named) from error
 
 
 def command_line() -> str:

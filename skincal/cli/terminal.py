@@ -17,10 +17,11 @@ import typer
 from skincal.errors import Problem, readable
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
     from rich.table import Table
 
 
-def answer(as_json: bool, content: Mapping[str, Any], *shown: object, then: str = "") -> None:
+def answer(as_json: bool, content: Mapping[str, Any], *shown: RenderableType, then: str = "") -> None:
     """Print the result of a verb on standard output; ``then`` follows for a person, on standard error."""
     if as_json:
         print_json(content)
@@ -31,7 +32,10 @@ def answer(as_json: bool, content: Mapping[str, Any], *shown: object, then: str 
         else:
             from rich.console import Console
 
-            Console().print(part)
+            console = Console()
+            # Where columns need more than the terminal has, it breaks lines, but never numbers.
+            least = console.measure(part, options=console.options.update(max_width=1000)).minimum
+            console.print(part, width=max(console.width, least), crop=False)
     if then:
         say(then)
 
@@ -39,12 +43,20 @@ def answer(as_json: bool, content: Mapping[str, Any], *shown: object, then: str 
 def table(
     columns: Iterable[str], rows: Iterable[Sequence[Any]], *, right: bool = False, **look: Any
 ) -> Table:
-    """Return a table for the terminal."""
+    """Return a table for the terminal; where columns are numbers (``right``), their cells stay on one line."""
+    from rich.cells import cell_len
     from rich.table import Table
 
+    rows = list(rows)
     made = Table(**{"box": None, "padding": (0, 2, 0, 0), **look})
     for number, title in enumerate(columns):
-        made.add_column(title, justify="right" if right and number else "left", no_wrap=not number)
+        numbers = right and number > 0
+        cells = [str(row[number]) for row in rows if number < len(row)]
+        least = (
+            max(cell_len(line) for cell in (title, *cells) for line in cell.split("\n")) if numbers else None
+        )
+        justify = "right" if numbers else "left"
+        made.add_column(title, justify=justify, no_wrap=numbers or not number, min_width=least)
     for row in rows:
         made.add_row(*row)
     return made

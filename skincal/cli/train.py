@@ -169,10 +169,20 @@ def _trained(out: Path, work: Work, ranges: Ranges, steps: int, *, processes: bo
     from skincal.report.evaluation import curves_figure
     from skincal.report.style import save_whole
     from skincal.train import maker, read_curve, train
+    from skincal.train.settings import Settings
     from skincal.train.training_run import CHECKPOINT
 
+    if isinstance(work.settings, Settings) and steps <= work.settings.learning_starts:
+        first = work.settings.learning_starts
+        say(
+            f"skincal: warning: --steps {steps}: the policy begins to learn after {first} steps, so it stays untrained"
+        )
     again = f"Continue from the last checkpoint with\n  skincal train {work.task} --out {out} --steps {steps} --resume"
-    with resumable(lambda: again if (out / CHECKPOINT).is_dir() else ""), training_shown(steps) as progress:
+    nothing = (
+        f"There is no checkpoint yet, so nothing learned is saved; {out} has the run's description alone."
+    )
+    kept = out / CHECKPOINT
+    with resumable(lambda: again if kept.is_dir() else "", nothing), training_shown(steps) as progress:
         done = train(out, maker(work, ranges), steps, processes=processes, progress=progress)
     about = done.description
     figure = curves_figure({"": read_curve(out / "curve.csv")}, f"{about.task}, {about.policy}")
@@ -191,10 +201,11 @@ def _report(done: Trained, as_json: bool) -> None:
         "last_reward": None if last is None else last.reward,
         "last_error_m": None if last is None else last.error_m,
     }
+    took = f"{about.wall_time_s:.0f} s" if about.wall_time_s < 120 else f"{about.wall_time_s / 60:.0f} min"
     answer(
         as_json,
         content,
-        f"{done.policy}: {about.task}, {about.policy}, {about.steps} steps in {about.wall_time_s / 60:.0f} min; "
+        f"{done.policy}: {about.task}, {about.policy}, {about.steps} steps in {took}; "
         f"now: skincal eval {about.task} {done.policy}",
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,7 @@ class ResidualShare:
         name: key of the part, such as ``force``.
         meaning: description of the part.
         share: share of the excess residual that lies in the part.
-        times: ``share`` over the part's share of the values.
+        times: mean excess of the part over that of what it is a part of: the session, or of all presses.
     """
 
     name: str
@@ -45,57 +45,53 @@ def residual_shares(residual: FloatArray, session: GapSession) -> tuple[Residual
     total = float(np.where(is_read, excess, 0.0).sum())
     if total <= 0:
         return ()
+    by_row, size = np.where(is_read, excess, 0.0).sum(axis=1), is_read.sum(axis=1)
     found: list[ResidualShare] = []
-    for name, meaning, rows in _parts(session):
-        share = float(np.where(is_read & rows[:, None], excess, 0.0).sum()) / total
-        size = float((is_read & rows[:, None]).sum()) / max(float(is_read.sum()), 1.0)
-        if 0 < size < 1:
-            found.append(ResidualShare(name, meaning, share, share / size))
+    for name, meaning, rows, whole in _parts(session):
+        of_whole = float(by_row[whole].sum())
+        if of_whole > 0 and 0 < size[rows].sum() < size[whole].sum():
+            part = float(by_row[rows].sum())
+            times = part / of_whole * float(size[whole].sum() / size[rows].sum())
+            found.append(ResidualShare(name, meaning, part / total, times))
     return tuple(sorted(found, key=lambda x: -x.times))
 
 
-def _parts(session: GapSession) -> list[tuple[str, str, BoolArray]]:
-    """Return key, description and observations (N,) of each part of a session."""
+def _parts(session: GapSession) -> Iterator[tuple[str, str, BoolArray, BoolArray]]:
+    """Yield key, description and observations (N,) of each part of a session, and those of which it is a part."""
     samples, observed = session.samples, np.flatnonzero(session.observation >= 0)
     first = np.zeros(len(session), dtype=np.int64)  # first sample of each observation
     first[session.observation[observed][::-1]] = observed[::-1]
     force, is_pressed = session.mean_force(), session.press >= 0
-    parts: list[tuple[str, str, BoolArray]] = [
-        (word, word, session.phase == phase)
-        for phase, word in PHASES.items()
-        if (session.phase == phase).any()
-    ]
+    every = np.ones(len(session), dtype=np.bool_)
+    for phase, word in PHASES.items():
+        yield word, word, session.phase == phase, every
     median_n = float(np.median(force[is_pressed])) if is_pressed.any() else 0.0
-    parts += [
-        ("force", f"presses above {median_n:.2g} N", is_pressed & (force > median_n)),
-        ("small force", f"presses below {median_n:.2g} N", is_pressed & (force <= median_n)),
-    ]
+    yield "force", f"presses above {median_n:.2g} N", is_pressed & (force > median_n), is_pressed
+    yield "small force", f"presses below {median_n:.2g} N", is_pressed & (force <= median_n), is_pressed
     time = samples.elapsed_s[first]
     if samples.time_s is not None and session.has_frames:
         thirds = np.quantile(time, [1 / 3, 2 / 3])
-        parts += [
-            ("begin", "the first third of the session", time < thirds[0]),
-            ("end", "the last third of the session", time > thirds[1]),
-        ]
+        yield "begin", "the first third of the session", time < thirds[0], every
+        yield "end", "the last third of the session", time > thirds[1], every
     for name, column, high, low in (
-        ("speed", samples.speed_m_per_s, "fast presses", "slow presses"),
-        ("cycle", samples.cycle, "sites touched before", "first touches"),
+        ("speed", samples.speed_m_per_s, "presses faster than {:.3g} m/s", "presses at {:.3g} m/s or less"),
+        (
+            "cycle",
+            samples.cycle,
+            "sites touched over {:g} times before",
+            "sites touched {:g} times or fewer before",
+        ),
     ):
         if column is not None:
             values = column[first]
             median = float(np.nanmedian(values[is_pressed])) if is_pressed.any() else 0.0
-            parts += [
-                (name, high, is_pressed & (values > median)),
-                (f"low {name}", low, is_pressed & (values <= median)),
-            ]
+            yield name, high.format(median), is_pressed & (values > median), is_pressed
+            yield f"low {name}", low.format(median), is_pressed & (values <= median), is_pressed
     for name, column in (("pose", samples.pose), ("indenter", samples.indenter)):
         kinds = [] if column is None else np.unique(column[first][is_pressed])
         if column is not None and len(kinds) > 1:
-            parts += [
-                (name, f"{name} number {int(kind) + 1}", is_pressed & (column[first] == kind))
-                for kind in kinds
-            ]
-    return parts
+            for kind in kinds:
+                yield name, f"{name} number {int(kind) + 1}", is_pressed & (column[first] == kind), is_pressed
 
 
 def describe_residual(residual: FloatArray, session: GapSession, taxel_names: Sequence[str]) -> str:
@@ -116,4 +112,5 @@ def describe_residual(residual: FloatArray, session: GapSession, taxel_names: Se
     if not clear:
         return f"the excess residual is spread over the whole session, {taxels}"
     shares_in_words = [f"{100 * min(s.share, 1.0):.0f} % in {s.meaning}" for s in clear]
-    return f"share of the excess residual: {' and '.join(shares_in_words)}, {taxels}"
+    overlap = " (they overlap)" * (len(clear) > 1)
+    return f"share of the excess residual: {' and '.join(shares_in_words)}{overlap}, {taxels}"

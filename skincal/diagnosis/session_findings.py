@@ -161,7 +161,7 @@ def _force_outliers(observed: Observed, fit: Fitted) -> Iterator[Finding]:
             for p in rows[:_LISTED]
         )
         text = f"press {words}: the best-fitting force is that far from the measured one"
-        advice = "Few presses cannot show why: look at their frames, and record more like them."
+        advice = "So few presses do not show the cause: look at their frames, and record more like them."
         yield Finding("force", "warning", text, advice)
 
 

@@ -171,7 +171,8 @@ def _check_rig(result: FitResult) -> Iterator[FitFinding]:
             "positions_bent",
             "info",
             "The error of the measured positions changes smoothly with place, force or posture, by about "
-            f"{1e3 * field:.2f} mm. Its turn cannot be told from alpha; the intervals are widened for it.",
+            f"{1e3 * field:.2f} mm. A rotation of the measured positions cannot be distinguished from alpha; the "
+            "intervals are widened for it.",
             "Calibrate the kinematics (joint offsets) for a sharper alpha.",
         )
     slack, at_bound = result.problem.rig.slack_m, 0
@@ -190,9 +191,9 @@ def _check_rig(result: FitResult) -> Iterator[FitFinding]:
         bends = "less" if response.grows > 1 else "more"
         yield _warn(
             "response_bends",
-            "Images do not grow with the force as they should: with readings straightened, so that the largest one is "
-            f"{response.grows:.1f} times as large beside typical ones, presses at all places and forces agree "
-            f"better (log evidence {response.rise:.0f}). The sensor seems to answer {bends} the more it is pressed; "
+            f"Images bend: straightening the readings by {100 * abs(response.grows - 1):.2g} % at the largest one "
+            f"makes presses at all places and forces agree better (log evidence {response.rise:.0f}). The sensor seems "
+            f"to answer {bends} the more it is pressed; "
             "E and S may lie outside of their intervals.",
             "Check the converter's range and the zero of the force, and run `skincal diagnose`: it tells such causes "
             "apart.",

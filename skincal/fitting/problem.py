@@ -385,5 +385,5 @@ def _describe_status(
         return "no taxel read"
     if active < min_active:
         taxels = "taxel" if active == 1 else "taxels"
-        return f"{active} active {taxels} (at least {min_active} above {active_counts:g} counts are needed)"
+        return f"{active} active {taxels} (at least {min_active} above {active_counts:.3g} counts are needed)"
     return USED

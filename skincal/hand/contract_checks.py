@@ -34,6 +34,7 @@ from skincal.hand.contract import (
 from skincal.hand.driver import HandCommand, HandDriver, HandState
 from skincal.hand.errors import HandError
 from skincal.robot.description import ARRAYS
+from skincal.units import deg
 
 
 def description_is_sound(trial: Trial) -> str:
@@ -147,7 +148,7 @@ def commands_are_followed(trial: Trial) -> str:
             expect(-0.5 <= share <= 2.0, f"joint {name}: moved by {share:.2f} of the step")
             moved.append(share)
             _go(trial, start, 10)
-    return f"moved by {min(moved):.2f} to {max(moved):.2f} of {step:g} rad"
+    return f"moved by {min(moved):.2f} to {max(moved):.2f} of {deg(step):g}°"
 
 
 def acting_does_not_wait(trial: Trial) -> str:

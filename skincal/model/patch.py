@@ -63,6 +63,9 @@ class Patch:
     uv_m: FloatArray | None = None
     depth_m: float = np.inf
 
+    def __repr__(self) -> str:
+        return f"<Patch of {len(self.points_m)} points, {self.layout.taxels} taxels>"
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "points_m", floats("patch points_m", self.points_m, (None, 3)))
         count = len(self.points_m)

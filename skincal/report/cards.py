@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import singledispatch
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -49,9 +49,14 @@ def _(result: Calibration) -> str:
         interval = f"{low:.4g} to {high:.4g}" if np.isfinite(high - low) else "unknown"
         rows.append((name, f"{value:.4g}", interval))
     for effect in result.effects:
-        rows += [(f"{effect.name}: {name}", span(value), "") for name, value in effect.parameters.items()]
+        rows += [
+            (f"{effect.name}: {name}", span(value), _interval(value, *effect.intervals.get(name, ("", ""))))
+            for name, value in effect.parameters.items()
+        ]
     error = float(np.sqrt(result.loss.mse_counts2))
-    title = f"Calibration: {error:.3g} {result.sensor.unit_label} rms on {result.loss.presses_used} presses"
+    effects = ", ".join(effect.name for effect in result.effects)
+    kind = f"Calibration with {effects}" if effects else "Calibration"
+    title = f"{kind}: {error:.3g} {result.sensor.unit_label} rms on {result.loss.presses_used} presses"
     return _card(title, rows, findings=result.findings)
 
 
@@ -66,11 +71,16 @@ def _(result: Diagnosis) -> str:
     for effect in result.effects:
         for name, (low, high) in effect.intervals.items():
             value = effect.parameters[name]
-            interval = "one each" if np.ndim(value) else f"{span(low)} to {span(high)}"
-            rows.append((effect.name, name, span(value), interval))
+            rows.append((effect.name, name, span(value), _interval(value, low, high)))
     lines = [gap_sentence(result), *([result.where] if result.verdict == "unknown" else [])]
     head = [("effect", "parameter", "value", "95 %")] if rows else []
     return _card(headline(result), [*head, *rows], map(capital, lines), result.findings)
+
+
+def _interval(value: Any, low: Any, high: Any) -> str:
+    if isinstance(low, str):
+        return ""
+    return "one each" if np.ndim(value) else f"{span(low)} to {span(high)}"
 
 
 def _card(title: str, rows: Iterable[Row], lines: Iterable[str] = (), findings: Iterable[object] = ()) -> str:

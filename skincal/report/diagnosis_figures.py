@@ -106,7 +106,7 @@ def where_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     parts = diagnosis.depends[::-1]
     panels[2].barh([s.meaning for s in parts], [s.times for s in parts], color=style.BLUE)
     panels[2].axvline(1.0, color=style.BLACK, linewidth=1)
-    panels[2].set_xlabel("share of the excess over share of the values")
+    panels[2].set_xlabel("mean excess over that of the session, or of all presses")
     return figure
 
 
@@ -188,7 +188,7 @@ def _draw_strengths(axes: Axes, report: AuditReport) -> None:
     axes.set_yticks(place, list(report.effects))
     axes.invert_yaxis()
     label = "typical strength over the smallest visible one; right of the line: visible"
-    axes.set(xlabel=label, title="Smallest visible strength (number)")
+    axes.set(xlabel=label, title="Visibility: 1 / smallest visible strength (number: that strength)")
     axes.grid(axis="x")
 
 

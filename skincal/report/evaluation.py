@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -89,7 +90,7 @@ def runs_figure(runs: Mapping[str, Runs], layout: TaxelLayout, title: str = "") 
         axes.set_aspect("equal", adjustable="box")
         axes.set(title=style.as_it_is(name), xlabel="u [mm]")
     all_axes[0].set_ylabel("v [mm]")
-    style.legend_below(all_axes[0], 4, 0.16)
+    figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
     return figure
 
 
@@ -158,7 +159,8 @@ def curves_figure(curves: Mapping[str, Mapping[str, FloatArray]], title: str = "
     for axes, (column, label, factor) in zip(figure.subplots(1, 3), _PANELS, strict=True):
         for (name, curve), colour in zip(curves.items(), style.SEVERAL * len(curves), strict=False):
             steps, values = smoothed(curve["steps"], curve[column])
-            axes.plot(1e-3 * steps, factor * values, color=colour, label=style.as_it_is(name))
+            look: Any = {"color": colour, "marker": "o" if len(steps) == 1 else ""}
+            axes.plot(1e-3 * steps, factor * values, label=style.as_it_is(name), **look)
         axes.set(xlabel="environment steps [thousands]", title=label)
         axes.grid(axis="y")
         axes.set_ylim(bottom=0)

@@ -173,7 +173,8 @@ class ShownPress:
     """The images of a press in a row of the dataset, how it matches in words, and whether it does.
 
     Observed values (J,) lie above rest, NaN where not read [counts]; simulated ones are those at the best position
-    within the slack; their root mean square difference is that of the taxels that were read.
+    within the slack. ``rmse_counts`` is that of the taxels that were read; for presses of the fit, it is that of the
+    counts as the converter gives them, clipping and fitted levels at rest included.
     """
 
     row: int

@@ -22,8 +22,8 @@ from commands import Run
 
 from skincal.cli.main import app, main
 from skincal.cli.options import Pair
-from skincal.cli.terminal import print_json, say
-from skincal.progress import progress
+from skincal.cli.terminal import answer, print_json, say, table
+from skincal.progress import progress, stage_bars
 from skincal.version import __version__
 
 SLOW = ("numpy", "pandas", "pyarrow", "matplotlib", "scipy", "trimesh", "nlopt", "jinja2")
@@ -231,6 +231,22 @@ def test_progress_leaves_standard_output_alone(capsys: pytest.CaptureFixture[str
         for _ in bars.track(range(3), description="work"):
             pass
     assert capsys.readouterr() == ("", "")
+
+
+def test_without_a_terminal_each_stage_is_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with stage_bars() as update:
+        for done in range(3):
+            update("grid", done, 2)
+        update("draws", 0, 1)
+    assert capsys.readouterr() == ("", "grid\ndraws\n")
+
+
+def test_numbers_of_a_table_stay_on_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "20")
+    answer(False, {}, table(("policy", "error\nsettled"), [("tactile", "0.41 (0.37 … 0.47)")], right=True))
+    assert "0.41 (0.37 … 0.47)" in capsys.readouterr().out
 
 
 def test_of_many_mistakes_some_are_shown(tmp_path: Path, run: Run) -> None:

@@ -19,8 +19,8 @@ from report.diagnosis_cases import LOOP, calibration, session, without_frames
 from rich.console import Console
 
 from skincal.calibration import read_calibration, write_calibration
-from skincal.cli.diagnose import stage_shown
 from skincal.dataset import dataset_hash, read_dataset, write_dataset
+from skincal.progress import stage_shown
 
 
 def hashes(folder: Path) -> dict[str, str]:

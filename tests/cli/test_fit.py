@@ -43,7 +43,7 @@ def _is_what_the_contract_says(out: Path, told: dict[str, Any]) -> None:
     ("arguments", "message"),
     [
         (["--bound", "wide"], "--bound: expected `noise`, `paper` or a positive number"),
-        (["--y-range-mm", "30", "20"], "range of y: expected low below high"),
+        (["--y-range-mm", "30", "20"], "--y-range-mm: expected low below high; got 30 and 20"),
         (["--e-range-mpa-per-m", "-3", "20"], "range of E: expected positive values"),
         (["--e-range-mpa-per-m", "1e8", "2e9"], "got 1e+08 and 2e+09. Are they in Pa/m? Divide by 1e6."),
         (
@@ -150,6 +150,6 @@ def test_an_interrupted_fit_goes_on_where_it_was(session: Path, tmp_path: Path, 
     assert kept.is_dir() and not (tmp_path / "cal").exists()
     status, out, err = run(*command)
     assert status == 0, err
-    assert "of the grid taken from an interrupted run" in err
+    assert "of 17 sensor rotations were already computed" in err
     assert not list(tmp_path.glob(".*"))
     _is_what_the_contract_says(tmp_path / "cal", json.loads(out))

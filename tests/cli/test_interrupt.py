@@ -96,7 +96,7 @@ def test_an_interrupted_verb_says_so_and_exits_with_130(
     with pytest.raises(SystemExit) as left:
         main(["fit", str(tmp_path), "--out", str(tmp_path / "cal")])
     assert left.value.code == 130
-    assert capsys.readouterr().err.strip() == "skincal: interrupted"
+    assert capsys.readouterr().err.strip() == "skincal: interrupted. Nothing was saved."
 
 
 def test_second_signal_keeps_the_not_stopped_message(

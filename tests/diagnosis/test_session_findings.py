@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from inference.made import made
 from report.diagnosis_cases import calibration
 
 from skincal.calibration import Finding
 from skincal.dataset import Dataset
 from skincal.diagnosis.observed import Observed, observe
+from skincal.diagnosis.residual_location import residual_shares
 from skincal.diagnosis.session_findings import _moving_rest, far_readings
 from skincal.inference.start import fit_base
 
@@ -43,6 +45,16 @@ def test_outlier_at_one_taxel_is_reported():
     (one,) = findings_of(replace(data, frames=replace(frames, counts=counts)))
     assert one.code == "far_readings"
     assert one.text.startswith(f"press {number}: taxel_{lit // 4}_{lit % 4} is ")
+
+
+def test_parts_of_the_presses_are_compared_with_all_presses():
+    """An excess that all presses have alike, and rest has not, lies in no part of them more than in another."""
+    session = observed(made(rest=40.0)).session
+    pressed = session.press >= 0
+    assert not pressed.all()
+    shares = {one.name: one for one in residual_shares(np.where(pressed, 2.0, 1.0)[:, None], session)}
+    assert shares["force"].times == pytest.approx(1.0) == shares["small force"].times
+    assert shares["force"].share + shares["small force"].share == pytest.approx(1.0)
 
 
 def test_rest_that_moves_is_passed_on():
