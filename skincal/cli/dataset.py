@@ -145,7 +145,7 @@ def _as_json(data: Dataset, summary: Summary) -> dict[str, Any]:
 def _lines(data: Dataset, summary: Summary) -> list[tuple[str, str]]:
     meta, sensor = data.meta, data.meta.sensor
     low, median, high = summary.force_n
-    above = f"over {summary.threshold_counts:.3g} {sensor.unit_label} above rest; a fit corrects for clipping first"
+    above = f"before a fit's correction for clipping, over {summary.threshold_counts:.3g} {sensor.unit_label}"
     lines = [
         ("source", meta.source or "not said"),
         ("sensor", f"{sensor.rows} x {sensor.cols} taxels on a {meta.surface}"),

@@ -100,9 +100,13 @@ def length_unit(
     """Return the unit of positions (n, 3) that are no metres, with its factor; None if there is none.
 
     Of the units that bring most presses within ``reach_m`` of the nominal centre (3,) of the patch [m], it is the one
-    whose places go best with the images.
+    whose places go best with the images. Places that only lie elsewhere, no farther apart than presses are, belong to
+    another frame, not to another unit: any unit that is small enough would bring them near.
     """
     wrong = np.median(np.abs(points - centre), axis=0) > reach_m
+    apart = np.median(np.abs(points - np.median(points, axis=0)), axis=0)
+    if (apart[wrong] <= reach_m).all():
+        return None
 
     def away(factor: float) -> float:
         return float(np.median(np.linalg.norm(np.where(wrong, points * factor, points) - centre, axis=1)))

@@ -408,6 +408,14 @@ def test_units_of_length(tmp_path: Path, original: Dataset, unit: str, factor: f
     assert problem.code == "unit_suspect" and problem.details["factor"] == factor and unit in problem.fix
 
 
+def test_places_of_another_frame_are_in_no_other_unit(tmp_path: Path, original: Dataset):
+    tool = original.presses.position_m + np.array([0.0, 0.0, 0.12])
+    write_dataset(with_presses(original, position_m=tool), tmp_path / "set")
+    checked = check_dataset(tmp_path / "set")
+    (problem,) = [one for one in (*checked.errors, *checked.warnings) if "contact points" in one.expected]
+    assert not problem.code and "fingertip frame" in problem.fix
+
+
 @pytest.mark.parametrize(
     ("unit", "factor"), [("centimetres", 0.01), ("inches", 0.0254), ("millimetres", 1e-3)]
 )
