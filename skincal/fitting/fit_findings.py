@@ -191,10 +191,10 @@ def _check_rig(result: FitResult) -> Iterator[FitFinding]:
         bends = "less" if response.grows > 1 else "more"
         yield _warn(
             "response_bends",
-            f"Images bend: straightening the readings by {100 * abs(response.grows - 1):.2g} % at the largest one "
-            f"makes presses at all places and forces agree better (log evidence {response.rise:.0f}). The sensor seems "
-            f"to answer {bends} the more it is pressed; "
-            "E and S may lie outside of their intervals.",
+            "Images do not grow with the force as they should: with readings straightened, so that the largest one is "
+            f"{response.grows:.{1 if abs(response.grows - 1) > 0.1 else 3}f} times as large beside typical ones, "
+            f"presses at all places and forces agree better (log evidence {response.rise:.0f}). The sensor seems to "
+            f"answer {bends} the more it is pressed; E and S may lie outside of their intervals.",
             "Check the converter's range and the zero of the force, and run `skincal diagnose`: it tells such causes "
             "apart.",
         )

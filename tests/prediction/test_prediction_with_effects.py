@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from calibrations import make_calibration
 
 from skincal.calibration import Calibration, Effect, effect_from, skin_of, stream_of
 from skincal.dataset import Dataset, IndenterSpec
 from skincal.diagnosis.dataset_session import gap_session
 from skincal.effects import EFFECTS, Samples, hold_session, hold_times
-from skincal.errors import InputError
 from skincal.model import Contacts, Sphere
 from skincal.prediction import predict_dataset
 from skincal.prediction.touches import frame_normals, frame_presses
@@ -254,14 +254,13 @@ def test_poses_go_by_their_names(session: Session) -> None:
     assert "expected the poses B, Z; got A" in str(prediction.warnings[0])
 
 
-def test_the_radius_of_a_mesh_cannot_be_scaled(session: Session) -> None:
-    import trimesh
-
-    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.006)
+def test_the_radius_of_a_mesh_is_scaled_like_that_of_its_ball(session: Session) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.006).apply_translation([0.0, 0.0, 0.006])
     meta = replace(session(2).meta, indenter=IndenterSpec("mesh", file="ball.stl"))
     dataset = replace(session(2), meta=meta, meshes={"ball.stl": ball.export(file_type="stl")})
-    with pytest.raises(InputError, match="indenter_radius: expected a sphere"):
-        predict_dataset(calibrated(case_of("indenter_radius")), dataset)
+    skin = calibrated(case_of("indenter_radius"))
+    meshed, plain = (predict_dataset(skin, one).dataset.presses.counts for one in (dataset, session(2)))
+    assert np.nansum((meshed - plain) ** 2) < 1e-4 * np.nansum(plain**2)
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,9 @@ class MeshSurface(Surface):
         The centroid of such a face is no farther than the nearest centroid plus the largest extent of a face.
         """
         distance, _ = self._centroids.query(points)
-        faces = self._centroids.query_ball_point(points, (distance + self._face_reach_m) * (1 + 1e-9))
+        faces: list[list[int]] = self._centroids.query_ball_point(
+            points, (distance + self._face_reach_m) * (1 + 1e-9)
+        )
         return np.concatenate(faces).astype(np.int64), np.repeat(
             np.arange(len(points)), [len(f) for f in faces]
         )
