@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -147,12 +149,10 @@ class MeshSurface(Surface):
         The centroid of such a face is no farther than the nearest centroid plus the largest extent of a face.
         """
         distance, _ = self._centroids.query(points)
-        faces: list[list[int]] = self._centroids.query_ball_point(
-            points, (distance + self._face_reach_m) * (1 + 1e-9)
-        )
-        return np.concatenate(faces).astype(np.int64), np.repeat(
-            np.arange(len(points)), [len(f) for f in faces]
-        )
+        reach = (distance + self._face_reach_m) * (1 + 1e-9)
+        faces = cast("list[list[int]]", self._centroids.query_ball_point(points, reach))
+        owner = np.repeat(np.arange(len(points)), [len(one) for one in faces])
+        return np.concatenate(faces).astype(np.int64), owner
 
 
 def _walk_both_ways(walker: Walker, start: Stand, which: IntArray, length_m: FloatArray) -> Stand:
