@@ -97,13 +97,8 @@ def _lines(report: AuditReport, unit: str) -> list[str]:
     what = "planned presses" if report.planned else "presses"
     of = "frames in bins" if report.has_frames else "hold means"
     floor, settings = report.floor, report.options
-    frame, mean = (
-        f"({source}; {low:.3g} to {high:.3g})"
-        for source, (low, high) in (
-            (floor.frame_from, floor.frame_interval),
-            (floor.mean_from, floor.mean_interval),
-        )
-    )
+    known = (floor.frame_from, floor.frame_interval), (floor.mean_from, floor.mean_interval)
+    frame, mean = (f"({source}; {low:.3g} to {high:.3g})" for source, (low, high) in known)
     frame_counts = f"{floor.frame_counts:.3g}"
     unit = "count" if (frame_counts, unit) == ("1", "counts") else unit
     lines = [

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skincal.covariates import POSITION
-from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD
+from skincal.dataset import IDLE
 from skincal.dataset.findings import Findings
+from skincal.imports.cutting import phases
 from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import DROP_INCOMPLETE, CsvSource
 from skincal.imports.recording import Cut, Recording, Rejected, Series, Span
@@ -52,15 +52,3 @@ def with_positions(
             rejected.append(Rejected(start, stop, "no position in its hold"))
     recording = recording.without("row", {"no position, in a contact": lacking})
     return recording, series.select(kept), Cut(tuple(spans), tuple(rejected))
-
-
-def phases(series: Series, spans: tuple[Span, ...]) -> NDArray[np.int8]:
-    """Return the phase of every sample, shape (M,)."""
-    if series.phase is not None:
-        return np.array([PHASES.index(word) for word in series.phase], dtype=np.int8)
-    phase = np.full(len(series), IDLE, dtype=np.int8)
-    for span in spans:
-        phase[span.start : span.hold] = LOAD if span.rising else UNLOAD
-        phase[span.hold : span.hold_stop] = HOLD
-        phase[span.hold_stop : span.stop] = UNLOAD
-    return phase

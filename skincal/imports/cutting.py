@@ -17,8 +17,9 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from skincal.dataset import HOLD, PHASES
+from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD
 from skincal.dataset.findings import Findings, listed
 from skincal.imports.clock import LARGEST_STEP
 from skincal.imports.mapping_file import CutRules
@@ -254,3 +255,15 @@ def check_phases(phase: Column, file: str, findings: Findings) -> None:
         fix = f'Add words = {{ {strange[0] or chr(39) * 2} = "{PHASES[0]}", … }} to [columns.phase].'
         got = listed(strange[:6], len(strange))
         findings.error(f"{file}, phase", f"one of {', '.join(PHASES)}", got, fix)
+
+
+def phases(series: Series, spans: tuple[Span, ...]) -> NDArray[np.int8]:
+    """Return the phase of every sample, shape (M,)."""
+    if series.phase is not None:
+        return np.array([PHASES.index(word) for word in series.phase], dtype=np.int8)
+    phase = np.full(len(series), IDLE, dtype=np.int8)
+    for span in spans:
+        phase[span.start : span.hold] = LOAD if span.rising else UNLOAD
+        phase[span.hold : span.hold_stop] = HOLD
+        phase[span.hold_stop : span.stop] = UNLOAD
+    return phase

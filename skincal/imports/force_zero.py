@@ -84,19 +84,11 @@ def check_option(mapping: Mapping, findings: Findings) -> None:
     quantity = mapping.quantity("force_n")
     if not mapping.cut.zero_force or quantity is None:
         return
-    got = (
-        "a constant"
-        if quantity.constant is not None
-        else "the length of a vector"
-        if len(quantity.sources) > 1
-        else ""
-    )
-    if got:
-        place, fix = (
-            f"{mapping.path.name}, [series], zero_force",
-            f"Remove zero_force. {LENGTH}" * (got != "a constant"),
-        )
-        findings.error(place, "a measured force with a sign", got, fix or "Remove zero_force.")
+    place, expected = f"{mapping.path.name}, [series], zero_force", "a measured force with a sign"
+    if quantity.constant is not None:
+        findings.error(place, expected, "a constant", "Remove zero_force.")
+    elif len(quantity.sources) > 1:
+        findings.error(place, expected, "the length of a vector", f"Remove zero_force. {LENGTH}")
 
 
 def check_released(

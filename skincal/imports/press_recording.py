@@ -16,8 +16,8 @@ from skincal.dataset.corrections import IMPOSSIBLE
 from skincal.dataset.findings import Findings, listed
 from skincal.errors import InputError, first_of, input_error
 from skincal.imports import targets
-from skincal.imports.contact_positions import phases, with_positions
-from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_numbered, in_contact
+from skincal.imports.contact_positions import with_positions
+from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_numbered, in_contact, phases
 from skincal.imports.force_zero import check_option, check_released, check_zero, zeroed
 from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import CutRules

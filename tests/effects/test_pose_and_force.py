@@ -132,12 +132,12 @@ def test_indenter_radius_of_a_mesh_is_a_mesh_of_another_size():
         trimesh.creation.icosphere(3, radius=radius).apply_translation([0, 0, radius])
         for radius in (0.006, 0.0066)
     )
-    told, true = (
+    stated, true = (
         Samples.of(contacts_at(1e-3, 0.0, [0.5, 3.0]), MeshIndenter(ball.vertices, ball.faces))
         for ball in balls
     )
     np.testing.assert_allclose(
-        skin_with("indenter_radius", scale=1.1).values(told), BASE.values(true), rtol=1e-9
+        skin_with("indenter_radius", scale=1.1).values(stated), BASE.values(true), rtol=1e-9
     )
 
 

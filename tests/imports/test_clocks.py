@@ -298,7 +298,7 @@ def test_a_wrap_is_removed_before_rows_are_sorted(tmp_path: Path):
     assert_same(back)
 
 
-def test_sorting_that_moves_blocks_is_told(tmp_path: Path):
+def test_sorting_that_moves_blocks_is_reported(tmp_path: Path):
     restarted = np.where(np.arange(len(TIME)) < 600, TIME + 100, TIME - TIME[600])
     _, done = bring(tmp_path, restarted, {"unit": "s"}, csv={"order": "time"})
     (told,) = [problem for problem in done.warnings if "moved farther" in problem.got]

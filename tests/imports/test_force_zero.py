@@ -102,7 +102,7 @@ def test_rest_that_counts_as_contact_is_seen_by_the_taxels(tmp_path: Path):
     assert "rest counts as contact" in str(problem) and "map the axis along the normal alone" in str(problem)
 
 
-def test_presses_beside_the_sensor_are_no_bias(tmp_path: Path, recording: Recorded):
+def test_presses_off_the_patch_are_no_bias(tmp_path: Path, recording: Recorded):
     table = series_table(recording)
     taxels = [name for name in table if str(name).startswith("tax_")]
     table.loc[np.isin(recording.press, [0, 1, 2, 4, 5]), taxels] = 0
