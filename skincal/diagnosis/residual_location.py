@@ -78,8 +78,8 @@ def _parts(session: GapSession) -> Iterator[tuple[str, str, BoolArray, BoolArray
         (
             "cycle",
             samples.cycle,
-            "sites touched over {:g} times before",
-            "sites touched {:g} times or fewer before",
+            "sites touched more than {:g} times before",
+            "sites touched at most {:g} times before",
         ),
     ):
         if column is not None:
