@@ -11,8 +11,10 @@ moment); other indenters use :class:`skincal.model.Skin`.
 
 from __future__ import annotations
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -221,13 +223,17 @@ def _loads(
                     out.shape[2], power, reference, bare,
                 )  # fmt: skip
 
-            # A pool of its own: a fork does not inherit the threads of a shared one, and would wait for ever.
             parts = np.array_split(rows, min(available_cores(), len(rows)) or 1)
-            with ThreadPoolExecutor(len(parts)) as threads:
-                list(threads.map(balls, parts))
+            list(_threads(os.getpid()).map(balls, parts))
         elif len(rows):
             _cast(out, patch, indenter, presses, rows, most, stress, weights)
     return out
+
+
+@cache
+def _threads(process: int) -> ThreadPoolExecutor:  # noqa: ARG001
+    """Return the threads of a process: a fork does not inherit its parent's, and would wait for them for ever."""
+    return ThreadPoolExecutor(available_cores(), thread_name_prefix="press tables")
 
 
 def _on_taxels(patch: Patch, weights: FloatArray | None) -> tuple[IntArray, IntArray, FloatArray]:
