@@ -23,6 +23,7 @@ from skincal.inference.fit import Fitter, Priors
 from skincal.inference.forward import LAW, Forward, State
 from skincal.inference.noise import Noise, clipped_at_rest, noise_of
 from skincal.inference.session import Binning, GapSession
+from skincal.inference.start import session_as_shown
 from skincal.model import ContactLaw, Surface, TaxelLayout
 from skincal.model.arrays import BoolArray, FloatArray
 from skincal.model.patch import Rule
@@ -204,9 +205,16 @@ def observe(
         rest, rest_sigma = _rest_by_lines(dataset)
         clipped = False
     layout, surface = dataset.layout(), dataset.surface()
-    forward = build_forward(session, surface, layout, noise, clipped=clipped, margin_m=skin_margin_m(dataset))
+
+    def model(other: GapSession) -> Forward:
+        return build_forward(other, surface, layout, noise, clipped=clipped, margin_m=skin_margin_m(dataset))
+
+    forward = model(session)
     start = initial_state(dataset, calibration, session, rest, pose_names(dataset))
     before = build_prior(dataset, start, rest_sigma, session, uniform=uniform)
+    assert session.counts is not None
+    session = session_as_shown(Fitter(forward, session.counts, before), model)
+    forward = model(session) if session is not forward.session else forward
     counts = session.counts
     assert counts is not None
     is_test = np.zeros(session.presses, dtype=np.bool_)

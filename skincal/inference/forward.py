@@ -18,6 +18,7 @@ from skincal.effects import EffectSkin, InputEffect, LawEffect, Samples, SpreadE
 from skincal.effects.effect import Stage
 from skincal.effects.registry import at_work
 from skincal.inference.noise import Noise
+from skincal.inference.paths import Paths
 from skincal.inference.press_table import STEP_M, Presses, PressTable, press_table
 from skincal.inference.session import GapSession
 from skincal.model import (
@@ -52,8 +53,8 @@ LAW_WAYS = np.array(
 (slopes fitted to the twins); a state has their differences from that."""
 BLUR_M2 = STEP_M**2 / 2
 """Variance of one unit of spreading [m²]."""
-_SLID_M = 1.2e-4
-"""Distance from its place up to which the second-order expansion of a table holds [m]."""
+_NEAR_M = 1.2e-4
+"""Move of a press up to which the tables of a nearby state are used [m]."""
 _COARSE_M = 6e-4
 """Spacing of points for the search of places [m]."""
 _PLACE_M = 1.5e-4
@@ -97,7 +98,8 @@ class StatePrediction:
         values: (K, J) levels above rest [counts].
         moves: (3, K, J) slopes of loads by the move across and along [N/m], and by the logarithm of the force.
         table: of the presses.
-        places: (P, 2) places of the table, relative to the measured ones [m].
+        places: (P, 2) places of the presses in the table, relative to the measured ones [m].
+        paths: of the presses, whose nodes are the rows of the table.
         key: everything else that the table depends on.
     """
 
@@ -108,6 +110,7 @@ class StatePrediction:
     moves: FloatArray
     table: PressTable
     places: FloatArray
+    paths: Paths
     key: object
 
 
@@ -168,7 +171,7 @@ class Forward:
         self.presses = s.presses
         self._measured = self._presses()
         self._axes = self._measured.axes(surface)
-        self._within = self._moves_within()
+        self.within_m = self._moves_within()
         self._patches: dict[tuple[SensorPose, float], Patch] = {}
         self._tables: dict[object, tuple[FloatArray, PressTable]] = {}
         self._spread: tuple[object, Patch, FloatArray] | None = None
@@ -232,29 +235,20 @@ class Forward:
         """(K, 2) how far each sample lies from its press's place [m]: contacts that slide or roll."""
         return self._offsets(self.samples)
 
-    def _slides(self, off: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Fit a line to the path of each press, and return its ends and the part of it that each sample has covered.
-
-        Args:
-            off: (K, 2) offset of each sample from the place of its press [m].
-
-        Returns:
-            (1 or 2, P, 2) ends relative to the places [m], one if no press slides; (K,) part from the first, 0, to the
-            second, 1.
-        """
-        on, many = self.row >= 0, self.presses
-        if np.abs(off[on]).max(initial=0.0) <= _SLID_M:
-            return np.zeros((1, many, 2)), np.zeros(len(off))
-        row, step = self.row[on], off[on]
-        spread = np.zeros((many, 2, 2))
-        np.add.at(spread, row, step[:, :, None] * step[:, None])
-        way = np.linalg.eigh(spread)[1][:, :, 1]
-        along, ends = (way[row] * step).sum(axis=1), np.zeros((2, many))
-        np.minimum.at(ends[0], row, along)
-        np.maximum.at(ends[1], row, along)
-        part = np.zeros(len(off))
-        part[on] = (along - ends[0][row]) / np.maximum(ends[1] - ends[0], 1e-12)[row]
-        return ends[..., None] * way, part
+    def session_with_paths(self, part: FloatArray) -> GapSession:
+        """Return the session with a part (P,) of the measured motion of each contact within its press."""
+        row, c = np.maximum(self.row, 0), self.samples.contacts
+        moves = (self.row >= 0) & (np.abs(self.within_m).max(axis=1) > 0) & (part[row] < 1)
+        if not moves.any():
+            return self.session
+        points, normals, own = c.points_m.copy(), c.normals.copy(), row[moves]
+        step = part[own, None] * self.within_m[moves]
+        points[moves] = self.surface.offset(self._measured.points_m[own], step[:, 0], step[:, 1])
+        turn = self.surface.normal_at(points[moves]) - self.surface.normal_at(c.points_m[moves])
+        normals[moves] += turn
+        normals[moves] /= np.linalg.norm(normals[moves], axis=1, keepdims=True)
+        samples = replace(self.session.samples, contacts=replace(c, points_m=points, normals=normals))
+        return replace(self.session, samples=samples)
 
     def _offsets(self, samples: Samples) -> FloatArray:
         row = np.maximum(self.row, 0)
@@ -299,19 +293,20 @@ class Forward:
         """
         skin = self.skin(state)
         felt, off = self._felt_samples(skin)
-        places, key = self._press_means(off) + state.move[:, :2], self._key(skin, felt, state)
-        reach = _SLID_M + _PLACE_M / 2
+        middle, key = self._press_means(off), self._key(skin, felt, state)
+        places, reach = middle + state.move[:, :2], _NEAR_M + _PLACE_M / 2
         if near is not None and key == near.key and np.abs(places - near.places).max(initial=0.0) < reach:
-            places, table = near.places, near.table
+            places, paths, table = near.places, near.paths, near.table
         else:
             places = _PLACE_M * np.round(places / _PLACE_M)
-            table = self._table(key, skin, felt, state, places)
+            paths = Paths.of(off - middle[np.maximum(self.row, 0)], self.row, self.presses)
+            table = self._table(key, skin, felt, state, paths.nodes_at(places), paths.press)
         row, e = np.maximum(self.row, 0), float(np.exp(state.log_e))
-        at = np.where((self.row >= 0)[:, None], off + state.move[row, :2] - places[row], 0.0)
-        loads, *moves = e * table.with_slopes(self.row, self._force(felt, state) / e, at)
-        return StatePrediction(
-            state, felt, loads, self._after(skin, loads, felt), np.array(moves), table, places, key
-        )
+        at = off + state.move[row, :2] - paths.nodes_at(places)[np.maximum(paths.nearest, 0)]
+        at = np.where((self.row >= 0)[:, None], at, 0.0)
+        loads, *moves = e * table.with_slopes(paths.nearest, self.force_n(felt, state) / e, at)
+        values = self._after(skin, loads, felt)
+        return StatePrediction(state, felt, loads, values, np.array(moves), table, places, paths, key)
 
     def _felt_samples(self, skin: EffectSkin) -> tuple[Samples, FloatArray]:
         """Return samples after effects on place and force, and their offsets (K, 2) from the measured places."""
@@ -319,7 +314,7 @@ class Forward:
         for _, one, values in at_work(skin.effects, felt, InputEffect, "abstain"):
             felt = one.apply(felt, values, skin.setting)
         off = (
-            self._within if felt.contacts.points_m is self.samples.contacts.points_m else self._offsets(felt)
+            self.within_m if felt.contacts.points_m is self.samples.contacts.points_m else self._offsets(felt)
         )
         return felt, off
 
@@ -344,21 +339,28 @@ class Forward:
         return _stress(skin), law, spread[0].key if spread else None, felt.indenters, state.pose, state.log_e
 
     def _table(
-        self, key: object, skin: EffectSkin, felt: Samples, state: State, places: FloatArray
+        self,
+        key: object,
+        skin: EffectSkin,
+        felt: Samples,
+        state: State,
+        places: FloatArray,
+        rows: IntArray,
     ) -> PressTable:
-        """Return the tables of presses at some places; only presses that have moved are computed again.
+        """Return the tables of presses (R,) at places (R, 2); only those that have moved are computed again.
 
         The result depends on the state alone, not on the states before it.
         """
         blur = float((LAW_WAYS @ state.law)[1])
+        key = key, rows.tobytes()
         if key not in self._tables:
             if len(self._tables) > 40:
                 self._tables.clear()
-            self._tables[key] = places, self._make_table(skin, felt, state, places).spread(blur)
+            self._tables[key] = places, self._make_table(skin, felt, state, places, rows).spread(blur)
         before, table = self._tables[key]
         if len(new := np.flatnonzero((before != places).any(axis=1))):
             terms = table.terms.copy()
-            terms[:, new] = self._make_table(skin, felt, state, places[new], rows=new).spread(blur).terms
+            terms[:, new] = self._make_table(skin, felt, state, places[new], rows[new]).spread(blur).terms
             table = PressTable(terms, table.most_m3)
         self._tables[key] = places, table
         return table
@@ -369,7 +371,7 @@ class Forward:
         felt: Samples,
         state: State,
         places: FloatArray,
-        rows: IntArray | None = None,
+        rows: IntArray,
         *,
         lattice: bool = True,
         law: FloatArray | None = None,
@@ -380,15 +382,25 @@ class Forward:
                 if not self._spread or self._spread[0] != a.key or self._spread[1] is not patch:
                     self._spread = a.key, patch, a.effect.weights(a.values, patch)
                 weights = self._spread[2]
-        rows = np.arange(self.presses) if rows is None else rows
-        moved = self._measured.of(rows).moved(self.surface, places)
+        moved = self.presses_at(places, rows)
         law = LAW_WAYS @ state.law if law is None else law
         return press_table(
             patch, self.surface, felt.indenters, moved, float(np.exp(state.log_e)), _stress(skin),
             weights, contact=self._contact_law(law), bare=float(law[3]), lattice=lattice,
         )  # fmt: skip
 
-    def _force(self, felt: Samples, state: State) -> FloatArray:
+    def presses_at(self, places: FloatArray, rows: IntArray) -> Presses:
+        """Return presses (R,) at places (R, 2) relative to the measured ones [m]."""
+        return self._measured.of(rows).moved(self.surface, places)
+
+    def paths(self, spacing_m: float) -> Paths:
+        """Return the paths of the presses as measured."""
+        middle = self._press_means(self.within_m)
+        found = Paths.of(self.within_m - middle[np.maximum(self.row, 0)], self.row, self.presses, spacing_m)
+        return replace(found, offset_m=found.offset_m + middle[found.press])
+
+    def force_n(self, felt: Samples, state: State) -> FloatArray:
+        """Return the force (K,) of each sample in a state [N]."""
         row = np.maximum(self.row, 0)
         force = np.where(felt.touching & (self.row >= 0), np.nan_to_num(felt.contacts.force_n), 0.0)
         return np.maximum(force * np.exp(state.move[row, 2]), 0.0)
@@ -410,14 +422,14 @@ class Forward:
             ways = prediction.values[at], self._after(skin, prediction.loads, felt)[at]
             now, plain = (np.maximum(x.sum(axis=1), 1e-12) for x in ways)
             part = np.clip(now / plain, 0.2, 5.0)
-        force = self._force(felt, replace(state, move=np.zeros_like(state.move)))[at]
+        force = self.force_n(felt, replace(state, move=np.zeros_like(state.move)))[at]
         e = float(np.exp(state.log_e))
 
         def read(moves: FloatArray, some: IntArray) -> FloatArray:
             many, taxels, own = moves.shape[1], self.layout.taxels, np.repeat(at[some], moves.shape[1])
             rows = self.row[own]
             places = moves.reshape(-1, 2) + middle[rows]
-            table = self._make_table(skin, felt, state, places, rows=rows, lattice=False)
+            table = self._make_table(skin, felt, state, places, rows, lattice=False)
             loads = e * table.at(np.arange(len(rows)), np.repeat(force[some], many) / e)
             values = self._after(skin, loads, felt[own])
             return values.reshape(-1, many, taxels) * part[some, None, None] + state.rest
@@ -510,17 +522,15 @@ class Forward:
 class _LocalTables:
     """Loads of states near one, all from tables at the same places, so that differences are slopes.
 
-    A press that slides has tables at both ends of its line; slopes between them are interpolated.
+    A press that slides has tables at the nodes of its path; slopes between them are interpolated.
     """
 
     def __init__(self, forward: Forward, prediction: StatePrediction) -> None:
         self._f, self._seen, self._skin = forward, prediction, forward.skin(prediction.state)
         off = forward._felt_samples(self._skin)[1]
-        middle = forward._press_means(off)
-        self.places = middle + prediction.state.move[:, :2]
-        self._force = forward._force(prediction.felt, prediction.state)
+        self.places = forward._press_means(off) + prediction.state.move[:, :2]
+        self._force = forward.force_n(prediction.felt, prediction.state)
         self._law = LAW_WAYS @ prediction.state.law
-        self._line, self._part = forward._slides(off - middle[np.maximum(forward.row, 0)])
         self._own = self._table()
         # Spreading comes from the second slopes, which only the state's own table has.
         self._blur = prediction.table.curved()
@@ -574,17 +584,13 @@ class _LocalTables:
     ) -> PressTable:
         s = self._seen.state
         skin = self._skin if pose is None else self._f.skin(replace(s, pose=pose))
-        ends = (self.places + along + self._line).reshape(-1, 2)
-        rows = np.tile(np.arange(self._f.presses), len(self._line))
-        return self._f._make_table(skin, self._seen.felt, s, ends, rows=rows, lattice=False, law=law)
+        paths = self._seen.paths
+        nodes = paths.nodes_at(self.places + along)
+        return self._f._make_table(skin, self._seen.felt, s, nodes, paths.press, lattice=False, law=law)
 
     def _of(self, table: PressTable, harder: float = 0.0) -> FloatArray:
         e = float(np.exp(self._seen.state.log_e + harder))
-        first, *other = (
-            e * table.at(self._f.row + k * self._f.presses * (self._f.row >= 0), self._force / e)
-            for k in range(len(table.most_m3) // self._f.presses)
-        )
-        return first + self._part[:, None] * (other[0] - first) if other else first
+        return e * self._seen.paths.between_nodes(table, self._force / e)
 
 
 def _has_same_skin(one: State, other: State) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,7 +14,8 @@ from skincal.fitting.tasks import Mapper
 from skincal.inference.columns import FreeParameter
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter, ProfiledState
-from skincal.inference.forward import State
+from skincal.inference.forward import Forward, State
+from skincal.inference.session import GapSession
 from skincal.model.arrays import FloatArray, IntArray, as_floats
 
 _TURNS = (-0.2, 0.0, 0.2)
@@ -23,6 +25,8 @@ _LAYER = np.array([C.law_power, 0.0, 0.0, 0.0])
 _LATTICE = np.linspace(-0.8, 0.8, 9)
 _NEAR, _MINIMA, _PLACES = np.linspace(-0.5, 0.5, 3), 6, 2
 """Finer lattice about a minimum [lattice steps], number of minima refined, and number of places tried."""
+_FOLLOWED = (1.0, 0.75, 0.5, 0.25, 0.0)
+"""Parts of the measured motion of a contact within its press that are tried."""
 _OFF = (0.05, 0.02)
 """Image error on the coarse and on the finer lattice, relative to the largest value; errors of smaller values shrink
 with their square root."""
@@ -90,6 +94,26 @@ def fit_base(fitter: Fitter, mapper: Mapper = map, *, start_is_calibrated: bool)
     layer = replace(state, law=state.law - _LAYER)
     found = mapper(run_fit, [FitTask(fitter, (begin,)) for begin in (state, layer)])
     return refit_placed(fitter, min(found, key=Fitted.loss))
+
+
+def session_as_shown(fitter: Fitter, others: Callable[[GapSession], Forward]) -> GapSession:
+    """Return the session with as much of each contact's measured motion within its press as the images show.
+
+    Joints that give way move the measured contact with the force, whether the true one follows or not.
+
+    Args:
+        fitter: of all presses.
+        others: makes the model of a session with other paths.
+    """
+    state, f = fitter.priors.start, fitter.forward
+    if not np.abs(f.within_m).max(initial=0.0) > 0:
+        return f.session
+    losses = []
+    for part in _FOLLOWED:
+        other = others(f.session_with_paths(np.full(f.presses, part))) if part < 1 else f
+        found = Fitter(other, fitter.counts, fitter.priors).profile_presses(state)
+        losses.append(found.loss[:-1])
+    return f.session_with_paths(np.array(_FOLLOWED)[np.argmin(losses, axis=0)])
 
 
 def refit_placed(fitter: Fitter, fit: Fitted) -> Fitted:
