@@ -25,7 +25,7 @@ _LAYER = np.array([C.law_power, 0.0, 0.0, 0.0])
 _LATTICE = np.linspace(-0.8, 0.8, 9)
 _NEAR, _MINIMA, _PLACES = np.linspace(-0.5, 0.5, 3), 6, 2
 """Finer lattice about a minimum [lattice steps], number of minima refined, and number of places tried."""
-_FOLLOWED = (1.0, 0.75, 0.5, 0.25, 0.0)
+_FOLLOWED = (1.0, 0.5, 0.0)
 """Parts of the measured motion of a contact within its press that are tried."""
 _OFF = (0.05, 0.02)
 """Image error on the coarse and on the finer lattice, relative to the largest value; errors of smaller values shrink
