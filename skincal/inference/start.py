@@ -105,14 +105,13 @@ def session_as_shown(fitter: Fitter, others: Callable[[GapSession], Forward]) ->
         fitter: of all presses.
         others: makes the model of a session with other paths.
     """
-    state, f = fitter.priors.start, fitter.forward
+    f = fitter.forward
     if not np.abs(f.within_m).max(initial=0.0) > 0:
         return f.session
-    losses = []
+    state, losses = relocate_presses(fitter, fitter.priors.start), list[FloatArray]()
     for part in _FOLLOWED:
         other = others(f.session_with_paths(np.full(f.presses, part))) if part < 1 else f
-        found = Fitter(other, fitter.counts, fitter.priors).profile_presses(state)
-        losses.append(found.loss[:-1])
+        losses.append(Fitter(other, fitter.counts, fitter.priors).profile_presses(state).loss[:-1])
     return f.session_with_paths(np.array(_FOLLOWED)[np.argmin(losses, axis=0)])
 
 
