@@ -169,6 +169,7 @@ class Forward:
         self.mean = Means(csr_array((part, (s.observation[own], own)), shape=(len(s), len(s.samples))))
         self.row = np.asarray(s.row, dtype=np.int64)
         self.presses = s.presses
+        self._weight = self._weights()
         self._measured = self._presses()
         self._axes = self._measured.axes(surface)
         self.within_m = self._moves_within()
@@ -208,6 +209,13 @@ class Forward:
 
     # ------------------------------------------------------------------ what was measured
 
+    def _weights(self) -> FloatArray:
+        """Return the weight (K,) of each sample in the place of its press: its force, if that is high."""
+        force = np.where(self.row >= 0, np.maximum(np.nan_to_num(self.samples.contacts.force_n), 0.0), 0.0)
+        most = np.zeros(self.presses + 1)
+        np.maximum.at(most, self.row, force)
+        return np.where(force > 0.8 * most[self.row], force, 0.0)
+
     def _presses(self) -> Presses:
         c, count = self.samples.contacts, self.presses
         points, normals = np.full((count, 3), np.nan), np.tile([0.0, 0.0, 1.0], (count, 1))
@@ -220,8 +228,7 @@ class Forward:
         )
         for p in np.unique(self.row[ok]):
             mine = np.flatnonzero(ok & (self.row == p))
-            force = np.maximum(c.force_n[mine], 0.0)
-            w = np.where(force > 0.8 * force.max(), force, 0.0) + 1e-12
+            force, w = np.maximum(c.force_n[mine], 0.0), self._weight[mine] + 1e-12
             points[p] = (w[:, None] * c.points_m[mine]).sum(axis=0) / w.sum()
             n = (w[:, None] * c.normals[mine]).sum(axis=0)
             normals[p] = n / np.linalg.norm(n)
@@ -323,9 +330,8 @@ class Forward:
         return self._press_means(self._felt_samples(self.skin(state))[1])
 
     def _press_means(self, off: FloatArray) -> FloatArray:
-        """Average offsets (K, 2) over each press, weighted by force: (P, 2)."""
-        w = np.where(self.row >= 0, np.maximum(np.nan_to_num(self.samples.contacts.force_n), 0.0), 0.0)
-        r = np.maximum(self.row, 0)
+        """Average offsets (K, 2) over each press where its force is high: (P, 2)."""
+        r, w = np.maximum(self.row, 0), self._weight
         total = np.bincount(r, w, self.presses)
         return (
             np.stack([np.bincount(r, w * off[:, k], self.presses) for k in (0, 1)], axis=1)
@@ -393,10 +399,11 @@ class Forward:
         """Return presses (R,) at places (R, 2) relative to the measured ones [m]."""
         return self._measured.of(rows).moved(self.surface, places)
 
-    def paths(self, spacing_m: float) -> Paths:
+    def paths(self, spacing_m: float, least_m: float) -> Paths:
         """Return the paths of the presses as measured."""
         middle = self._press_means(self.within_m)
-        found = Paths.of(self.within_m - middle[np.maximum(self.row, 0)], self.row, self.presses, spacing_m)
+        off = self.within_m - middle[np.maximum(self.row, 0)]
+        found = Paths.of(off, self.row, self.presses, spacing_m, least_m)
         return replace(found, offset_m=found.offset_m + middle[found.press])
 
     def force_n(self, felt: Samples, state: State) -> FloatArray:
@@ -563,7 +570,7 @@ class _LocalTables:
             felt = (self._by_e**2 + self._spread_by_e**2).sum(axis=1)
             alike = (by * self._by_e).sum(axis=1) / np.maximum(felt, 1e-300)
             parts.append(by + alike[:, None] * self._spread_by_e)
-        return np.stack([parts[0], self._of(self._blur), parts[1]], axis=-1)
+        return np.stack([parts[0], self._by_blur(), parts[1]], axis=-1)
 
     def by_bare(self) -> FloatArray:
         """Return slopes (K, J) by the part of the unprojected pressure, in which loads are linear."""
@@ -576,7 +583,7 @@ class _LocalTables:
 
     @cached_property
     def _spread_by_e(self) -> FloatArray:
-        more, less = (self._of(self._blur, side * _SOFT) for side in (1, -1))
+        more, less = (self._by_blur(side * _SOFT) for side in (1, -1))
         return self._law[1] * (more - less) / (2 * _SOFT)
 
     def _table(
@@ -587,6 +594,11 @@ class _LocalTables:
         paths = self._seen.paths
         nodes = paths.nodes_at(self.places + along)
         return self._f._make_table(skin, self._seen.felt, s, nodes, paths.press, lattice=False, law=law)
+
+    def _by_blur(self, harder: float = 0.0) -> FloatArray:
+        """Return slopes (K, J) by the spreading, which is the same all about a node."""
+        e = float(np.exp(self._seen.state.log_e + harder))
+        return e * self._blur.at(self._seen.paths.nearest, self._force / e)
 
     def _of(self, table: PressTable, harder: float = 0.0) -> FloatArray:
         e = float(np.exp(self._seen.state.log_e + harder))

@@ -9,8 +9,8 @@ import numpy as np
 from skincal.inference.press_table import PressTable
 from skincal.model.arrays import FloatArray, IntArray
 
-_EXPANDED_M = 2.5e-4
-"""Distance from its node up to which the second-order expansion of a table holds [m]."""
+_EXPANDED_M = 1.2e-4
+"""Distance from its node up to which the second-order expansion of a table and its slopes hold [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,14 +32,21 @@ class Paths:
     part: FloatArray
 
     @staticmethod
-    def of(offset_m: FloatArray, row: IntArray, presses: int, spacing_m: float = 2 * _EXPANDED_M) -> Paths:
+    def of(
+        offset_m: FloatArray,
+        row: IntArray,
+        presses: int,
+        spacing_m: float = 2 * _EXPANDED_M,
+        least_m: float = _EXPANDED_M,
+    ) -> Paths:
         """Lay nodes along the paths of samples.
 
         Args:
             offset_m: (K, 2) of each sample from the place of its press across and along [m].
             row: (K,) of its press; -1 for none.
             presses: how many there are.
-            spacing_m: largest distance of nodes; no node is needed within half of it [m].
+            spacing_m: largest distance of nodes [m].
+            least_m: motion from which a press has more than one [m].
         """
         own = np.maximum(row, 0)
         off = np.where((row >= 0)[:, None], offset_m, 0.0)
@@ -50,7 +57,7 @@ class Paths:
         is_ahead = (along > 0).astype(np.int64)
         reach = np.zeros((2, presses))
         np.maximum.at(reach, (is_ahead, own), np.abs(along))
-        many = np.where(reach > spacing_m / 2, np.ceil(reach / spacing_m), 0.0).astype(np.int64)
+        many = np.where(reach > least_m, np.ceil(reach / spacing_m), 0.0).astype(np.int64)
         step = reach / np.maximum(many, 1)
         # The nodes of a press: its place, those behind it, those ahead.
         count = 1 + many.sum(axis=0)
