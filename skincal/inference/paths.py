@@ -9,6 +9,8 @@ import numpy as np
 from skincal.inference.press_table import PressTable
 from skincal.model.arrays import FloatArray, IntArray
 
+LEAST_M = 1e-5
+"""Motion of a contact within a press that counts [m]."""
 _EXPANDED_M = 1.2e-4
 """Distance from its node up to which the second-order expansion of a table and its slopes hold [m]."""
 

@@ -15,6 +15,7 @@ from skincal.inference.columns import FreeParameter
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter, ProfiledState
 from skincal.inference.forward import Forward, State
+from skincal.inference.paths import LEAST_M
 from skincal.inference.session import GapSession
 from skincal.model.arrays import FloatArray, IntArray, as_floats
 
@@ -106,7 +107,7 @@ def session_as_shown(fitter: Fitter, others: Callable[[GapSession], Forward]) ->
         others: makes the model of a session with other paths.
     """
     f = fitter.forward
-    if not np.abs(f.within_m).max(initial=0.0) > 0:
+    if np.abs(f.within_m).max(initial=0.0) < LEAST_M:
         return f.session
     state, losses = relocate_presses(fitter, fitter.priors.start), list[FloatArray]()
     for part in _FOLLOWED:

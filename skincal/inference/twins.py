@@ -14,13 +14,13 @@ from scipy.interpolate import PchipInterpolator
 
 from skincal.inference.elastic_layer import ContactError, Layer, Press, SmallContactError
 from skincal.inference.forward import LAW, Forward, State
+from skincal.inference.paths import LEAST_M
 from skincal.inference.press_table import NODES, Presses, PressTable, press_table
 from skincal.model import ContactLaw, Patch, Sphere, StressLaw
 from skincal.model.arrays import FloatArray
 
-_NODES_M = 1.5e-4, 1e-5
-"""Spacing of the nodes between which loads of a contact that moves are interpolated, and the least motion that counts
-[m]."""
+_NODES_M = 1.5e-4
+"""Spacing of the nodes between which loads of a contact that moves are interpolated [m]."""
 LAWS = {"layer": (1e-3, 3e-3, 10e-3), "power": (0.85, 1.2)}
 """Thicknesses [m] of elastic layers, and powers of the stress where no layer can be solved."""
 _POISSON, _SPACING_M, _HALF_WIDTH_M, _CONVERGED, _FORCES, _TRIES, _TOLERANCE = (
@@ -46,7 +46,7 @@ def twin_values(forward: Forward, state: State, law: str, number: float) -> Floa
     f, e, bare = forward, float(np.exp(state.log_e)), float(state.law[-1])
     plain = replace(state, effects={}, law=np.zeros(len(LAW)))
     skin = f.skin(plain)
-    paths = f.paths(*_NODES_M)
+    paths = f.paths(_NODES_M, LEAST_M)
     presses, things = f.presses_at(paths.nodes_at(state.move[:, :2]), paths.press), f.samples.indenters
     if law == "power":
         stress = StressLaw(number, 5e-4)
