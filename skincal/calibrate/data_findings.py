@@ -12,6 +12,7 @@ from skincal.calibrate.problem import choose_way, fit_problem, search_box
 from skincal.calibration import Calibration, Finding
 from skincal.calibration.parts import code_of
 from skincal.dataset import Dataset, rest_levels
+from skincal.dataset.corrections import WRONG_WORDS
 from skincal.dataset.rest import rest_drift
 from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.errors import WorkError, first_of
@@ -26,13 +27,10 @@ if TYPE_CHECKING:
 MOST_NAMED = 8
 """Most moved taxels that a finding lists."""
 
-CORRUPTED: Final = frozenset({"bytes_swapped", "counter_wrapped"})
-"""Codes of a dataset's check that say that taxel values are not what the sensor measured."""
-
 
 def order_finding(order: TaxelOrder, layout: TaxelLayout) -> Finding:
     """Return the finding ``taxel_order``, with the line of a mapping file that corrects the order."""
-    which = first_of(["({}, {})".format(*divmod(j, layout.cols)) for j in order.moved.tolist()], MOST_NAMED)
+    which = first_of(map(layout.name, order.moved.tolist()), MOST_NAMED)
     lines = order.mapping.replace("\n", ", ")
     return Finding(
         "taxel_order",
@@ -108,7 +106,7 @@ def findings_of_check(dataset: Dataset) -> tuple[Finding, ...]:
 
 def is_corrupted(findings: Iterable[Finding]) -> bool:
     """Return whether findings say that taxel values are not what the sensor measured."""
-    return any(one.code in CORRUPTED for one in findings)
+    return any(one.code in WRONG_WORDS for one in findings)
 
 
 def with_findings_of_check(calibration: Calibration, dataset: Dataset) -> Calibration:

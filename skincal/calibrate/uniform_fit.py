@@ -164,8 +164,7 @@ def _build_findings(scales: Scales, dataset: Dataset) -> tuple[Finding, ...]:
     ]
     silent = np.flatnonzero(~scales.responding)
     if len(silent):
-        cols = dataset.layout().cols
-        names = first_of(["({}, {})".format(*divmod(j, cols)) for j in silent.tolist()], MOST_NAMED)
+        names = first_of(map(dataset.layout().name, silent.tolist()), MOST_NAMED)
         found.append(
             Finding(
                 "no_answer",

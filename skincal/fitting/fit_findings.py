@@ -330,8 +330,7 @@ def _check_rest_levels(result: FitResult) -> Iterator[FitFinding]:
 
 def _format_taxels(taxels: Sequence[int], result: FitResult) -> str:
     """Return row and column of taxels as text; only the first few of many."""
-    cols = result.problem.rig.layout.cols
-    return first_of([f"({j // cols}, {j % cols})" for j in taxels], MOST_NAMED)
+    return first_of(map(result.problem.rig.layout.name, taxels), MOST_NAMED)
 
 
 def _check_sampling(result: FitResult) -> Iterator[FitFinding]:

@@ -68,6 +68,10 @@ class TaxelLayout:
         """Number of taxels J."""
         return self.rows * self.cols
 
+    def name(self, taxel: int) -> str:
+        """Return row and column of a taxel as text."""
+        return "({}, {})".format(*divmod(taxel, self.cols))
+
     @property
     def bounds_m(self) -> FloatArray:
         """(2, 2): lowest and highest (u, v) [m] of all taxels."""
