@@ -11,6 +11,7 @@ from skincal.calibration import Calibration, Effect, Finding, Interval, ModelPar
 from skincal.calibration.calibration import Columns, effect_from
 from skincal.calibration.parts import LAW, REST, FittedLaw, Loss, code_of
 from skincal.dataset import Dataset, active_taxels
+from skincal.diagnosis.diagnosis import SENTENCES
 from skincal.diagnosis.observed import Observed
 from skincal.files import real
 from skincal.fitting.fit_options import FitOptions
@@ -31,7 +32,7 @@ LEVEL = FitOptions().level
 MISFIT = Finding(
     "misfit",
     "warning",
-    "In addition to the named effects something is missing that no known effect explains.",
+    f"In addition to the named effects {SENTENCES['unknown']}.",
     "The report and diagnosis.json next to this calibration say where.",
 )
 
