@@ -14,9 +14,9 @@ from skincal.collect import Mount, Plan
 from skincal.dataset import Dataset
 from skincal.dataset.dataset import refusal
 from skincal.diagnosis.dataset_session import check_phases, gap_session
+from skincal.diagnosis.invisible_effects import EffectAudit, explain_invisibility, summarize_presses
 from skincal.diagnosis.observed import GUESSED_PA_PER_M, NoiseFloor, build_forward, observe
 from skincal.diagnosis.planned_session import plan_session
-from skincal.diagnosis.reasons import EffectAudit, explain_invisibility, summarize_presses
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError
 from skincal.inference.candidate_scores import top_counts

@@ -13,9 +13,9 @@ from skincal.dataset import Dataset
 from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.diagnosis.audit import AuditReport
 from skincal.diagnosis.factor_plan import WORDS, choose_factors, plan_factors
+from skincal.diagnosis.invisible_effects import phrase_for_stage, recommend_recordings, summarize_presses
 from skincal.diagnosis.observed import Observed
 from skincal.diagnosis.planned_session import Schedule, schedule_plan
-from skincal.diagnosis.reasons import phrase_for_stage, recommend_recordings, summarize_presses
 from skincal.diagnosis.residual_location import ResidualShare
 from skincal.diagnosis.rig import Rig
 from skincal.inference.fit import Fitted, Fitter, Priors
