@@ -304,8 +304,9 @@ def audit_session(
     variety = summarize_presses(session)
     reasons = {name: explain_invisibility(e, variety) for name, e in effects.items() if not e.visible}
     for name in reasons if planned else ():
-        if effects[name].lacking == ("shear",):
-            reasons[name] = "a plan does not say which tangential forces there will be"
+        unplanned = [COVARIATES[lack].unplanned for lack in effects[name].lacking]
+        if unplanned and all(unplanned):
+            reasons[name] = f"a plan does not say {' and '.join(unplanned)}"
     return AuditReport(
         effects,
         reasons,

@@ -237,6 +237,4 @@ def _missing(audit: EffectAudit, variety: PressVariety) -> tuple[list[Rule], lis
     """Return the rules that a session breaks, and the further covariates that it lacks."""
     needed = (_RULES[kind] for kind in effect(audit.name).asks)
     rules = [r for r in needed if r.missing(variety) and r.of not in audit.lacking]
-    # A rule about times covers these covariates; a temperature only adds to a clock.
-    covered = {"time", "phase", "temperature"} if rules else set[str]()
-    return rules, [name for name in audit.lacking if name not in covered]
+    return rules, [name for name in audit.lacking if not (rules and COVARIATES[name].clocked)]
