@@ -16,6 +16,7 @@ from skincal.diagnosis.observed import Observed
 from skincal.files import real
 from skincal.fitting.fit_options import FitOptions
 from skincal.inference.columns import with_values
+from skincal.inference.constants import WIDTH
 from skincal.inference.contact_law import law_ends
 from skincal.inference.fit import NB, Fitted, Fitter
 from skincal.inference.forward import Forward, State
@@ -24,7 +25,7 @@ from skincal.version import __version__
 
 OUTLIER, UNKNOWN = "looks like a glitch", "no known place or force, or nothing of its hold was read"
 """Reasons why a press was not used, as written in the table of presses."""
-_Z95, _DRAWS = 1.96, 2000
+_DRAWS = 2000
 _GOOD_RATIO, _GOOD_COUNTS = 3.0, 0.5
 """A press is well matched up to this multiple of the median residual, or up to this residual [counts]."""
 LEVEL = FitOptions().level
@@ -83,17 +84,17 @@ def base_draws(
 def effect_intervals(
     fit: Fitted, name: str, covariance: FloatArray
 ) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Return the ends of the 95 % interval of each fitted parameter of an effect."""
+    """Return the ends of the interval of each fitted parameter of an effect."""
     sd = np.sqrt(np.maximum(np.diag(covariance)[NB:], 0.0))
     effects = fit.state.effects
     best = np.array([f.get(effects) for f in fit.free])
-    one, other = (with_values(effects, fit.free, best + side * _Z95 * sd)[name] for side in (-1.0, 1.0))
+    one, other = (with_values(effects, fit.free, best + side * WIDTH * sd)[name] for side in (-1.0, 1.0))
     keys = dict.fromkeys(f.parameter.name for f in fit.free if f.effect == name)  # keeps the order
     return {k: (np.minimum(one[k], other[k]), np.maximum(one[k], other[k])) for k in keys}
 
 
 def contact_law_of(forward: Forward, fit: Fitted, covariance: FloatArray) -> FittedLaw:
-    """Return the contact law of a fit with 95 % intervals."""
+    """Return the contact law of a fit with its intervals."""
     own, (low, high) = forward.contact_law(fit.state.law), law_ends(forward, fit.state.law, covariance)
     return FittedLaw(own, {k: (getattr(low, k), getattr(high, k)) for k in LAW})
 

@@ -17,7 +17,7 @@ from skincal.dataset import Dataset
 from skincal.fitting.problem import USED
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.types import Floats
-from skincal.report.page import Picture, picture, write_page
+from skincal.report.page import Picture, percent, picture, write_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -75,7 +75,7 @@ def write_fit_report(
         inside=int(grid.in_valley.sum()),
         combinations=grid.grid.combinations,
         as_good=int((grid.mse_counts2 <= grid.mse_at_best_counts2).sum()),
-        level=f"{100 * float(level):g} %" if isinstance(level, int | float) else "part",
+        level=percent(level) if isinstance(level, int | float) else "part",
         declared_m=declared_m if np.isfinite(declared_m) else None,
         presses=_presses(result, dataset),
         figures=list(spread(_picture, [(stem, result, without_frames, folder) for stem in FIGURES])),
