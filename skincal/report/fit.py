@@ -97,8 +97,8 @@ def _scales(result: FitResult) -> dict[str, str] | None:
     scales = result.scale_per_taxel_per_n
     if scales is None:
         return None
-    name, ends = result.problem.rig.layout.name, (int(np.argmin(scales)), int(np.argmax(scales)))
-    least, most = (f"{scales[j]:.3g} of taxel {name(j)}" for j in ends)
+    names, ends = result.problem.rig.layout.names, (int(np.argmin(scales)), int(np.argmax(scales)))
+    least, most = (f"{scales[j]:.3g} of taxel {names([j])}" for j in ends)
     return {"least": least, "most": most, "percent": f"{100 * float(np.std(np.log(scales))):.2g}"}
 
 
