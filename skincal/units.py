@@ -26,11 +26,4 @@ def in_unit(text: str, unit: str | None) -> str:
     return text if unit is None else _COUNTS.sub(lambda _: unit, text)
 
 
-def deg(rad: float) -> float:
-    """Radians to degrees."""
-    return math.degrees(rad)
-
-
-def rad(deg: float) -> float:
-    """Degrees to radians."""
-    return math.radians(deg)
+deg, rad = math.degrees, math.radians

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import degrees
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from skincal.inference.contact_law import law_ends
 from skincal.inference.fit import NB, Fitted, Fitter
 from skincal.inference.forward import Forward, State
 from skincal.model.arrays import FloatArray, IntArray
+from skincal.units import deg
 from skincal.version import __version__
 
 OUTLIER, UNKNOWN = "looks like a glitch", "no known place or force, or nothing of its hold was read"
@@ -52,10 +52,10 @@ def updated_parameters(calibration: Calibration, state: State) -> ModelParameter
     return replace(
         old,
         y_m=float(state.pose.y_m),
-        alpha_deg=degrees(state.pose.alpha_rad),
+        alpha_deg=deg(state.pose.alpha_rad),
         elasticity_pa_per_m=float(np.exp(state.log_e)),
         scale_per_n=common,
-        beta_deg=None if old.beta_deg is None else degrees(state.pose.beta_rad),
+        beta_deg=None if old.beta_deg is None else deg(state.pose.beta_rad),
         x_m=None if old.beta_deg is not None else float(state.pose.x_m),
         scale_per_taxel_per_n=per_taxel,
     )
