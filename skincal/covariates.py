@@ -85,11 +85,8 @@ class Covariate:
 
 COVARIATES: Final[dict[str, Covariate]] = {
     "time": Covariate(
-        "time_s",
-        cure="record when each press begins and ends",
-        with_others=f"{', '.join(TIMES)} of every press",
-        clocked=True,
-        typical=(0.0,),
+        "time_s", cure="record when each press begins and ends", with_others=f"{', '.join(TIMES)} of every press",
+        clocked=True, typical=(0.0,),
     ),
     "phase": Covariate(
         "phase", cure="record every frame", comes_with="time", whole=True, clocked=True, typical=(2,)
@@ -105,21 +102,14 @@ COVARIATES: Final[dict[str, Covariate]] = {
     ),
     "pose": Covariate("pose", cure="press in two hand poses, and record which", whole=True, typical=(0,)),
     "temperature": Covariate(
-        "temperature_c",
-        ("temperature_c",),
-        "record the temperature",
-        clocked=True,
-        unplanned="how warm it will be",
+        "temperature_c", ("temperature_c",), "record the temperature", clocked=True, unplanned="how warm it will be",
         typical=(25.0,),
     ),
     "shear": Covariate(
-        "shear_n",
-        ("shear_u_n", "shear_v_n"),
-        "press with tangential force, too, and record it",
-        unplanned="which tangential forces there will be",
-        typical=(1.0, 0.0),
+        "shear_n", ("shear_u_n", "shear_v_n"), "press with tangential force, too, and record it",
+        unplanned="which tangential forces there will be", typical=(1.0, 0.0),
     ),
-}
+}  # fmt: skip
 """Covariates of effects, by name. A new one also needs its attribute in :class:`skincal.effects.Samples`."""
 
 NUMBERS: Final = tuple(covariate for covariate in COVARIATES.values() if covariate.columns)

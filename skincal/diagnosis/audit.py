@@ -290,17 +290,10 @@ def audit_session(
         alike = tuple(o for o, c in overlaps.items() if o != name and c > options.alike)
         without_presses = float(h[n + k, n + k])
         effects[name] = EffectAudit(
-            name,
-            distance,
-            float(np.sqrt(total)),
-            threshold,
-            threshold / distance if distance > 1e-6 else float("inf"),
-            1 - without_presses / total,
-            (without_presses - square[k]) / total,
-            (),
-            overlaps,
-            (name, *alike),
-        )
+            name, distance, float(np.sqrt(total)), threshold,
+            threshold / distance if distance > 1e-6 else float("inf"), 1 - without_presses / total,
+            (without_presses - square[k]) / total, (), overlaps, (name, *alike),
+        )  # fmt: skip
     variety = summarize_presses(session)
     reasons = {name: explain_invisibility(e, variety) for name, e in effects.items() if not e.visible}
     for name in reasons if planned else ():
@@ -308,17 +301,9 @@ def audit_session(
         if unplanned and all(unplanned):
             reasons[name] = f"a plan does not say {' and '.join(unplanned)}"
     return AuditReport(
-        effects,
-        reasons,
-        floor,
-        len(np.unique(session.press[session.press >= 0])),
-        len(session),
-        seen.values.shape[1],
-        session.has_frames,
-        state_is_calibrated,
-        planned,
-        options,
-    )
+        effects, reasons, floor, len(np.unique(session.press[session.press >= 0])), len(session),
+        seen.values.shape[1], session.has_frames, state_is_calibrated, planned, options,
+    )  # fmt: skip
 
 
 def _typical_changes(
