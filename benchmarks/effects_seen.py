@@ -18,8 +18,8 @@ import numpy as np
 from skincal.collect import Mount, Plan, full_plan, paper_plan
 from skincal.dataset import read_dataset
 from skincal.diagnosis.audit import audit_dataset, audit_planned
+from skincal.diagnosis.invisible_effects import EffectAudit
 from skincal.diagnosis.planned_session import plan_session
-from skincal.diagnosis.reasons import EffectAudit
 from skincal.robot import hand_named
 from skincal.version import __version__
 

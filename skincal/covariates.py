@@ -64,6 +64,8 @@ class Covariate:
         with_others: column names for messages, where ``columns`` do not tell them.
         comes_with: covariate that it is recorded along with; a message that names that one need not name it.
         whole: whether it is a whole number, -1 where it is unknown, instead of a real one.
+        clocked: whether it is recorded over time: a message that the session has no times covers it.
+        unplanned: what a plan does not say about it; empty where a plan determines it.
         typical: its value, or those of its components, in an ordinary press: for drawings.
     """
 
@@ -73,6 +75,8 @@ class Covariate:
     with_others: str = ""
     comes_with: str = ""
     whole: bool = False
+    clocked: bool = False
+    unplanned: str = ""
     typical: tuple[float, ...] = ()
 
     def __str__(self) -> str:
@@ -81,13 +85,11 @@ class Covariate:
 
 COVARIATES: Final[dict[str, Covariate]] = {
     "time": Covariate(
-        "time_s",
-        cure="record when each press begins and ends",
-        with_others=f"{', '.join(TIMES)} of every press",
-        typical=(0.0,),
+        "time_s", cure="record when each press begins and ends", with_others=f"{', '.join(TIMES)} of every press",
+        clocked=True, typical=(0.0,),
     ),
     "phase": Covariate(
-        "phase", cure="record every frame", comes_with="time", whole=True, typical=(2,)
+        "phase", cure="record every frame", comes_with="time", whole=True, clocked=True, typical=(2,)
     ),  # hold
     "speed": Covariate(
         "speed_m_per_s", ("speed_m_per_s",), "load slowly and fast, and record how fast", typical=(1e-3,)
@@ -99,14 +101,15 @@ COVARIATES: Final[dict[str, Covariate]] = {
         "met_n", with_others=f"cycle and {', '.join(TARGET)} of every press", comes_with="cycle"
     ),
     "pose": Covariate("pose", cure="press in two hand poses, and record which", whole=True, typical=(0,)),
-    "temperature": Covariate("temperature_c", ("temperature_c",), "record the temperature", typical=(25.0,)),
-    "shear": Covariate(
-        "shear_n",
-        ("shear_u_n", "shear_v_n"),
-        "press with tangential force, too, and record it",
-        typical=(1.0, 0.0),
+    "temperature": Covariate(
+        "temperature_c", ("temperature_c",), "record the temperature", clocked=True, unplanned="how warm it will be",
+        typical=(25.0,),
     ),
-}
+    "shear": Covariate(
+        "shear_n", ("shear_u_n", "shear_v_n"), "press with tangential force, too, and record it",
+        unplanned="which tangential forces there will be", typical=(1.0, 0.0),
+    ),
+}  # fmt: skip
 """Covariates of effects, by name. A new one also needs its attribute in :class:`skincal.effects.Samples`."""
 
 NUMBERS: Final = tuple(covariate for covariate in COVARIATES.values() if covariate.columns)

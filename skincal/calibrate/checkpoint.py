@@ -35,16 +35,16 @@ _SLAB_FIELDS = ("mse_counts2", "scale_per_n", "slack_rms_m")
 """Arrays of a turn of the grid."""
 
 
+_LATER = frozenset(
+    {"bound_counts2", "level", "draws", "rounds", "round_size", "enough_draws", "per_taxel", "law_spreads_m"}
+)
+"""Options that act only after the grid, so that they may change between runs."""
+
+
 def fit_key(dataset_sha256: str, method: str, options: FitOptions, box: SearchBox) -> str:
-    """Return a hash of what the evaluated grid depends on; other settings may change between runs."""
-    depends: dict[str, Any] = {
-        "version": __version__,
-        "dataset": dataset_sha256,
-        "method": method,
-        "steps": None if options.steps is None else asdict(options.steps),
-        "active": [options.active_counts, options.min_active],
-        "box": asdict(box),
-    }
+    """Return a hash of what the evaluated grid depends on."""
+    early = {name: value for name, value in asdict(options).items() if name not in _LATER}
+    depends = [__version__, dataset_sha256, method, early, asdict(box)]
     return hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()
 
 

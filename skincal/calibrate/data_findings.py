@@ -12,34 +12,29 @@ from skincal.calibrate.problem import choose_way, fit_problem, search_box
 from skincal.calibration import Calibration, Finding
 from skincal.calibration.parts import code_of
 from skincal.dataset import Dataset, rest_levels
+from skincal.dataset.corrections import WRONG_WORDS
 from skincal.dataset.rest import rest_drift
 from skincal.dataset.uniform_pressure import uniform_pressure
-from skincal.errors import WorkError, first_of
+from skincal.errors import WorkError
 from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.problem import FitProblem
+from skincal.fitting.result import OPEN
 from skincal.fitting.tasks import Mapper
 from skincal.model import TaxelLayout
 
 if TYPE_CHECKING:
     from skincal.fitting.wiring import TaxelOrder
 
-MOST_NAMED = 8
-"""Most moved taxels that a finding lists."""
-
-CORRUPTED: Final = frozenset({"bytes_swapped", "counter_wrapped"})
-"""Codes of a dataset's check that say that taxel values are not what the sensor measured."""
-
 
 def order_finding(order: TaxelOrder, layout: TaxelLayout) -> Finding:
     """Return the finding ``taxel_order``, with the line of a mapping file that corrects the order."""
-    which = first_of(["({}, {})".format(*divmod(j, layout.cols)) for j in order.moved.tolist()], MOST_NAMED)
     lines = order.mapping.replace("\n", ", ")
     return Finding(
         "taxel_order",
         "warning",
         f"The taxels seem to stand in another order than the data say: with `{lines}` the images differ by "
         f"{order.rms_after:.3g} instead of {order.rms_before:.3g} from contacts at the measured places. "
-        f"Other taxels belong at {which}.",
+        f"Other taxels belong at {layout.names(order.moved)}.",
         f"Write `{lines}` under [taxels] of the mapping and import again, or exchange the wires. Do not use this "
         "calibration: no interval is given.",
         order.mapping,
@@ -108,7 +103,7 @@ def findings_of_check(dataset: Dataset) -> tuple[Finding, ...]:
 
 def is_corrupted(findings: Iterable[Finding]) -> bool:
     """Return whether findings say that taxel values are not what the sensor measured."""
-    return any(one.code in CORRUPTED for one in findings)
+    return any(one.code in WRONG_WORDS for one in findings)
 
 
 def with_findings_of_check(calibration: Calibration, dataset: Dataset) -> Calibration:
@@ -121,9 +116,8 @@ def with_findings_of_check(calibration: Calibration, dataset: Dataset) -> Calibr
 
 def _without_intervals(calibration: Calibration) -> Calibration:
     """Return a calibration from wrong images without intervals, and without the findings that such images cause."""
-    nothing = (float("-inf"), float("inf"))
     others = tuple(one for one in calibration.findings if not code_of(one.code).of_images)
-    return replace(calibration, intervals=dict.fromkeys(calibration.intervals, nothing), findings=others)
+    return replace(calibration, intervals=dict.fromkeys(calibration.intervals, OPEN), findings=others)
 
 
 def with_other_order(calibration: Calibration, order: TaxelOrder) -> Calibration:

@@ -167,13 +167,12 @@ def _build_rig(dataset: Dataset) -> tuple[Rig, NDArray[np.intp]]:
     sensor = meta.sensor
     readout = Readout(sensor.value_min, sensor.value_max, sensor.integer, sensor.baseline == "subtracted")
     position, radius = meta.position, _arc_radius(dataset, surface)
-    scale = meta.force.scale_sigma if meta.force is not None else 0.0
     # A position that is known exactly still gets a tiny sigma. If the slack is not bounded, a press still
     # lies on the patch.
     sigma = max(position.sigma_m, _EXACT_M)
     low, high = layout.bounds_m
     slack = position.slack_m if np.isfinite(position.slack_m) else float((high - low).max()) / 2
-    return Rig(layout, surface, indenters, readout, sigma, slack, radius, scale), kinds
+    return Rig(layout, surface, indenters, readout, sigma, slack, radius, meta.force_scale_sigma), kinds
 
 
 def _arc_radius(dataset: Dataset, surface: Surface) -> float | None:

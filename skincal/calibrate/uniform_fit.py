@@ -13,10 +13,10 @@ from skincal.calibration import MARGIN_M, Calibration, Finding, Loss, ModelParam
 from skincal.dataset import Dataset, idle_means
 from skincal.dataset.dataset import refusal
 from skincal.dataset.uniform_pressure import UNIFORM, centre_contacts, zero_load_levels
-from skincal.errors import first_of
 from skincal.fitting.fit_options import FitOptions
 from skincal.fitting.observe import Readout, observe
 from skincal.fitting.problem import active_threshold
+from skincal.fitting.result import OPEN
 from skincal.fitting.types import Bools, Floats
 from skincal.fitting.uniform_scales import Scales, bootstrap_common_scale, fit_scales
 from skincal.model import Contacts
@@ -27,8 +27,6 @@ DRAWS = 200
 """Number of bootstrap draws."""
 ZERO_COUNTS = 1.0
 """Median offset of the lines from which it is reported [counts]."""
-MOST_NAMED = 12
-"""Most taxels that a finding lists."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +137,7 @@ def _assume_calibration(dataset: Dataset) -> Calibration:
         pose.y_m, deg(pose.alpha_rad), float(np.sqrt(low * high)), 1.0,
         beta_deg=None if plane else deg(pose.beta_rad), x_m=pose.x_m if plane else None,
     )  # fmt: skip
-    intervals = dict.fromkeys(model.best(), (float("-inf"), float("inf")))
+    intervals = dict.fromkeys(model.best(), OPEN)
     loss, provenance = Loss(0.0, 0.0, 0), Provenance("")
     return Calibration.of_dataset(dataset, model=model, intervals=intervals, loss=loss, provenance=provenance)
 
@@ -164,13 +162,12 @@ def _build_findings(scales: Scales, dataset: Dataset) -> tuple[Finding, ...]:
     ]
     silent = np.flatnonzero(~scales.responding)
     if len(silent):
-        cols = dataset.layout().cols
-        names = first_of(["({}, {})".format(*divmod(j, cols)) for j in silent.tolist()], MOST_NAMED)
         found.append(
             Finding(
                 "no_answer",
                 "warning",
-                f"{len(silent)} of {len(scales.responding)} taxels do not answer: {names}. "
+                f"{len(silent)} of {len(scales.responding)} taxels do not answer: "
+                f"{dataset.layout().names(silent)}. "
                 "They are dead, stuck, or at the end of their range; their scale is set to 0.",
                 "Look at them with `skincal dataset show`.",
             )

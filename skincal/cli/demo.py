@@ -144,6 +144,7 @@ def skincal(*arguments: str, quiet: bool = False) -> str:
 
 def story(fitted: dict[str, Any], gap: dict[str, Any], out: Path, seconds: float, *, policy: bool) -> str:
     """Return the results next to the hidden truth, for a person."""
+    from skincal.diagnosis.diagnosis import SENTENCES
     from skincal.effects import EFFECTS
     from skincal.report.page import rendered
 
@@ -159,6 +160,6 @@ def story(fitted: dict[str, Any], gap: dict[str, Any], out: Path, seconds: float
     return rendered(
         "demo.txt", fitted=fitted, gap=gap, out=out, seconds=seconds, policy=policy, parameters=parameters,
         off=truth["session"]["constant_position_error_m"], hidden=name, strength=strength,
-        sizes=gap_truth["effects"][0]["parameters"],
+        verdict=SENTENCES[gap["verdict"]], sizes=gap_truth["effects"][0]["parameters"],
         position_effects=[effect.name for effect in EFFECTS.values() if effect.in_places],
     )  # fmt: skip

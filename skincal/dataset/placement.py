@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skincal.model.arrays import FloatArray
+from skincal.statistics import robust_sigma
 
 if TYPE_CHECKING:
     from skincal.model import SensorPose, Surface
@@ -89,8 +90,7 @@ def sample_noise_m(holds: Sequence[FloatArray]) -> float:
         if len(position) >= FEWEST_SAMPLES and np.isfinite(position).all():
             # Differences of neighbours are noise alone, since a slide is slow.
             apart = np.diff(position, axis=0)
-            spread = np.median(np.abs(apart - np.median(apart, axis=0)), axis=0)
-            found.append(float(np.linalg.norm(1.4826 * spread)) / np.sqrt(2))
+            found.append(float(np.linalg.norm([robust_sigma(axis) for axis in apart.T])) / np.sqrt(2))
     return float(np.median(found)) if found else 0.0
 
 

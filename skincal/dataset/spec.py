@@ -254,6 +254,11 @@ class Description(Table):
         """Yield coordinates of the mount that its surface does not have."""
         yield from self.surface.mount_violations(self.mount)
 
+    @property
+    def force_scale_sigma(self) -> float:
+        """Relative standard deviation of an error of the force scale; 0 if it is unknown."""
+        return 0.0 if self.force is None else self.force.scale_sigma
+
     def hand_violations(self) -> Iterator[Violation]:
         """Yield a surface or an indenter that a hand cannot have."""
         for table in ("surface", "indenter"):

@@ -15,6 +15,7 @@ from skincal.dataset.tables import HOLD, IDLE, Frames
 from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.errors import first_of
 from skincal.model.arrays import FloatArray, IntArray
+from skincal.units import FORCES_N, LENGTHS_M
 
 MOST_FRAMES: Final = 200_000
 """Number of frames that are checked."""
@@ -22,14 +23,18 @@ MOST_FRAMES: Final = 200_000
 CODE: Final = "unit_suspect"
 
 FORCE_UNITS: Final = {
-    "grams-force": 9.80665e-3, "kilograms-force": 9.80665, "millinewtons": 1e-3, "kilonewtons": 1e3,
-    "centinewtons": 1e-2, "pounds-force": 4.4482216, "ounces-force": 0.27801385, "dynes": 1e-5, "micronewtons": 1e-6,
+    "grams-force": FORCES_N["gf"], "kilograms-force": FORCES_N["kgf"], "millinewtons": FORCES_N["mN"],
+    "kilonewtons": FORCES_N["kN"], "centinewtons": FORCES_N["cN"], "pounds-force": FORCES_N["lbf"],
+    "ounces-force": FORCES_N["ozf"], "dynes": FORCES_N["dyn"], "micronewtons": FORCES_N["uN"],
 }  # fmt: skip
 
 AS_LIKELY: Final = 3.0
 """Units that come as near to the usual pressure as the best one, within this factor, are named beside it."""
 
-LENGTH_UNITS: Final = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "micrometres": 1e-6}
+LENGTH_UNITS: Final = {
+    "millimetres": LENGTHS_M["mm"], "centimetres": LENGTHS_M["cm"], "inches": LENGTHS_M["inch"],
+    "micrometres": LENGTHS_M["um"],
+}  # fmt: skip
 """Units of length in metres, the likeliest first."""
 
 LENGTH_FACTORS: Final = (*LENGTH_UNITS.values(), 0.1, 10.0, 100.0, 1000.0)

@@ -14,9 +14,7 @@ import numpy as np
 
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
 from skincal.model.rest import levels_from_presses
-
-TO_SIGMA: Final = 1.4826
-"""Standard deviation over the median absolute deviation of normal noise."""
+from skincal.statistics import TO_SIGMA
 
 WIDTHS: Final = (8, 10, 12, 14, 16, 24, 32)
 """Word sizes that are checked [bit]."""

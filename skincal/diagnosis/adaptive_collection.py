@@ -10,7 +10,7 @@ from skincal.calibration import Calibration
 from skincal.collect import Plan
 from skincal.collect.protocols import named_by_order
 from skincal.dataset import Dataset
-from skincal.diagnosis.diagnosis import Diagnosis
+from skincal.diagnosis.diagnosis import SENTENCES, Diagnosis
 from skincal.diagnosis.workflow import Reporter, diagnose
 from skincal.fitting.tasks import Mapper
 from skincal.inference.constants import CONSTANTS as C
@@ -101,14 +101,10 @@ def diagnose_adaptively(
 def _stop_reason(diagnosis: Diagnosis, made: int, budget: int) -> str | None:
     """Return why no further press is made, or None to go on."""
     if diagnosis.verdict == "unknown":
-        return "no known effect explains what is missing: a few more presses cannot settle that"
+        return f"{SENTENCES['unknown']}: a few more presses cannot settle that"
     ambiguous = ambiguous_sets(diagnosis)
     if not ambiguous:
-        return (
-            "settled: every effect has one name"
-            if diagnosis.effects
-            else "these presses show no missing effect"
-        )
+        return "settled: every effect has one name" if diagnosis.effects else SENTENCES["none"]
     if diagnosis.next_plan is None:
         return f"no press of this rig would distinguish {_list(ambiguous)}"
     return f"{made} presses made: cannot distinguish {_list(ambiguous)}" if made >= budget else None

@@ -14,9 +14,9 @@ from skincal.collect import Mount, Plan
 from skincal.dataset import Dataset
 from skincal.dataset.dataset import refusal
 from skincal.diagnosis.dataset_session import check_phases, gap_session
+from skincal.diagnosis.invisible_effects import EffectAudit, explain_invisibility, summarize_presses
 from skincal.diagnosis.observed import GUESSED_PA_PER_M, NoiseFloor, build_forward, observe
 from skincal.diagnosis.planned_session import plan_session
-from skincal.diagnosis.reasons import EffectAudit, explain_invisibility, summarize_presses
 from skincal.effects import COVARIATES, EFFECTS
 from skincal.errors import InputError
 from skincal.inference.candidate_scores import top_counts
@@ -290,34 +290,20 @@ def audit_session(
         alike = tuple(o for o, c in overlaps.items() if o != name and c > options.alike)
         without_presses = float(h[n + k, n + k])
         effects[name] = EffectAudit(
-            name,
-            distance,
-            float(np.sqrt(total)),
-            threshold,
-            threshold / distance if distance > 1e-6 else float("inf"),
-            1 - without_presses / total,
-            (without_presses - square[k]) / total,
-            (),
-            overlaps,
-            (name, *alike),
-        )
+            name, distance, float(np.sqrt(total)), threshold,
+            threshold / distance if distance > 1e-6 else float("inf"), 1 - without_presses / total,
+            (without_presses - square[k]) / total, (), overlaps, (name, *alike),
+        )  # fmt: skip
     variety = summarize_presses(session)
     reasons = {name: explain_invisibility(e, variety) for name, e in effects.items() if not e.visible}
     for name in reasons if planned else ():
-        if effects[name].lacking == ("shear",):
-            reasons[name] = "a plan does not say which tangential forces there will be"
+        unplanned = [COVARIATES[lack].unplanned for lack in effects[name].lacking]
+        if unplanned and all(unplanned):
+            reasons[name] = f"a plan does not say {' and '.join(unplanned)}"
     return AuditReport(
-        effects,
-        reasons,
-        floor,
-        len(np.unique(session.press[session.press >= 0])),
-        len(session),
-        seen.values.shape[1],
-        session.has_frames,
-        state_is_calibrated,
-        planned,
-        options,
-    )
+        effects, reasons, floor, len(np.unique(session.press[session.press >= 0])), len(session),
+        seen.values.shape[1], session.has_frames, state_is_calibrated, planned, options,
+    )  # fmt: skip
 
 
 def _typical_changes(

@@ -30,6 +30,7 @@ from skincal.prediction.session_samples import (
     standard_presses,
 )
 from skincal.prediction.touches import frame_normals
+from skincal.statistics import robust_sigma
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -94,9 +95,8 @@ def _is_pressed_at_rest(dataset: Dataset) -> NDArray[np.bool_]:
     rest = (frames.phase == IDLE) & np.isfinite(frames.force_n)
     if not rest.any():
         return rest
-    middle = np.median(frames.force_n[rest])
-    scatter = 1.4826 * np.median(np.abs(frames.force_n[rest] - middle))
-    return rest & (frames.force_n > middle + REST_SIGMAS * scatter)
+    at_rest = frames.force_n[rest]
+    return rest & (frames.force_n > np.median(at_rest) + REST_SIGMAS * robust_sigma(at_rest))
 
 
 def _of_presses(dataset: Dataset) -> GapSession:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -20,6 +20,12 @@ from skincal.model.arrays import FloatArray
 from skincal.shown import Shown
 
 Verdict = Literal["none", "effects", "unknown"]
+SENTENCES: Final[Mapping[Verdict, str]] = {
+    "none": "these presses show no missing effect",
+    "effects": "named effects are missing",
+    "unknown": "something is missing that no known effect explains",
+}
+"""Verdicts in words, without capital and full stop."""
 _BOUND_RTOL = 1e-6
 """Relative tolerance within which a fitted value counts as at a bound."""
 
@@ -72,8 +78,7 @@ class Diagnosis(Shown):
     """A verdict with its evidence.
 
     Attributes:
-        verdict: ``none`` (the presses show no missing effect), ``effects`` (effects are named) or ``unknown``
-            (something is missing that no known effect explains).
+        verdict: ``none``, ``effects`` or ``unknown`` (:data:`SENTENCES` says it in words).
         effects: the named effects, in the order in which they were found.
         unexplained: whether a significant residual remains.
         where: sentence that says where the residual of the base model lies.
@@ -116,6 +121,11 @@ class Diagnosis(Shown):
             else ""
         )
         return f"<Diagnosis {self.verdict}{': ' if names else ''}{names}{closed}>"
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words, without capital and full stop."""
+        return SENTENCES[self.verdict]
 
     @property
     def contact_law(self) -> FittedLaw | None:

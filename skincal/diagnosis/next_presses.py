@@ -9,13 +9,14 @@ import numpy as np
 
 from skincal.calibrate.data_findings import has_joints
 from skincal.collect import FullProtocol, Plan, full_plan
+from skincal.covariates import COLUMNS, NUMBERS
 from skincal.dataset import Dataset
 from skincal.dataset.uniform_pressure import uniform_pressure
 from skincal.diagnosis.audit import AuditReport
 from skincal.diagnosis.factor_plan import WORDS, choose_factors, plan_factors
+from skincal.diagnosis.invisible_effects import phrase_for_stage, recommend_recordings, summarize_presses
 from skincal.diagnosis.observed import Observed
 from skincal.diagnosis.planned_session import Schedule, schedule_plan
-from skincal.diagnosis.reasons import phrase_for_stage, recommend_recordings, summarize_presses
 from skincal.diagnosis.residual_location import ResidualShare
 from skincal.diagnosis.rig import Rig
 from skincal.inference.fit import Fitted, Fitter, Priors
@@ -163,7 +164,8 @@ def plan_candidates(rig: Rig, rng: np.random.Generator) -> Plan:
 def simulate_session(plan: Plan, rig: Rig, dataset: Dataset, rng: np.random.Generator) -> GapSession:
     """Return the observations that a plan would bring on the rig of a dataset.
 
-    Ratios of tangential to normal force are drawn from those of the dataset; the temperature is its mean.
+    Covariates that a plan does not say are those of the dataset: tangential forces by their ratio to the normal force,
+    drawn from its presses; the temperature by its mean.
 
     Args:
         plan: presses in their order.
@@ -185,19 +187,21 @@ def simulate_session(plan: Plan, rig: Rig, dataset: Dataset, rng: np.random.Gene
 def _draw_covariates(
     session: GapSession, dataset: Dataset, rng: np.random.Generator
 ) -> dict[str, FloatArray]:
-    """Return tangential forces (K, 2) [N] and temperatures (K,) [°C] of a session, where the dataset has them."""
-    presses, samples, columns = dataset.presses, session.samples, dict[str, FloatArray]()
-    shear = [presses.column(name) for name in ("shear_u_n", "shear_v_n")]
-    if shear[0] is not None and shear[1] is not None:
-        ratio = np.stack([shear[0], shear[1]], axis=1) / np.maximum(presses.force_n, 1e-3)[:, None]
+    """Return what a plan does not say of a session's samples (K, ...), by attribute, where the dataset has it."""
+    presses, samples, found = dataset.presses, session.samples, dict[str, FloatArray]()
+    for one in (covariate for covariate in NUMBERS if covariate.unplanned):
+        parts = [part for name in one.columns if (part := presses.column(name)) is not None]
+        if len(parts) < len(one.columns) or not all(np.isfinite(part).any() for part in parts):
+            continue
+        if COLUMNS[one.columns[0]].quantity != "force":
+            found[one.attribute] = np.full(len(samples), float(np.nanmean(parts[0])))
+            continue
+        ratio = np.stack(parts, axis=1) / np.maximum(presses.force_n, 1e-3)[:, None]
         ratio = ratio[np.isfinite(ratio).all(axis=1)]
         if len(ratio):
             drawn = ratio[rng.integers(0, len(ratio), session.presses)][np.maximum(session.row, 0)]
-            columns["shear_n"] = drawn * np.where(samples.touching, samples.contacts.force_n, 0.0)[:, None]
-    temperature = presses.column("temperature_c")
-    if temperature is not None and np.isfinite(temperature).any():
-        columns["temperature_c"] = np.full(len(samples), float(np.nanmean(temperature)))
-    return columns
+            found[one.attribute] = drawn * np.where(samples.touching, samples.contacts.force_n, 0.0)[:, None]
+    return found
 
 
 def _schedule(plan: Plan, rig: Rig) -> Schedule:

@@ -16,6 +16,7 @@ from skincal.effects import EFFECTS
 from skincal.inference.fit import Fitted
 from skincal.inference.start import outlier_presses, outlier_rows, raw_residual
 from skincal.model.arrays import IntArray
+from skincal.statistics import robust_sigma
 
 FEWEST = 4
 """Number of test presses below which the gap is unreliable."""
@@ -153,7 +154,7 @@ def far_readings(observed: Observed, fit: Fitted) -> Iterator[Finding]:
 def _force_outliers(observed: Observed, fit: Fitted) -> Iterator[Finding]:
     """Yield the presses whose fitted force is far from the measured one."""
     log_ratio = fit.state.move[:, 2]
-    scale = max(1.4826 * float(np.median(np.abs(log_ratio))), _LEAST_FORCE_SCALE)
+    scale = max(robust_sigma(log_ratio, 0.0), _LEAST_FORCE_SCALE)
     rows = np.flatnonzero((np.abs(log_ratio) > _FORCE_SIGMAS * scale) & ~observed.is_test)
     if len(rows):
         words = ", ".join(

@@ -14,7 +14,7 @@ import numpy as np
 from skincal.calibrate.problem import joint_angles
 from skincal.dataset import Dataset
 from skincal.effects import InputEffect, LawEffect, effect
-from skincal.fitting.shared import smooth_field
+from skincal.fitting.shared import PER_FORCE_ERROR, smooth_field
 from skincal.fitting.sigmas import GAIN_SIGMA
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.fit import Fitted, Fitter
@@ -26,8 +26,6 @@ GAINS = "skin.scale_offset_per_n"
 """Range that covers the gains of taxels; an effect that replaces it fits the gains itself."""
 _GRADIENT = 2
 """The first two basis functions of the position field are its gradient along either axis."""
-_PER_FORCE_ERROR = np.array([1.0, -1.0])
-"""Change of log E and log S that leaves all images unchanged when all forces are larger by a common factor."""
 
 
 def posterior_covariance(dataset: Dataset, fitter: Fitter, fit: Fitted) -> FloatArray:
@@ -61,10 +59,9 @@ def posterior_covariance(dataset: Dataset, fitter: Fitter, fit: Fitted) -> Float
     shifts = inverse @ h[:estimated, estimated:]
     covariance = inverse[:, :n] + shifts @ shifts.T
     covariance[:2, :2] += np.diag(pose_sigma**2)
-    force_sigma = dataset.meta.force.scale_sigma if dataset.meta.force is not None else 0.0
     # Shifts of log E and log S by one standard deviation of each remaining error.
     scale_shifts = [
-        force_sigma * _PER_FORCE_ERROR,
+        dataset.meta.force_scale_sigma * PER_FORCE_ERROR,
         np.array([0.0, C.law_scale]),
         *(_zero_point_shift(fitter, seen, name, change) for name, change in changes.items()),
     ]
@@ -86,7 +83,7 @@ def _zero_point_shift(fitter: Fitter, seen: StatePrediction, name: str, change: 
     total, changed = (np.bincount(press, x[touching].sum(axis=1)) for x in (seen.values, change))
     relative = (np.abs(changed) / np.maximum(total - changed, 1e-9))[np.unique(press)]
     size = own.zero_error * float(np.sqrt(np.mean(np.minimum(relative, 1.0) ** 2)))
-    return size * (_PER_FORCE_ERROR if isinstance(own, InputEffect) else np.array([0.0, 1.0]))
+    return size * (PER_FORCE_ERROR if isinstance(own, InputEffect) else np.array([0.0, 1.0]))
 
 
 def _position_error_columns(dataset: Dataset, fitter: Fitter, fit: Fitted) -> tuple[FloatArray, FloatArray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import degrees
 
 import numpy as np
 
@@ -11,19 +10,22 @@ from skincal.calibration import Calibration, Effect, Finding, Interval, ModelPar
 from skincal.calibration.calibration import Columns, effect_from
 from skincal.calibration.parts import LAW, REST, FittedLaw, Loss, code_of
 from skincal.dataset import Dataset, active_taxels
+from skincal.diagnosis.diagnosis import SENTENCES
 from skincal.diagnosis.observed import Observed
 from skincal.files import real
 from skincal.fitting.fit_options import FitOptions
 from skincal.inference.columns import with_values
+from skincal.inference.constants import WIDTH
 from skincal.inference.contact_law import law_ends
 from skincal.inference.fit import NB, Fitted, Fitter
 from skincal.inference.forward import Forward, State
 from skincal.model.arrays import FloatArray, IntArray
+from skincal.units import deg
 from skincal.version import __version__
 
 OUTLIER, UNKNOWN = "looks like a glitch", "no known place or force, or nothing of its hold was read"
 """Reasons why a press was not used, as written in the table of presses."""
-_Z95, _DRAWS = 1.96, 2000
+_DRAWS = 2000
 _GOOD_RATIO, _GOOD_COUNTS = 3.0, 0.5
 """A press is well matched up to this multiple of the median residual, or up to this residual [counts]."""
 LEVEL = FitOptions().level
@@ -31,7 +33,7 @@ LEVEL = FitOptions().level
 MISFIT = Finding(
     "misfit",
     "warning",
-    "In addition to the named effects something is missing that no known effect explains.",
+    f"In addition to the named effects {SENTENCES['unknown']}.",
     "The report and diagnosis.json next to this calibration say where.",
 )
 
@@ -50,10 +52,10 @@ def updated_parameters(calibration: Calibration, state: State) -> ModelParameter
     return replace(
         old,
         y_m=float(state.pose.y_m),
-        alpha_deg=degrees(state.pose.alpha_rad),
+        alpha_deg=deg(state.pose.alpha_rad),
         elasticity_pa_per_m=float(np.exp(state.log_e)),
         scale_per_n=common,
-        beta_deg=None if old.beta_deg is None else degrees(state.pose.beta_rad),
+        beta_deg=None if old.beta_deg is None else deg(state.pose.beta_rad),
         x_m=None if old.beta_deg is not None else float(state.pose.x_m),
         scale_per_taxel_per_n=per_taxel,
     )
@@ -82,17 +84,17 @@ def base_draws(
 def effect_intervals(
     fit: Fitted, name: str, covariance: FloatArray
 ) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Return the ends of the 95 % interval of each fitted parameter of an effect."""
+    """Return the ends of the interval of each fitted parameter of an effect."""
     sd = np.sqrt(np.maximum(np.diag(covariance)[NB:], 0.0))
     effects = fit.state.effects
     best = np.array([f.get(effects) for f in fit.free])
-    one, other = (with_values(effects, fit.free, best + side * _Z95 * sd)[name] for side in (-1.0, 1.0))
+    one, other = (with_values(effects, fit.free, best + side * WIDTH * sd)[name] for side in (-1.0, 1.0))
     keys = dict.fromkeys(f.parameter.name for f in fit.free if f.effect == name)  # keeps the order
     return {k: (np.minimum(one[k], other[k]), np.maximum(one[k], other[k])) for k in keys}
 
 
 def contact_law_of(forward: Forward, fit: Fitted, covariance: FloatArray) -> FittedLaw:
-    """Return the contact law of a fit with 95 % intervals."""
+    """Return the contact law of a fit with its intervals."""
     own, (low, high) = forward.contact_law(fit.state.law), law_ends(forward, fit.state.law, covariance)
     return FittedLaw(own, {k: (getattr(low, k), getattr(high, k)) for k in LAW})
 

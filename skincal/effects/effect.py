@@ -59,7 +59,7 @@ class Effect(ABC):
         parameters: its parameters.
         search_from: starting points of the search for it, where they do not depend on the session.
         covariates: covariates that it needs whenever it is not neutral; parameters may need more.
-        asks: kinds of presses without which it is hardly visible, by their names in :mod:`skincal.diagnosis.reasons`.
+        asks: kinds of presses without which it is hardly visible (:mod:`skincal.diagnosis.invisible_effects`).
         single_taxels: whether it is a fault of single taxels.
         in_places: whether it acts on the measured positions of presses, so that images hardly show it.
         has_memory: whether it depends on earlier samples.

@@ -29,6 +29,7 @@ from skincal.fitting.result import (
     at_one_place,
 )
 from skincal.fitting.sampling import Draws
+from skincal.fitting.shared import PER_FORCE_ERROR
 from skincal.fitting.types import Bools, Floats
 
 UNBOUNDED_FROM = 0.9
@@ -135,7 +136,7 @@ def _mix_laws(
     if force_scale_sigma > 0:
         for cloud in laws:
             error = force_scale_sigma * rng.standard_normal(len(cloud))
-            cloud += error[:, None] * np.array([0.0, 0.0, 0.0, 1.0, -1.0])
+            cloud[:, 3:] += error[:, None] * PER_FORCE_ERROR
     return [np.concatenate([c[:, :3], np.exp(c[:, 3:])], axis=1) for c in laws]
 
 

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import bdtrc, ndtr
 
-from skincal.errors import first_of
 from skincal.fitting.problem import FEW_PRESSES
 from skincal.fitting.result import FEWEST_DRAWS, POSE, FitFinding, FitResult, at_one_place, extent_m
 from skincal.fitting.sigmas import MISFIT
 
 BENT = 0.4
 """A smooth position error of this fraction of the independent one widens alpha by a tenth or more."""
-
-MOST_NAMED = 6
-"""Most taxels that a finding lists."""
 
 AT_BOUND = 0.01
 """Fraction of presses beyond a bound of two and a half sigmas, the least a bound should be."""
@@ -293,7 +289,7 @@ def _check_misfit(result: FitResult) -> Iterator[FitFinding]:
 def _check_dead_taxels(result: FitResult) -> Iterator[FitFinding]:
     """Warn of taxels that do not respond where they are pressed."""
     for j in np.flatnonzero(result.dead_taxels).tolist():
-        text = f"Taxel {_format_taxels([j], result)} does not answer where it is pressed; it was left out."
+        text = f"Taxel {result.problem.rig.layout.names([j])} does not answer where it is pressed; it was left out."
         yield _warn("dead_taxel", text, "Check its wiring.")
 
 
@@ -319,19 +315,13 @@ def _check_rest_levels(result: FitResult) -> Iterator[FitFinding]:
     # needs no presses to show it.
     doubtful &= problem.shared.level_sigma > problem.noise_sigma_counts
     if doubtful.any():
-        taxels = _format_taxels(np.flatnonzero(doubtful).tolist(), result)
+        taxels = problem.rig.layout.names(np.flatnonzero(doubtful))
         yield _warn(
             "rest_in_doubt",
             f"Every press touches taxel {taxels}, so the level at rest is "
             "not seen there; it is estimated along with the other parameters, from the spread of the other levels.",
             "Record frames at rest (phase idle), or press at places that leave it alone.",
         )
-
-
-def _format_taxels(taxels: Sequence[int], result: FitResult) -> str:
-    """Return row and column of taxels as text; only the first few of many."""
-    cols = result.problem.rig.layout.cols
-    return first_of([f"({j // cols}, {j % cols})" for j in taxels], MOST_NAMED)
 
 
 def _check_sampling(result: FitResult) -> Iterator[FitFinding]:

@@ -15,6 +15,7 @@ from scipy.special import ndtr, ndtri
 
 from skincal.fitting.types import Bools, Floats
 from skincal.model.rest import RestLevels, levels_from_presses
+from skincal.statistics import robust_sigma
 
 _CLIP_SIGMAS = 8.0
 """Distance from a bound of the converter, in sigmas, beyond which clipping has no effect: a numerical tolerance."""
@@ -237,15 +238,13 @@ def _noise_at_bound(counts: Floats, found: RestLevels, readout: Readout) -> floa
     middle = float(np.median(lift))
     if not 0.0 < middle < 20.0 * found.scatter:
         return float("nan")
-    apart = TO_SIGMA * float(np.median(np.abs(lift - middle)))
+    apart = robust_sigma(lift)
     if apart > _LEVEL_SIGMAS * found.scatter / np.sqrt(float(np.median(dark))):
         return _noise_from_level_scatter(lift, scatter, dark)
     most = _MAX_CLIPPED_REST / 255.0 * float(np.nanmax(counts) - low)
     return float("nan") if middle > most and not readout.integer else noise_from_rest(middle + low, readout)
 
 
-TO_SIGMA = 1.4826
-"""Standard deviation over median absolute deviation of a normal distribution."""
 _CHI2_GAIN = 9.0
 """Least reduction of chi squared (3 sigmas) by which clipping must explain the scatters of the levels."""
 

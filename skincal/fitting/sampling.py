@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
-from skincal.fitting.observe import TO_SIGMA
 from skincal.fitting.posterior import Peak
 from skincal.fitting.problem import NO_DENSITY, FitError, FitProblem
 from skincal.fitting.types import Floats
+from skincal.statistics import TO_SIGMA
 
 _DRAWS_PER_DIMENSION = 8
 """Least effective sample size per dimension to which the weights are tempered when a proposal is fitted."""

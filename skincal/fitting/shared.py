@@ -17,6 +17,9 @@ import numpy as np
 
 from skincal.fitting.types import Bools, Floats, Ints
 
+PER_FORCE_ERROR = np.array([1.0, -1.0])
+"""Change of log E and log S that leaves all images unchanged when all forces are larger by a common factor."""
+
 _SMALLEST_SIGMA = 1e-12
 """Lower bound of the level sigma, against division by zero."""
 

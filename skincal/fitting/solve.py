@@ -31,15 +31,15 @@ from skincal.fitting.general_table import (
     tabulate_presses,
 )
 from skincal.fitting.grid import GridSlab, MacroGrid, MicroSettings, span
-from skincal.fitting.posterior import Bounds, Peak
-from skincal.fitting.problem import COORDINATES, FEW_PRESSES, FitError, FitProblem
-from skincal.fitting.result import FitResult, GridResult
-from skincal.fitting.robust import (
+from skincal.fitting.outliers import (
     find_dead_taxels,
     find_dropped_readings,
     find_outlier_presses,
     find_weak_taxels,
 )
+from skincal.fitting.posterior import Bounds, Peak
+from skincal.fitting.problem import COORDINATES, FEW_PRESSES, FitError, FitProblem
+from skincal.fitting.result import FitResult, GridResult
 from skincal.fitting.sampling import Density, Draws, run_ensemble, sample
 from skincal.fitting.tasks import (
     Mapper,

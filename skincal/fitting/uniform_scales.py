@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skincal.fitting.observe import TO_SIGMA
 from skincal.fitting.types import Bools, Floats
+from skincal.statistics import TO_SIGMA
 
 _HUBER = 1.345
 """Huber's constant, for 95 % efficiency with normal noise."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from skincal.imports.clock import usual_step
 from skincal.imports.recording import BoolArray, FloatArray
+from skincal.statistics import robust_sigma
 
 LEAST_OVERLAP: Final = 0.5
 """Smallest overlap of the recordings, as a part of the shorter one, at which lags are searched."""
@@ -309,5 +310,4 @@ def _parts(
         span = float(np.ptp(times))
         if abs(rate) > SIGMAS * np.sqrt(covariance[0, 0]) and abs(rate) * span > usual_step(b_s) / 2:
             return max(float(np.sqrt(covariance[1, 1])), floor), float(rate), middle, float(mean)
-    spread = 1.4826 * float(np.median(np.abs(offsets - np.median(offsets))))
-    return max(spread / np.sqrt(len(found)), floor), 0.0, middle, offset
+    return max(robust_sigma(offsets) / np.sqrt(len(found)), floor), 0.0, middle, offset

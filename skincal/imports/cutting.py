@@ -34,6 +34,7 @@ from skincal.imports.recording import (
     Span,
     runs,
 )
+from skincal.statistics import robust_sigma
 
 BRIDGED = 2
 """Samples in succession outside the band that do not end a hold: a spike of the force sensor is not a release."""
@@ -184,7 +185,7 @@ def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
     activity = np.nansum(np.maximum(images - np.nanquantile(images, 0.1, axis=0), 0.0), axis=1)
     low = activity <= np.quantile(activity, 0.95) / 2
     rest = float(np.median(activity[low])) if low.any() else 0.0
-    sigma = 1.4826 * float(np.median(np.abs(activity[low] - rest))) if low.any() else 0.0
+    sigma = robust_sigma(activity[low]) if low.any() else 0.0
     top = float(np.quantile(activity, 0.99)) - rest
     on = max(ON_SIGMAS * sigma, LEAST_PART * top)
     found = replace(rules, by="force", on_n=on, off_n=max(OFF_SIGMAS * sigma, on / 2))

@@ -12,6 +12,7 @@ from skincal.dataset.findings import Findings
 from skincal.imports.cutting import cut_by_taxels
 from skincal.imports.mapping import Mapping
 from skincal.imports.recording import Cut, FloatArray, Series, runs
+from skincal.statistics import robust_sigma
 
 TOLERANCE: Final = 0.01
 """Force at rest that matters, as a part of the median force of presses (set by eye)."""
@@ -64,11 +65,11 @@ def force_at_rest(series: Series, found: Cut) -> Rest:
     middles = [(start, stop) for start, stop in middles if stop - start >= FEWEST]
     forces = [series.force_n[start:stop] for start, stop in middles]
     level = np.array([np.median(force) for force in forces])
-    away = [np.median(np.abs(force - one)) for force, one in zip(forces, level, strict=True)]
+    sigma = np.array([robust_sigma(force) for force in forces])
     time = np.array([series.time_s[start:stop].mean() for start, stop in middles])
     samples = int(np.median([len(force) for force in forces] or [0]))
     least = float(np.quantile(np.concatenate(forces), 0.1)) if forces else 0.0
-    return Rest(time, level, 1.4826 * np.array(away), samples, least)
+    return Rest(time, level, sigma, samples, least)
 
 
 def zeroed(series: Series, found: Cut) -> Series:

@@ -8,12 +8,7 @@ from typing import Final
 
 from skincal.covariates import COLUMNS, NORMAL, POSITION, TARGET, TEXT, TIMES, WHOLE
 from skincal.dataset.columns import JOINT, OPTIONAL
-
-STANDARD_GRAVITY: Final = 9.80665
-"""Standard acceleration of gravity [m/s²] (BIPM, SI brochure)."""
-
-INCH_M: Final = 0.0254
-POUND_KG: Final = 0.45359237
+from skincal.units import FORCES_N, LENGTHS_M
 
 
 @dataclass(frozen=True)
@@ -32,18 +27,12 @@ DATETIME: Final = "datetime"
 """Instead of a unit of time: dates with times, like 2026-11-20 12:00:00.250."""
 
 FACTORS: Final[dict[str, dict[str, float]]] = {
-    LENGTH: {
-        "m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "inch": INCH_M, "mil": INCH_M / 1000,
-    },
-    FORCE: {
-        "N": 1.0, "kN": 1e3, "cN": 1e-2, "mN": 1e-3, "uN": 1e-6, "gf": 1e-3 * STANDARD_GRAVITY,
-        "kgf": STANDARD_GRAVITY, "lbf": POUND_KG * STANDARD_GRAVITY, "ozf": POUND_KG * STANDARD_GRAVITY / 16,
-        "dyn": 1e-5,
-    },
+    LENGTH: LENGTHS_M,
+    FORCE: FORCES_N,
     ANGLE: {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "turn": 2 * math.pi},
     TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0, DATETIME: 1.0},
-    TORQUE: {"N m": 1.0, "mN m": 1e-3, "N mm": 1e-3, "N cm": 1e-2, "kgf cm": STANDARD_GRAVITY / 100},
-    SPEED: {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "mm/min": 1e-3 / 60, "inch/s": INCH_M},
+    TORQUE: {"N m": 1.0, "mN m": 1e-3, "N mm": 1e-3, "N cm": 1e-2, "kgf cm": FORCES_N["kgf"] / 100},
+    SPEED: {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "mm/min": 1e-3 / 60, "inch/s": LENGTHS_M["inch"]},
     TEMPERATURE: {"C": 1.0, "K": 1.0, "F": 5 / 9},
     NONE: {"1": 1.0},
 }  # fmt: skip

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+LEVEL, WIDTH = 0.95, 1.96
+"""Level of the intervals of effects and of the contact law, and half their width in standard deviations."""
+
 
 @dataclass(frozen=True)
 class Constants:

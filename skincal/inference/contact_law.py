@@ -15,13 +15,12 @@ from itertools import product
 import numpy as np
 
 from skincal.inference.constants import CONSTANTS as C
+from skincal.inference.constants import WIDTH
 from skincal.inference.fit import Fitted, Fitter, law_bounds
 from skincal.inference.forward import BASE, BLUR_M2, CONTACT, LAW, LAW_WAYS, Forward
 from skincal.inference.score import Score, folds_of, held_out
 from skincal.model import ContactLaw
 from skincal.model.arrays import FloatArray, IntArray, as_floats
-
-_WIDTH = 1.96
 
 
 def law_parameters(law: ContactLaw) -> FloatArray:
@@ -31,9 +30,9 @@ def law_parameters(law: ContactLaw) -> FloatArray:
 
 
 def law_ends(forward: Forward, numbers: FloatArray, covariance: FloatArray) -> tuple[ContactLaw, ContactLaw]:
-    """Return the ends of 95 % intervals, from a state's parameters and the covariance (n, n) of its fit."""
+    """Return the ends of intervals, from a state's parameters and the covariance (n, n) of its fit."""
     own = slice(len(BASE), len(BASE) + len(LAW))
-    reach = _WIDTH * np.sqrt(np.diag(LAW_WAYS @ covariance[own, own] @ LAW_WAYS.T))
+    reach = WIDTH * np.sqrt(np.diag(LAW_WAYS @ covariance[own, own] @ LAW_WAYS.T))
     # Clipped to the range that the bounds of the parameters allow.
     corners = np.array(list(product(*law_bounds()))) @ LAW_WAYS.T
     least, most = corners.min(axis=0), corners.max(axis=0)

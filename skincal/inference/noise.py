@@ -18,6 +18,7 @@ from skincal.fitting.lookup import allocating
 from skincal.inference.constants import CONSTANTS as C
 from skincal.inference.rounded_frames import noise_of_rounded
 from skincal.model.arrays import BoolArray, FloatArray, IntArray
+from skincal.statistics import robust_sigma
 
 _NEAR, _FINE, _KNOTS = 8.0, 8.0, 4000
 _FEW_AT_REST = 100
@@ -371,8 +372,7 @@ def _noise_at_rest(counts: FloatArray, second: FloatArray, noise: Noise) -> tupl
     own = np.array([np.interp(v, s, np.log(tried)) for v, s in zip(variance, seen.T, strict=True)])
     middle = float(np.median(own))
     # Standard error from the spread over taxels.
-    scatter = 1.4826 * float(np.median(np.abs(own - middle)))
-    return float(np.exp(middle)), max(1.25 * scatter / float(np.sqrt(len(own))), 1e-3)
+    return float(np.exp(middle)), max(1.25 * robust_sigma(own) / float(np.sqrt(len(own))), 1e-3)
 
 
 def _robust(x: FloatArray, step: float = 0.0) -> float:
@@ -380,8 +380,7 @@ def _robust(x: FloatArray, step: float = 0.0) -> float:
     if not len(x):
         return 0.0
     size = np.abs(x)
-    rough = 1.4826 * float(np.median(size))
-    near = size <= 5 * max(rough, float(np.quantile(size, 0.9)) / 1.645, step / 2)
+    near = size <= 5 * max(robust_sigma(x, 0.0), float(np.quantile(size, 0.9)) / 1.645, step / 2)
     return float(np.sqrt(np.mean(x[near] ** 2)))
 
 

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from skincal.errors import first_of
 from skincal.model.arrays import FloatArray, IntArray, floats
 
 Pair = float | tuple[float, float]
 """One length [m] for both directions, or one for u and one for v."""
+
+MOST_NAMED = 8
+"""Most taxels that a text lists."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +72,10 @@ class TaxelLayout:
     def taxels(self) -> int:
         """Number of taxels J."""
         return self.rows * self.cols
+
+    def names(self, taxels: Iterable[int]) -> str:
+        """Return row and column of taxels as text; only the first few of many."""
+        return first_of(["({}, {})".format(*divmod(j, self.cols)) for j in taxels], MOST_NAMED)
 
     @property
     def bounds_m(self) -> FloatArray:

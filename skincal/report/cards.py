@@ -12,7 +12,8 @@ from skincal.calibrate import Outcome, UniformOutcome
 from skincal.calibration import Calibration
 from skincal.dataset import Dataset
 from skincal.diagnosis.diagnosis import Diagnosis
-from skincal.report.page import capital, macro, rendered, span
+from skincal.inference.constants import LEVEL
+from skincal.report.page import capital, macro, percent, rendered, span
 
 if TYPE_CHECKING:
     from skincal.diagnosis.diagnosis import NamedEffect
@@ -73,7 +74,7 @@ def _(result: Diagnosis) -> str:
             value = effect.parameters[name]
             rows.append((effect.name, name, span(value), _interval(value, low, high)))
     lines = [gap_sentence(result), *([result.where] if result.verdict == "unknown" else [])]
-    head = [("effect", "parameter", "value", "95 %")] if rows else []
+    head = [("effect", "parameter", "value", percent(LEVEL))] if rows else []
     return _card(headline(result), [*head, *rows], map(capital, lines), result.findings)
 
 

@@ -13,6 +13,7 @@ from markupsafe import escape
 from skincal.diagnosis.next_presses import PLAN_FILE
 from skincal.effects import EFFECTS
 from skincal.files import real
+from skincal.inference.constants import LEVEL
 from skincal.report.cards import tone
 from skincal.report.diagnosis_figures import (
     audit_figure,
@@ -21,7 +22,7 @@ from skincal.report.diagnosis_figures import (
     gap_figure,
     where_figure,
 )
-from skincal.report.page import Picture, picture, span, write_page
+from skincal.report.page import Picture, percent, picture, span, write_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -78,6 +79,7 @@ def write_diagnosis_report(
         laws=list(dict.fromkeys(diagnosis.found.null.laws)),
         figures=figures,
         last=last,
+        level=percent(LEVEL),
     )
 
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from skincal.report import style
+from skincal.report.page import percent
 
 if TYPE_CHECKING:
     from skincal.dataset import Dataset
@@ -116,7 +117,7 @@ def candidates_figure(diagnosis: Diagnosis, dataset: Dataset) -> Figure:
     del dataset
     rounds = [r if number == 0 else r[:_LATER] for number, r in enumerate(diagnosis.found.rounds) if r]
     null, names = diagnosis.found.null, {n for e in diagnosis.effects for n in e.consistent_with}
-    below = f"{100 * null.probability:g} % of sessions without effects"
+    below = f"{percent(null.probability)} of sessions without effects"
     firsts = {e.name for e in diagnosis.effects}
     figure = style.new_figure(10, 1.2 + sum(0.22 * len(r) + 0.5 for r in rounds), "Gain on held-out presses")
     heights = [len(r) for r in rounds] or [1]

@@ -21,10 +21,11 @@ from skincal.model import TaxelLayout
 from skincal.model.arrays import FloatArray
 from skincal.ranges import Ranges
 from skincal.report import style
+from skincal.report.page import percent
 from skincal.robot import bundled_hand
 from skincal.train import Policy
 from skincal.train.evaluate import Trial, environment_for, episode
-from skincal.train.scores import Runs, Score
+from skincal.train.scores import LEVEL, Runs, Score
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,7 @@ def write_figures(found: Sequence[Evaluated], trial: Trial, folder: Path) -> Non
     layout = layout_of(bundled_hand().meta.sensor, None)  # of the hand that the tasks use
     runs, scores = {one.name: one.runs for one in found}, {one.name: one.score for one in found}
     style.save(runs_figure(runs, layout, f"{trial.task}: the first runs of each policy"), folder / "runs.png")
-    title = f"{trial.task}: mean of {trial.episodes} runs, 95 % interval"
+    title = f"{trial.task}: mean of {trial.episodes} runs, {percent(LEVEL)} interval"
     style.save(error_figure(scores, title), folder / "error.png")
 
 
@@ -96,7 +97,7 @@ def runs_figure(runs: Mapping[str, Runs], layout: TaxelLayout, title: str = "") 
 
 @style.styled
 def error_figure(scores: Mapping[str, Score], title: str = "") -> Figure:
-    """Draw the mean tracking error over time with its 95 % interval, and the number of runs that last."""
+    """Draw the mean tracking error over time with its interval, and the number of runs that last."""
     figure = style.new_figure(6.4, 3.8, title)
     axes = figure.subplots()
     for (name, score), colour in zip(scores.items(), style.SEVERAL * len(scores), strict=False):

@@ -17,7 +17,7 @@ from skincal.dataset import Dataset
 from skincal.fitting.problem import USED
 from skincal.fitting.result import PARAMETERS, FitResult
 from skincal.fitting.types import Floats
-from skincal.report.page import Picture, picture, write_page
+from skincal.report.page import Picture, percent, picture, write_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -75,7 +75,7 @@ def write_fit_report(
         inside=int(grid.in_valley.sum()),
         combinations=grid.grid.combinations,
         as_good=int((grid.mse_counts2 <= grid.mse_at_best_counts2).sum()),
-        level=f"{100 * float(level):g} %" if isinstance(level, int | float) else "part",
+        level=percent(level) if isinstance(level, int | float) else "part",
         declared_m=declared_m if np.isfinite(declared_m) else None,
         presses=_presses(result, dataset),
         figures=list(spread(_picture, [(stem, result, without_frames, folder) for stem in FIGURES])),
@@ -97,8 +97,8 @@ def _scales(result: FitResult) -> dict[str, str] | None:
     scales = result.scale_per_taxel_per_n
     if scales is None:
         return None
-    ends, cols = (np.argmin(scales), np.argmax(scales)), result.problem.rig.layout.cols
-    least, most = (f"{scales[j]:.3g} of taxel ({j // cols}, {j % cols})" for j in ends)
+    names, ends = result.problem.rig.layout.names, (int(np.argmin(scales)), int(np.argmax(scales)))
+    least, most = (f"{scales[j]:.3g} of taxel {names([j])}" for j in ends)
     return {"least": least, "most": most, "percent": f"{100 * float(np.std(np.log(scales))):.2g}"}
 
 

@@ -100,6 +100,11 @@ def _environment(unit: str | None) -> Environment:
     return environment
 
 
+def percent(part: float) -> str:
+    """Return a part of 1 as text."""
+    return f"{100 * part:g} %"
+
+
 def with_code(text: str) -> Markup:
     """Return escaped text, with the parts between backticks set as code."""
     return Markup(re.sub("`([^`]*)`", r"<code>\1</code>", str(escape(text))))

@@ -9,15 +9,15 @@ import pytest
 from skincal.fitting.alternatives import LawSpread, weigh_laws
 from skincal.fitting.conclude import add_unseen_errors
 from skincal.fitting.observe import Readout
-from skincal.fitting.posterior import Bounds, Peak, climb
-from skincal.fitting.presses import from_patch, to_patch
-from skincal.fitting.problem import FitError, FitProblem, PressTable, Rig, build_problem
-from skincal.fitting.robust import (
+from skincal.fitting.outliers import (
     find_dead_taxels,
     find_dropped_readings,
     find_outlier_presses,
     find_weak_taxels,
 )
+from skincal.fitting.posterior import Bounds, Peak, climb
+from skincal.fitting.presses import from_patch, to_patch
+from skincal.fitting.problem import FitError, FitProblem, PressTable, Rig, build_problem
 from skincal.fitting.sampling import Draws, sample
 from skincal.fitting.tasks import Neighbourhood
 from skincal.model import Plane, Sphere, TaxelLayout

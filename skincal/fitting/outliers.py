@@ -8,6 +8,7 @@ from skincal.fitting.posterior import Peak
 from skincal.fitting.presses import PressStates
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.types import Bools
+from skincal.statistics import robust_sigma
 
 MAX_GLITCHES = 0.2
 """At most this fraction of the presses counts as outliers; beyond it the model is wrong, not the presses."""
@@ -28,9 +29,9 @@ def find_outlier_presses(problem: FitProblem, peak: Peak) -> Bools:
     states = peak.states
     rms = np.sqrt((states.residual**2).sum(axis=1) / np.maximum((problem.used).sum(axis=1), 1))
     typical = max(float(np.median(rms)), 1.0)
-    force = np.abs(states.nuisance[:, 2])
-    usual_force = max(1.4826 * float(np.median(force)), 0.005)
-    odd = (rms > 6.0 * typical) | (force > np.maximum(8.0 * usual_force, 0.08))
+    force = states.nuisance[:, 2]
+    usual_force = max(robust_sigma(force, 0.0), 0.005)
+    odd = (rms > 6.0 * typical) | (np.abs(force) > np.maximum(8.0 * usual_force, 0.08))
     allowed = int(MAX_GLITCHES * len(problem))
     if odd.sum() > allowed:
         return np.zeros(len(problem), dtype=bool)
@@ -46,7 +47,7 @@ def find_dropped_readings(problem: FitProblem, states: PressStates, gain_sigma: 
         gain_sigma: relative spread of the taxels' gains; a deficit that it explains is no drop-out.
     """
     used = problem.used
-    typical = 1.4826 * float(np.median(np.abs(states.residual[used]))) if used.any() else 0.0
+    typical = robust_sigma(states.residual[used], 0.0) if used.any() else 0.0
     below = states.residual / np.hypot(1.0, gain_sigma * states.macro_slope[..., 4])
     odd = used & (states.residual > LOST_TIMES * typical) & (below > LOST_SIGMAS)
     # If more than half of a press's lit taxels are off, the press is the outlier.

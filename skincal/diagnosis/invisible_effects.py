@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -147,53 +146,31 @@ _ON_A_STAGE: Final = {
 """Recommendations for a hand, and the same for a rig without joints."""
 
 
-_NO_FRAMES = Rule(
-    lambda f: not f.frames, "no frames: only the mean of each hold was recorded", "record every frame"
-)
-_NO_CLOCK = Rule(
-    lambda f: not f.clock, "no times of the presses were recorded", "record when each press begins and ends"
-)
-_ONE_POSE = Rule(lambda f: f.poses < 2, "the hand was in one pose only", TWO_POSES, "pose")
-_ONE_FORCE = Rule(
-    lambda f: f.forces < _FORCE_RATIO,
-    "all presses have about the same force",
-    "press with small and large forces",
-)
-_NO_UNLOADING = Rule(
-    lambda f: not f.falling,
-    "no frames, and no hold that is reached from above: unloading was not observed",
-    "record every frame",
-)
-_ONE_SPEED = Rule(
-    lambda f: f.speeds < _SPEED_RATIO,
-    "all presses are equally fast, so that an effect of speed only changes the scale",
-    "load slowly and fast",
-    "speed",
-)
-_ONE_TOUCH = Rule(
-    lambda f: not f.again, "no site is touched a second time", "touch some sites again", "cycle"
-)
-_NO_SHEAR = Rule(
-    lambda f: f.shear_n < _SHEAR_N,
-    "there is hardly any tangential force",
-    "press with tangential force, too",
-    "shear",
-)
-_ONE_INDENTER = Rule(lambda f: f.radii < 2, "there is one indenter only", "press with a second indenter, too")
-
-_RULES: Final[Mapping[str, Rule]] = MappingProxyType(
-    {
-        "unloading": _NO_UNLOADING,
-        "frames": _NO_FRAMES,
-        "clock": _NO_CLOCK,
-        "speeds": _ONE_SPEED,
-        "again": _ONE_TOUCH,
-        "shear": _NO_SHEAR,
-        "poses": _ONE_POSE,
-        "forces": _ONE_FORCE,
-        "indenters": _ONE_INDENTER,
-    }
-)
+_RULES: Final[Mapping[str, Rule]] = {
+    "unloading": Rule(
+        lambda f: not f.falling, "no frames, and no hold that is reached from above: unloading was not observed",
+        COVARIATES["phase"].cure,
+    ),
+    "frames": Rule(
+        lambda f: not f.frames, "no frames: only the mean of each hold was recorded", COVARIATES["phase"].cure
+    ),
+    "clock": Rule(lambda f: not f.clock, "no times of the presses were recorded", COVARIATES["time"].cure),
+    "speeds": Rule(
+        lambda f: f.speeds < _SPEED_RATIO,
+        "all presses are equally fast, so that an effect of speed only changes the scale",
+        "load slowly and fast", "speed",
+    ),
+    "again": Rule(lambda f: not f.again, "no site is touched a second time", "touch some sites again", "cycle"),
+    "shear": Rule(
+        lambda f: f.shear_n < _SHEAR_N, "there is hardly any tangential force",
+        "press with tangential force, too", "shear",
+    ),
+    "poses": Rule(lambda f: f.poses < 2, "the hand was in one pose only", TWO_POSES, "pose"),
+    "forces": Rule(
+        lambda f: f.forces < _FORCE_RATIO, "all presses have about the same force", "press with small and large forces"
+    ),
+    "indenters": Rule(lambda f: f.radii < 2, "there is one indenter only", "press with a second indenter, too"),
+}  # fmt: skip
 """Rule of each kind of press that an effect may need (:attr:`skincal.effects.Effect.asks`)."""
 
 
@@ -237,6 +214,4 @@ def _missing(audit: EffectAudit, variety: PressVariety) -> tuple[list[Rule], lis
     """Return the rules that a session breaks, and the further covariates that it lacks."""
     needed = (_RULES[kind] for kind in effect(audit.name).asks)
     rules = [r for r in needed if r.missing(variety) and r.of not in audit.lacking]
-    # A rule about times covers these covariates; a temperature only adds to a clock.
-    covered = {"time", "phase", "temperature"} if rules else set[str]()
-    return rules, [name for name in audit.lacking if name not in covered]
+    return rules, [name for name in audit.lacking if not (rules and COVARIATES[name].clocked)]

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from skincal.diagnosis.reasons import PressVariety, phrase_for_stage, recommend_recordings
+from skincal.diagnosis.invisible_effects import PressVariety, phrase_for_stage, recommend_recordings
 from skincal.effects import EFFECTS
 
 
