@@ -345,13 +345,7 @@ class Forward:
         return _stress(skin), law, spread[0].key if spread else None, felt.indenters, state.pose, state.log_e
 
     def _table(
-        self,
-        key: object,
-        skin: EffectSkin,
-        felt: Samples,
-        state: State,
-        places: FloatArray,
-        rows: IntArray,
+        self, key: object, skin: EffectSkin, felt: Samples, state: State, places: FloatArray, rows: IntArray
     ) -> PressTable:
         """Return the tables of presses (R,) at places (R, 2); only those that have moved are computed again.
 

@@ -231,7 +231,7 @@ def _loads(
 
 
 @cache
-def _threads(process: int) -> ThreadPoolExecutor:  # noqa: ARG001
+def _threads(process: int) -> ThreadPoolExecutor:
     """Return the threads of a process: a fork does not inherit its parent's, and would wait for them for ever."""
     return ThreadPoolExecutor(available_cores(), thread_name_prefix="press tables")
 
