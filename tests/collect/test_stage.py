@@ -151,6 +151,24 @@ def test_a_load_cell_that_stands_ends_the_press(tmp_path: Path) -> None:
     assert stage.deepest_m > -2e-3
 
 
+@pytest.mark.parametrize(("factor", "text"), [(0.0, "a force that grows"), (-1.0, "The sign is wrong")])
+def test_a_load_cell_that_does_not_answer_contact_ends_the_session(
+    tmp_path: Path, factor: float, text: str
+) -> None:
+    class Blind(StageSim):
+        true_n = 0.0
+
+        def observe(self) -> StageState:
+            state = super().observe()
+            self.true_n = max(self.true_n, state.force_n)
+            return replace(state, force_n=factor * state.force_n)
+
+    stage = Blind(seed=2)
+    with pytest.raises(WorkError, match=text):
+        session(tmp_path, stage)
+    assert 0.1 < stage.true_n < 5.0
+
+
 def test_a_session_that_cannot_be_fitted_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
