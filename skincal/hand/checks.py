@@ -235,9 +235,9 @@ class StepCheck(ABC, Generic[State, Command]):
 
     @abstractmethod
     def _read(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return what a rig without a command holds to, how far it gives way to forces, and what it measured, as copies.
+        """Return where a rig without a command holds, how far it gives way to forces, and what it measured.
 
-        The first two are (n,), in the unit of commands; measured values are (k, n), positions first.
+        All are copies. The first two are (n,), in the unit of commands; measured values are (k, n), positions first.
         """
 
     @abstractmethod

@@ -26,8 +26,8 @@ MOVED_RAD = 0.01
 """A command that moves by less need not show, as encoders are coarse [rad]."""
 
 STICKS = 0.1
-"""Largest stick friction of a joint, relative to its largest torque: an assumption; the last joints of the simulated hand
-have 0.06."""
+"""Largest stick friction of a joint, relative to its largest torque: an assumption; the last joints of the simulated
+hand have 0.06."""
 
 ROUNDING_RAD = 1e-9
 """Tolerance of a command's limits, as sums of steps are not exact [rad]."""

@@ -63,16 +63,19 @@ def test_progress_is_reported_in_every_period(tmp_path: Path) -> None:
     )
 
 
+class Weary(StageSim):
+    """A stage that fails."""
+
+    left = 700
+
+    def observe(self) -> StageState:
+        self.left -= 1
+        if self.left < 0:
+            raise OSError("the cable is out")
+        return super().observe()
+
+
 def test_an_interrupted_session_goes_on(tmp_path: Path) -> None:
-    class Weary(StageSim):
-        left = 700
-
-        def observe(self) -> StageState:
-            self.left -= 1
-            if self.left < 0:
-                raise OSError("the cable is out")
-            return super().observe()
-
     with pytest.raises(HandError, match="the cable is out"):
         session(tmp_path, Weary(seed=2))
     found = session(tmp_path)
@@ -80,6 +83,19 @@ def test_an_interrupted_session_goes_on(tmp_path: Path) -> None:
     assert found.statuses == {"ok": 3}
     assert found.dataset.frames is not None
     assert (np.diff(found.dataset.frames.time_s) > 0).all()
+
+
+def test_a_session_goes_on_with_the_same_stage_only(tmp_path: Path) -> None:
+    class Other(StageSim):
+        @property
+        def description(self) -> StageDescription:
+            rig = super().description
+            return replace(rig, meta=replace(rig.meta, indenter=replace(rig.meta.indenter, radius_m=0.008)))
+
+    with pytest.raises(HandError):
+        session(tmp_path, Weary(seed=2))
+    with pytest.raises(InputError, match="to be this one: stage simulated stage"):
+        session(tmp_path, Other(seed=2))
 
 
 @pytest.mark.parametrize(

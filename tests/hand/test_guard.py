@@ -598,7 +598,7 @@ def test_one_frozen_angle_stops_the_hand() -> None:
 
     driver = FakeHand(frozen)
     with (
-        pytest.raises(HandError, match="joint finger: .* the states are frozen"),
+        pytest.raises(HandError, match=r"joint finger: .* the states are frozen"),
         GuardedHand(driver) as hand,
     ):
         for k in range(300):

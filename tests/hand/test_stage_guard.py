@@ -107,7 +107,7 @@ def test_a_frozen_axis_stops_the_stage() -> None:
         return replace(state, position_m=np.array([x, y, 0.01]), force_n=1e-3 * np.sin(state.time_s))
 
     stage = Stage(frozen)
-    with pytest.raises(HandError, match="axis z: .* the states are frozen"), stage.guarded() as guarded:
+    with pytest.raises(HandError, match=r"axis z: .* the states are frozen"), stage.guarded() as guarded:
         for _ in range(200):
             stage.go_on(0.01, 0.01)
             guarded.observe()
