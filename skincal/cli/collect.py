@@ -56,6 +56,7 @@ def collect(
     session continues when the same command is given again.
     """
     from skincal.collect import journal_folder
+    from skincal.collect.rig import driver_text
     from skincal.collect.stage import stage_plan
     from skincal.files import refuse_existing
     from skincal.hand import StageDescription
@@ -77,10 +78,9 @@ def collect(
 
         mark = (stage_sim if is_stage else sim).TRUTH_FORMAT
         refuse_existing(truth, *inputs, force=force, mark=mark)
-    simulated = f", seed {seed}" if driver == "sim" else ""
     effects = f", effects {', '.join(effect)}" if effect else ""
     kind = "stage, " if is_stage else ""
-    of = f"driver {driver}{simulated}{effects}, plan {chosen.name}, {description.name}"
+    of = f"{driver_text(driver, seed)}{effects}, plan {chosen.name}, {description.name}"
     source = f"skincal collect: {kind}{of}"
     found = press(rig, chosen, out, source, force=force, inputs=inputs, restart=restart)
     _report(found, out, as_json)

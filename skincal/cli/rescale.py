@@ -51,7 +51,7 @@ def rescale(
     calibration = read_calibration(cal)
     warn(calibration.warnings)
     run = read_run_file(rolled)
-    hand = recorded_sensitivity(rolled, run)
+    hand = recorded_sensitivity(rolled, run, calibration)
     with stage_bars() as progress:
         found = estimate_wear(hand, simulated_sensitivities(calibration, run, hands, seed, progress))
     if out is not None:

@@ -26,6 +26,7 @@ from skincal.errors import InputError, Problem, input_error
 from skincal.files import alone, recover, refuse_existing
 from skincal.hand import GuardOptions, StageDescription
 from skincal.robot import HandDescription, Kinematics
+from skincal.robot.description import values_of
 
 MARKER = "dataset.toml"
 PLAN = "plan.toml"
@@ -111,9 +112,7 @@ def collect(
     same = {"plan": plan_digest(plan), **(key or {}), "options": digest_of(repr(asdict(options)))}
     if isinstance(rig, StageDescription):
         check_height(rig, options.clearance_m)
-        same["stage"] = rig.name
-    else:
-        same["hand"] = f"{rig.name} ({rig.digest[:12]})"
+    same["stage" if isinstance(rig, StageDescription) else "hand"] = rig_digest(rig)
     folder = journal_folder(out)
     if not _written(folder, out):
         refuse_existing(out, *inputs, force=force, marker=MARKER)
@@ -166,6 +165,11 @@ def _sound_presses(journal: Journal, meta: DatasetMeta) -> int:
 def plan_digest(plan: Plan) -> str:
     """Return the name, length and digest of a plan, by which a session recognises it."""
     return f"{plan.name}, {len(plan)} presses ({digest_of(plan_as_toml(plan))})"
+
+
+def rig_digest(rig: HandDescription | StageDescription) -> str:
+    """Return the name and digest of all that describes a hand or stage, by which a session recognises it."""
+    return f"{rig.name} ({digest_of(repr(values_of(rig)))})"
 
 
 def _resolved(plan: Plan, journal: Journal, fingers: Fingers, options: CollectOptions) -> Plan:

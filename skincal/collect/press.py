@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from skincal.collect.force_checks import BLIND_M, BLIND_S, ApproachCheck, ForceGrowth
 from skincal.collect.plan import CollectOptions, PlannedPress
 from skincal.collect.posture import Posture
 from skincal.collect.senses import Loop, Sample
@@ -85,6 +86,9 @@ NEARLY_N = 0.02
 SPARE_N = 4.0
 """Largest excess of the commanded force over that of the press, for sticking joints [N]."""
 
+SENSOR, POSITIVE = "joint torques", "a positive torque accelerates a joint towards growing angles"
+"""Name and sign of the force sensors, for errors."""
+
 
 @dataclass
 class Moments:
@@ -113,6 +117,8 @@ class Press:
             loop.period_s, options.filter_s, low_pass_s + loop.period_s, options.regulate_share, options.regulate_per_s
         )  # fmt: skip
         self._bound_n = planned.force_n + SPARE_N
+        # Of the measured way, as angles and torques have one time.
+        self._growth = ForceGrowth(SENSOR, options.contact_n, BLIND_M)
         self.moments = Moments()
         self.found_m = float("nan")
         self.lost = False
@@ -173,10 +179,16 @@ class Press:
         self._loop.doing = "approach"
         fast = FAST * options.approach_m_per_s
         slow = min(options.approach_m_per_s, options.touch_n_per_s / self._posture.stiffness_n_per_m)
+        # The commanded indenter's way, of which soft fingers take a part.
+        blind_m = BLIND_M + BLIND_S * slow + 2 * options.contact_n / self._posture.stiffness_n_per_m
+        free = [sample.state.taxels for sample in self._loop.samples]
+        meta = self._loop.rig.description.meta
+        check = ApproachCheck(SENSOR, meta, free, options.contact_n, blind_m, POSITIVE)
         while self._height_m > self._posture.heights_m[0]:
             self._height_m -= (fast if self._height_m > self._near_m else slow) * period
             sample = self._step()
             touching = touching + 1 if self._regulator.normal_n > options.contact_n else 0
+            check.check(self._regulator.normal_n, self._height_m, sample.state.taxels)
             if touching == 0:
                 self._correct(sample)
             if touching >= self._loop.steps(options.contact_s):
@@ -209,7 +221,9 @@ class Press:
 
     def _regulated(self, force_n: float) -> None:
         self._regulator.regulate(force_n, self._bound_n)
-        self._step()
+        sample = self._step()
+        if self._loop.doing == "load":
+            self._growth.check(self._regulator.normal_n, sample.height_m)
 
     def _hold(self) -> None:
         self._loop.doing = "hold"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -132,6 +133,17 @@ class Rig:
             return create_driver(self.name, **self.options, **own)
 
         return make
+
+
+def driver_text(name: str, seed: int | str) -> str:
+    """Return a driver as the ``source`` of a dataset names it; the simulated hand with its seed."""
+    return f"driver {name}, seed {seed}" if name == "sim" else f"driver {name}"
+
+
+def simulated_seed(source: str) -> int | None:
+    """Return the seed of the simulated hand that a ``source`` names; None: it names none."""
+    found = re.search(driver_text("sim", r"(\d+)"), source)
+    return None if found is None else int(found[1])
 
 
 def _known(driver: str) -> set[str]:

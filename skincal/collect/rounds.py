@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
 from collections.abc import Callable
 from contextlib import suppress
@@ -11,16 +10,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from skincal.collect.collection import rig_digest
 from skincal.collect.plan import Plan
-from skincal.collect.rig import Rig
+from skincal.collect.rig import Rig, simulated_seed
 from skincal.dataset import Dataset, read_dataset, write_dataset
 from skincal.dataset.dataset import GAP_S, check_same_rig, join_sessions
 from skincal.errors import input_error
+from skincal.files import alone, whole_file
 
 SESSION = "session"
 """Folder in the new calibration: the dataset with all presses."""
 _KEY = "key.json"
-_SEED = re.compile(r"driver sim, seed (\d+)")
 
 
 @dataclass(frozen=True)
@@ -58,30 +58,38 @@ class Rounds:
         if dataset.frames is None:
             fix = "A session of hold means alone cannot be continued."
             raise input_error("--collect", "a dataset with frames", "one without", fix)
-        own = _SEED.search(dataset.meta.source)
-        if rig.name == "sim" and own and int(own[1]) != options.get("seed"):
-            got, fix = f"--seed {options.get('seed')}", f"Give --seed {own[1]}."
-            raise input_error("--driver sim", f"the hand of the dataset, seed {own[1]}", got, fix)
+        own = simulated_seed(dataset.meta.source)
+        if rig.name == "sim" and own not in (None, options.get("seed")):
+            got, fix = f"--seed {options.get('seed')}", f"Give --seed {own}."
+            raise input_error("--driver sim", f"the hand of the dataset, seed {own}", got, fix)
         folder = out.with_name(f".{out.name}.rounds")
         key = {"dataset": dataset.sha256, "driver": rig.name, "seed": rig.seed, "options": rig.texts}
+        key["hand"] = rig_digest(hand)
         rounds = cls(folder, key, rig, collect)
         rounds._check_same()
         return rounds
 
     def press(self, dataset: Dataset, plan: Plan, number: int) -> Dataset:
-        """Make the presses of a round, unless they were made before an interruption; return all presses so far."""
+        """Make the presses of a round, unless they were made before an interruption; return all presses so far.
+
+        Raises:
+            InputError: another process presses, or another run has begun.
+        """
         out, whole = self.folder / f"round-{number}", self.folder / f"session-{number}"
-        self.folder.mkdir(parents=True, exist_ok=True)
-        (self.folder / _KEY).write_text(json.dumps(self.key), encoding="utf-8")
-        if not out.exists():
-            end_s = 0.0 if dataset.frames is None else float(dataset.frames.time_s[-1])
-            hand = self.rig.driver.description.name
-            source = f"skincal diagnose --collect: driver {self.rig.name}, round {number}, {hand}"
-            self.collect(plan, out, source, end_s + GAP_S)
-        both = join_sessions(dataset, read_dataset(out))
-        source = f"{dataset.meta.source}; round {number} of skincal diagnose --collect"
-        write_dataset(replace(both, meta=replace(both.meta, source=source)), whole, force=True)
-        return read_dataset(whole)
+        with alone(self.folder.with_name(f"{self.folder.name}.lock"), self.folder, create=True):
+            self._check_same()
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with whole_file(self.folder / _KEY, force=True) as file:
+                file.write_text(json.dumps(self.key), encoding="utf-8")
+            if not out.exists():
+                end_s = 0.0 if dataset.frames is None else float(dataset.frames.time_s[-1])
+                hand = self.rig.driver.description.name
+                source = f"skincal diagnose --collect: driver {self.rig.name}, round {number}, {hand}"
+                self.collect(plan, out, source, end_s + GAP_S)
+            both = join_sessions(dataset, read_dataset(out))
+            source = f"{dataset.meta.source}; round {number} of skincal diagnose --collect"
+            write_dataset(replace(both, meta=replace(both.meta, source=source)), whole, force=True)
+            return read_dataset(whole)
 
     @property
     def saved(self) -> int:

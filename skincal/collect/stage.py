@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from skincal.collect.force_checks import BLIND_M, BLIND_S, ApproachCheck, ForceGrowth
 from skincal.collect.journal import Arrays
 from skincal.collect.plan import Plan, PlannedPress
 from skincal.collect.posture import Mount
@@ -13,7 +14,7 @@ from skincal.collect.press import Moments
 from skincal.collect.session import MakeDriver, Session, StageSample
 from skincal.covariates import POSITION
 from skincal.dataset import HOLD, IDLE, LOAD, PHASES, UNLOAD
-from skincal.errors import InputError, Problem, WorkError, input_error
+from skincal.errors import InputError, Problem, input_error
 from skincal.hand import GuardedStage, GuardOptions, StageDescription, StageDriver, StageState
 from skincal.hand.loop import ControlLoop
 from skincal.model.arrays import FloatArray
@@ -24,9 +25,8 @@ GAIN = 0.25
 SOFTEST_N_PER_M = 2e3
 """Smallest stiffness assumed for a skin at first contact [N/m]."""
 
-BLIND_M, BLIND_S = 0.5e-3, 0.05
-"""Largest way into the skin without any growth of the force, for a skin as soft as can be and a slow load cell: the
-way itself, and the time at the press's speed [m, s]."""
+SENSOR, POSITIVE = "load cell", "a load cell reads a positive force when the indenter presses"
+"""Name and sign of the force sensor, for errors."""
 
 
 def stage_plan(plan: Plan, rig: StageDescription) -> Plan:
@@ -132,9 +132,12 @@ class StagePresses(ControlLoop[GuardedStage, StageSample]):
         times = Moments()
         slow = min(options.approach_m_per_s, 0.9 * rig.max_speed_m_per_s) * dt
         lowest = max(-options.search_m, float(rig.lower_m[2]))
-        touching = 0
+        touching, blind_m = 0, BLIND_M + BLIND_S * slow / dt
+        free = [sample.state.taxels for sample in self.samples]
+        check = ApproachCheck(SENSOR, rig.meta, free, options.contact_n, blind_m, POSITIVE)
         while touching < 2 and self.command[2] - slow > lowest:
             sample = self._move(self.command - np.array([0.0, 0.0, slow]), LOAD)
+            check.check(sample.force_n, float(sample.state.position_m[2]), sample.state.taxels)
             touching = touching + 1 if sample.force_n > options.contact_n else 0
         if touching >= 2:
             contact_m = float(self.command[2])
@@ -160,16 +163,11 @@ class StagePresses(ControlLoop[GuardedStage, StageSample]):
         dt, lowest, target_n = self.period_s, self.rig.description.lower_m[2], planned.force_n
         near = max(0.5 * self._options.tolerance_n, 0.5 * self._options.tolerance_share * target_n)
         right, blind_m = 0, BLIND_M + BLIND_S * planned.speed_m_per_s
-        most_n, there_m = -np.inf, contact_m
+        growth = ForceGrowth(SENSOR, self._options.contact_n, blind_m)
         for _ in range(self.steps(seconds)):
-            force, place_m = self.now.force_n, float(self.now.state.position_m[2])
-            if force > most_n + self._options.contact_n / 2:
-                most_n, there_m = force, place_m
-            if phase == LOAD and there_m - place_m > blind_m:
-                raise WorkError(
-                    f"load cell: expected a force that grows on a way of {1e3 * (there_m - place_m):.3g} mm into the "
-                    f"skin; it stayed at {force:.3g} N. Is the load cell connected?"
-                )
+            force = self.now.force_n
+            if phase == LOAD:
+                growth.check(force, float(self.now.state.position_m[2]))
             # For a sphere on a foundation the force grows with the square of the depth: dF/dz = 2 F / z.
             depth = max(contact_m - float(self.command[2]), 1e-5)
             stiffness = max(2 * force / depth, SOFTEST_N_PER_M)

@@ -6,7 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from skincal.hand.guard import GuardedHand
 from skincal.hand.guard_options import GuardOptions
 from skincal.model.arrays import FloatArray
 from skincal.robot import JointLimits
+from skincal.robot.description import values_of
 from skincal.train.policy_file import Policy
 
 
@@ -93,11 +94,13 @@ def deploy(
         Result of the run, also if the object was lost.
 
     Raises:
-        InputError: the policy is for another hand or task, or needs taxels that the hand does not have.
+        InputError: the driver describes another hand than ``pinch``; the policy is for another hand or task, or needs
+            taxels that the hand does not have.
         HandError: the hand had a fault, and has been stopped.
         WorkError: there was no object between the fingers, the policy gave no finite action, or the loop fell behind.
     """
     options = options or DeployOptions()
+    _check_same_hand(driver, pinch)
     joints, taxels = pinch.joints, pinch.description.meta.sensor.taxels
     sizes = {"image": taxels, "target": targets.shape[1], "movement": targets.shape[1]}
     sizes |= dict.fromkeys(("desired", "measured", "error"), joints)
@@ -125,6 +128,18 @@ def deploy(
             cut_short(loop.result)
         raise
     return loop.result()
+
+
+def _check_same_hand(driver: HandDriver, pinch: Pinch) -> None:
+    """Refuse a driver of another hand: forces, limits and the order of the joints come from both descriptions."""
+    its = driver.description
+    # In a pinch, the second finger ends in its bare tip.
+    finger = replace(its.indenter_finger, tip_link=pinch.thumb.tip_link)
+    its, ours = values_of(replace(its, indenter_finger=finger)), values_of(pinch.description)
+    if different := [name for name in {**ours, **its} if ours.get(name) != its.get(name)]:
+        expected = f'the hand "{pinch.description.name}" of hand.toml and URDF, as the driver describes it'
+        fix = "Give the folder with the driver's own hand.toml and a pinch.toml: --hand FOLDER."
+        raise input_error(f"driver {driver.name}", expected, f"other values of {', '.join(different)}", fix)
 
 
 @dataclass(eq=False)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skincal.calibration import Calibration
+from skincal.calibration import Calibration, check_same_sensor
 from skincal.dataset import HOLD, read_dataset
 from skincal.deploy.policy_run import deploy
 from skincal.deploy.record import SESSION, RunFile
@@ -157,14 +157,17 @@ def _rank_p(rows: FloatArray) -> float:
     return sum(one >= far[-1] for one in far) / len(far)
 
 
-def recorded_sensitivity(folder: Path, run: RunFile) -> Sensitivity:
+def recorded_sensitivity(folder: Path, run: RunFile, calibration: Calibration) -> Sensitivity:
     """Return the sensitivity of the skin in the recorded run of a folder.
 
     Raises:
-        InputError: the session has no frames, or frames with another number of taxels.
+        InputError: the session is of another sensor than the calibration, or has no frames, or frames with another
+            number of taxels.
         WorkError: the run has too few images under force.
     """
-    frames = read_dataset(folder / SESSION).frames
+    session = read_dataset(folder / SESSION)
+    check_same_sensor(calibration, session)
+    frames = session.frames
     if frames is None:
         raise input_error(str(folder / SESSION), "frames of the run", "none")
     acting = np.asarray(frames.phase) == HOLD

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -187,7 +187,7 @@ class TaxelCheck:
 
 
 FROZEN_S = 0.5
-"""Longest time for which commands may move a rig whose measured values stay the same, as for a standing clock [s]."""
+"""Longest time for which a position may stay the same after its command has moved, as for a standing clock [s]."""
 
 
 State = TypeVar("State", HandState, StageState)
@@ -202,29 +202,43 @@ class StepCheck(ABC, Generic[State, Command]):
     has nothing to do with ours, and counts alone. Before the first command the time is that since the first state, and
     the rig holds to where it is.
 
-    No command is allowed on the strength of states that are frozen. A driver that gives old values with new stamps
-    hides angles, torques and forces from every other check. Only values that are the same to the last bit count as
-    frozen, and only while commands move the rig: one at rest whose encoders and torque sensors are coarse may well give
-    the same values for long.
+    No command is allowed on the strength of states that are frozen: old values with new stamps hide positions and
+    forces from every other check. Positions follow commands, each joint or axis on its own, so each of them must change
+    when its command has moved, unless forces take the way of the command, or friction does while other values change.
+    Nothing else has to change: a torque, a force or a velocity may rightly stay the same in free motion. Only values
+    that are the same to the last bit count as frozen, as those of a coarse encoder at rest may be for long.
 
     Args:
         driver: the rig.
-        moved: by how much commands have to move any joint or axis for values to change.
-        unit: unit of ``moved``.
+        names: names of the joints or axes.
+        moved: by how much a command has to move for the position to change.
+        sticks: by how much more, (n,), where a joint may stick.
+        unit: unit of commands.
     """
 
-    def __init__(self, driver: HandDriver | StageDriver, moved: float, unit: str) -> None:
-        self._moved, self._unit = moved, unit
+    def __init__(
+        self,
+        driver: HandDriver | StageDriver,
+        names: Sequence[str],
+        moved: float,
+        sticks: FloatArray,
+        unit: str,
+    ) -> None:
+        self._names, self._moved, self._sticks, self._unit = names, moved, sticks, unit
         self._real_time, self._period_s = driver.real_time, driver.period_s
-        self._rig_s = self._sent_rig_s = self._sent_own_s = self._same_since_s = math.nan
+        self._rig_s = self._sent_rig_s = self._sent_own_s = math.nan
         self._base: FloatArray | None = None
         self._sent = False
         self._measured = np.empty(0)
-        self._same_since: FloatArray | None = None
+        # Command and give when the position last changed; by how much the command is ahead, and when it last was not.
+        self._place_base = self._place_give = self._ahead = self._sound_s = np.full(len(names), math.nan)
 
     @abstractmethod
-    def _read(self, state: State) -> tuple[FloatArray, FloatArray]:
-        """Return what a rig without a command holds to, and all values that it measured, as copies."""
+    def _read(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return where a rig without a command holds, how far it gives way to forces, and what it measured.
+
+        All are copies. The first two are (n,), in the unit of commands; measured values are (k, n), positions first.
+        """
 
     @abstractmethod
     def __call__(self, command: Command, now_s: float) -> None:
@@ -243,31 +257,31 @@ class StepCheck(ABC, Generic[State, Command]):
         self._rig_s = float(state.time_s)
         if math.isnan(self._sent_rig_s):
             self._sent_rig_s, self._sent_own_s = self._rig_s, now_s
-        held, measured = self._read(state)
-        if not np.array_equal(measured, self._measured):
-            self._measured, self._same_since_s = measured, self._rig_s
-            self._same_since = self._base if self._sent else None
-        if not self._sent:
+        held, give, measured = self._read(state)
+        if self._base is None or not self._sent:
             self._base = held
+        moved = np.full(len(held), True) if not self._sent else measured[0] != self._measured[0]
+        sticks = 0.0 if np.array_equal(measured, self._measured) else self._sticks
+        self._measured = measured
+        self._place_base = np.where(moved, self._base, self._place_base)
+        self._place_give = np.where(moved, give, self._place_give)
+        self._ahead = np.abs(self._base - self._place_base) - np.abs(give - self._place_give)
+        self._sound_s = np.where(self._ahead > self._moved + sticks, self._sound_s, self._rig_s)
 
     def sent(self, command: Command, now_s: float) -> None:
         """Record a command that the driver has sent; ``now_s`` is our clock afterwards [s]."""
         target = command.q_desired_rad if isinstance(command, HandCommand) else command
         self._base, self._sent = np.array(target, dtype=np.float64), True  # the caller may reuse its array
         self._sent_rig_s, self._sent_own_s = self._rig_s, now_s
-        if self._same_since is None:
-            self._same_since = self._base
 
-    def _check_frozen(self, base: FloatArray) -> None:
-        """Check that the rig has answered to the commands up to the last one, ``base``."""
-        for_s = self._rig_s - self._same_since_s
-        if not for_s > FROZEN_S or self._same_since is None:
-            return
-        moved = float(np.abs(base - self._same_since).max())
-        if moved > self._moved:
+    def _check_frozen(self) -> None:
+        """Check that every joint or axis has answered to the commands up to the last one."""
+        j = int(np.argmin(self._sound_s))
+        for_s, moved = self._rig_s - float(self._sound_s[j]), float(self._ahead[j])
+        if for_s > FROZEN_S:
             text = (
-                f"no measured value has changed for {for_s:.3g} s, while commands moved by {moved:.3g} {self._unit}: "
-                "the states are frozen"
+                f"{self._names[j]}: the measured position has not changed for {for_s:.3g} s, while commands moved by "
+                f"{moved:.3g} {self._unit}: the states are frozen"
             )
             raise HandError(text, "state", value=for_s, limit=FROZEN_S)
 

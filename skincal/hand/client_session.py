@@ -166,11 +166,13 @@ class Session:
         if message.kind == "act":
             self._check_fresh(message)
             hand.act(HandCommand(numbers(message, "q_desired_rad")))
+            return "done", {}
         if message.kind == "bye":
             # The hand is free for the next client when this client receives the reply.
             self._release()
             self.over = True
-        return "done", {}
+            return "done", {}
+        raise MessageError(f'expected a request of a session; got "{message.kind}"')
 
     def _check_fresh(self, message: Message) -> None:
         """Refuse a command whose state is too old, such as one that was delayed on its way."""

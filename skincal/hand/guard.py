@@ -23,7 +23,11 @@ TEMPERATURES_C = (-273.15, 1000.0)
 """Lowest and highest temperature of a skin [deg C]; anything beyond is a fault of the sensor or its driver."""
 
 MOVED_RAD = 0.01
-"""A command that moves by less need not show, as encoders and torque sensors are coarse [rad]."""
+"""A command that moves by less need not show, as encoders are coarse [rad]."""
+
+STICKS = 0.1
+"""Largest stick friction of a joint, relative to its largest torque: an assumption; the last joints of the simulated
+hand have 0.06."""
 
 ROUNDING_RAD = 1e-9
 """Tolerance of a command's limits, as sums of steps are not exact [rad]."""
@@ -169,16 +173,23 @@ class CommandCheck(StepCheck[HandState, HandCommand]):
     """Checker of the commands of a hand."""
 
     def __init__(self, driver: HandDriver) -> None:
-        # A recording answers to no command.
-        super().__init__(driver, MOVED_RAD if driver.follows_commands else math.inf, "rad")
         description = driver.description
+        # A recording answers to no command.
+        moved_rad = MOVED_RAD if driver.follows_commands else math.inf
+        self._stiffness = description.gains.stiffness_nm_per_rad
+        # Friction of either sign.
+        sticks_rad = 2 * STICKS * description.limits.torque_nm / self._stiffness
+        names = [f"joint {name}" for name in description.joints]
+        super().__init__(driver, names, moved_rad, sticks_rad, "rad")
         self._joints, self._limits = description.joints, description.limits
         self._low = self._limits.lower_rad - ROUNDING_RAD
         self._high = self._limits.upper_rad + ROUNDING_RAD
 
-    def _read(self, state: HandState) -> tuple[FloatArray, FloatArray]:
-        measured = np.concatenate((state.q_rad, state.dq_rad_per_s, state.tau_nm, state.q_desired_rad))
-        return state.q_desired_rad.copy(), measured
+    def _read(self, state: HandState) -> tuple[FloatArray, FloatArray, FloatArray]:
+        # A joint that something blocks turns the way of its command into torque.
+        give = state.tau_nm / self._stiffness
+        measured = np.stack((state.q_rad, state.dq_rad_per_s, state.tau_nm, state.q_desired_rad))
+        return state.q_desired_rad.copy(), give, measured
 
     def __call__(self, command: HandCommand, now_s: float) -> None:
         """See :meth:`StepCheck.__call__`."""
@@ -189,7 +200,7 @@ class CommandCheck(StepCheck[HandState, HandCommand]):
         if type(q) is not np.ndarray or q.shape != shape or q.dtype != np.float64:
             text = f"command, q_desired_rad: expected an array of float64 of shape {shape}; got {shown(q)}"
             raise HandError(text, "command")
-        self._check_frozen(before_rad)
+        self._check_frozen()
         largest = self._step_rad(now_s)
         small = np.abs(q - before_rad) <= largest + ROUNDING_RAD
         if not ((q >= self._low) & (q <= self._high) & small).all():

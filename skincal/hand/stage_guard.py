@@ -120,11 +120,12 @@ class StageCommandCheck(StepCheck[StageState, FloatArray]):
     """Checker of the commands of a stage."""
 
     def __init__(self, driver: StageDriver) -> None:
-        super().__init__(driver, BEYOND_M, "m")
+        super().__init__(driver, [f"axis {name}" for name in "xyz"], BEYOND_M, np.zeros(3), "m")
         self._rig = driver.description
 
-    def _read(self, state: StageState) -> tuple[FloatArray, FloatArray]:
-        return np.array(state.position_m, dtype=np.float64), np.append(state.position_m, state.force_n)
+    def _read(self, state: StageState) -> tuple[FloatArray, FloatArray, FloatArray]:
+        place = np.array(state.position_m, dtype=np.float64)
+        return place, np.zeros(3), np.stack((place, np.full(3, state.force_n)))
 
     def __call__(self, command: FloatArray, now_s: float) -> None:
         """See :meth:`StepCheck.__call__`."""
@@ -139,7 +140,7 @@ class StageCommandCheck(StepCheck[StageState, FloatArray]):
         rig = self._rig
         if (command < rig.lower_m - ROUNDING_M).any() or (command > rig.upper_m + ROUNDING_M).any():
             raise HandError(f"{_shown(command)} lies outside the travel", "command")
-        self._check_frozen(base)
+        self._check_frozen()
         step_m, longest_m = float(np.linalg.norm(command - base)), self._longest_m(now_s)
         if step_m > longest_m + ROUNDING_M:
             text = f"a step of {1e3 * step_m:.3g} mm, and in the time passed {1e3 * longest_m:.3g} mm is the most"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -100,6 +100,21 @@ class HandDescription:
         radius_m = self.meta.indenter.radius_m
         assert radius_m is not None
         return radius_m
+
+
+def values_of(description: Any, name: str = "") -> dict[str, str]:
+    """Return all that a description of a hand or stage says, as texts by the names of its fields.
+
+    The place of the URDF is left out; its content is in the digest.
+    """
+    if not is_dataclass(description):
+        # Texts of arrays would be rounded.
+        return {name: repr(description.tolist() if isinstance(description, np.ndarray) else description)}
+    values: dict[str, str] = {}
+    for one in fields(description):
+        if one.name != "urdf":
+            values |= values_of(getattr(description, one.name), f"{name}.{one.name}".lstrip("."))
+    return values
 
 
 JOINT_FIELDS: Final = {"q": "q_rad", "dq": "dq_rad_per_s", "tau": "tau_nm", "q_desired": "q_desired_rad"}

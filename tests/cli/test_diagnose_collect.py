@@ -20,6 +20,7 @@ from skincal.dataset.dataset import GAP_S
 from skincal.diagnosis.observed import observe
 from skincal.diagnosis.updated_calibration import updated_parameters
 from skincal.errors import InputError
+from skincal.files import alone
 from skincal.hand.sim import SimDriver
 from skincal.inference.constants import CONSTANTS
 from skincal.inference.start import fit_base
@@ -93,6 +94,26 @@ def test_interrupted_run_of_another_command(run: Dataset, tmp_path: Path):
     (own.folder / "key.json").write_text('{"dataset": "another"}', encoding="utf-8")
     with pytest.raises(InputError, match="another one"):
         rounds(tmp_path / "new", run)
+
+
+def test_an_interrupted_run_goes_on_with_the_same_hand_only(run: Dataset, tmp_path: Path):
+    own = rounds(tmp_path / "new", run)
+    own.folder.mkdir()
+    (own.folder / "key.json").write_text(json.dumps({**own.key, "hand": "another"}), encoding="utf-8")
+    with pytest.raises(InputError, match="another one"):
+        rounds(tmp_path / "new", run)
+    with pytest.raises(InputError, match="another one"):
+        own.press(run, plan(2, 4), 1)
+
+
+def test_two_processes_do_not_press_at_once(run: Dataset, tmp_path: Path):
+    own = rounds(tmp_path / "new", run)
+    with (
+        alone(tmp_path / ".new.rounds.lock", own.folder, create=True),
+        pytest.raises(InputError, match="another process at work"),
+    ):
+        own.press(run, plan(2, 4), 1)
+    assert not own.folder.exists()
 
 
 def test_a_session_of_no_simulated_hand_is_not_compared(run: Dataset, tmp_path: Path):

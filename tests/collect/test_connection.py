@@ -164,6 +164,42 @@ def test_contact_that_is_lost_in_the_hold_is_marked(rig: Rig):
     assert rig.run(ONE, spoil=Losing()).statuses == {"lost_contact": 1}
 
 
+BLIND = {
+    "dead": (lambda s, _: replace(s, tau_nm=0 * s.tau_nm), -1.0, "a force that grows"),
+    "noise alone": (lambda s, _: replace(s, tau_nm=1e-6 * s.q_rad), -1.0, "a force that grows"),
+    "another unit": (lambda s, _: replace(s, tau_nm=1e-3 * s.tau_nm), -1.0, "a force that grows"),
+    "frozen": (lambda s, first: replace(s, tau_nm=first.tau_nm), 1.0, "a force that grows"),
+    "reversed": (lambda s, _: replace(s, tau_nm=-s.tau_nm), -1.0, "The sign is wrong"),
+}
+
+
+@pytest.mark.parametrize(("how", "force_n", "text"), BLIND.values(), ids=BLIND)
+def test_torques_that_do_not_answer_contact_end_the_session(
+    rig: Rig, how: Callable[[HandState, HandState], HandState], force_n: float, text: str
+):
+    kept: list[HandState] = []
+
+    def spoil(number: int, state: HandState) -> HandState:
+        if kept or rig.hands[-1].forces[-1] > force_n:
+            kept.append(state)
+        return how(state, kept[0]) if kept else state
+
+    with pytest.raises(WorkError, match=text) as caught:
+        rig.run(spoil=spoil)
+    assert "The hand was stopped." in caught.value.__notes__
+    assert rig.hands[0].stopped and rig.kept() == {}
+    assert max(rig.hands[0].forces) < 4.0
+
+
+def test_taxels_that_feel_the_indenter_above_them_stop_no_hand(rig: Rig):
+    """As those of magnetic skins do."""
+
+    def near(number: int, state: HandState) -> HandState:
+        return replace(state, taxels=state.taxels + (50.0 if number % 150 > 60 else 0.0))
+
+    assert rig.run(ONE, near).statuses == {"ok": 1}
+
+
 def failing(at: int, how: Callable[[HandState], HandState]) -> Callable[[int, HandState], HandState]:
     return lambda number, state: how(state) if number == at else state
 
@@ -269,7 +305,7 @@ def test_what_no_dataset_could_hold_ends_the_session(rig: Rig, spoil: Callable[.
 
 
 def test_a_dataset_that_cannot_be_used_is_reported_at_once(rig: Rig):
-    found = rig.run(ONE, lambda n, s: replace(s, tau_nm=0 * s.tau_nm))
+    found = rig.run(ONE, lambda n, s: replace(s, tau_nm=0 * s.tau_nm, taxels=0 * s.taxels))
     assert found.statuses == {"no_contact": 1}
     assert "expected positive normal forces" in str(found.problems[0])
 

@@ -24,6 +24,11 @@ def test_every_protocol_has_its_line_of_help():
     assert set(PROTOCOLS) == set(tasks.PROTOCOLS)
 
 
+def test_every_protocol_has_a_random_stream_of_its_own():
+    """A plan is drawn by the seed and the length of the protocol's name."""
+    assert len({len(name) for name in PROTOCOLS}) == len(PROTOCOLS)
+
+
 def full(seed: int, **changes: float | None) -> Plan:
     return full_plan(np.random.default_rng(seed), LAYOUT, **changes)
 

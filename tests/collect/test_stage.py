@@ -63,16 +63,19 @@ def test_progress_is_reported_in_every_period(tmp_path: Path) -> None:
     )
 
 
+class Weary(StageSim):
+    """A stage that fails."""
+
+    left = 700
+
+    def observe(self) -> StageState:
+        self.left -= 1
+        if self.left < 0:
+            raise OSError("the cable is out")
+        return super().observe()
+
+
 def test_an_interrupted_session_goes_on(tmp_path: Path) -> None:
-    class Weary(StageSim):
-        left = 700
-
-        def observe(self) -> StageState:
-            self.left -= 1
-            if self.left < 0:
-                raise OSError("the cable is out")
-            return super().observe()
-
     with pytest.raises(HandError, match="the cable is out"):
         session(tmp_path, Weary(seed=2))
     found = session(tmp_path)
@@ -80,6 +83,19 @@ def test_an_interrupted_session_goes_on(tmp_path: Path) -> None:
     assert found.statuses == {"ok": 3}
     assert found.dataset.frames is not None
     assert (np.diff(found.dataset.frames.time_s) > 0).all()
+
+
+def test_a_session_goes_on_with_the_same_stage_only(tmp_path: Path) -> None:
+    class Other(StageSim):
+        @property
+        def description(self) -> StageDescription:
+            rig = super().description
+            return replace(rig, meta=replace(rig.meta, indenter=replace(rig.meta.indenter, radius_m=0.008)))
+
+    with pytest.raises(HandError):
+        session(tmp_path, Weary(seed=2))
+    with pytest.raises(InputError, match="to be this one: stage simulated stage"):
+        session(tmp_path, Other(seed=2))
 
 
 @pytest.mark.parametrize(
@@ -149,6 +165,24 @@ def test_a_load_cell_that_stands_ends_the_press(tmp_path: Path) -> None:
     assert stage._halted  # pyright: ignore[reportPrivateUsage]
     assert any("stopped" in note for note in failed.value.__notes__)
     assert stage.deepest_m > -2e-3
+
+
+@pytest.mark.parametrize(("factor", "text"), [(0.0, "a force that grows"), (-1.0, "The sign is wrong")])
+def test_a_load_cell_that_does_not_answer_contact_ends_the_session(
+    tmp_path: Path, factor: float, text: str
+) -> None:
+    class Blind(StageSim):
+        true_n = 0.0
+
+        def observe(self) -> StageState:
+            state = super().observe()
+            self.true_n = max(self.true_n, state.force_n)
+            return replace(state, force_n=factor * state.force_n)
+
+    stage = Blind(seed=2)
+    with pytest.raises(WorkError, match=text):
+        session(tmp_path, stage)
+    assert 0.1 < stage.true_n < 5.0
 
 
 def test_a_session_that_cannot_be_fitted_is_said(

@@ -254,3 +254,24 @@ def test_verb_refuses_a_policy_that_is_faster_than_the_hand(
     command = ("deploy", "marble", tmp_path / "p.onnx", "--driver", "reference")
     assert run(*command, "--out", tmp_path / "o") == 2
     assert f"got one of {speed} rad/s" in capsys.readouterr().err
+
+
+def test_a_driver_of_another_hand_is_refused(policy: Policy) -> None:
+    """Limits, forces and the order of the joints would be those of the wrong hand."""
+    own = ReferenceHand(seed=1).description
+    others = {
+        "max_force_n": replace(own, max_force_n=0.6),
+        "limits.upper_rad": replace(own, limits=replace(own.limits, upper_rad=own.limits.upper_rad - 1e-9)),
+        "joints": replace(own, joints=own.joints[::-1]),
+        "digest": replace(own, digest="00" * 32),
+    }
+    for name, other in others.items():
+
+        class Other(ReferenceHand):
+            description = other
+
+            def connect(self) -> None:
+                raise AssertionError("connected")
+
+        with pytest.raises(InputError, match=rf"other values of {name}\. .*--hand FOLDER"):
+            deploy(policy, Other(seed=1), read_pinch(None), marble_targets("still", 3.0), **WIDTH)

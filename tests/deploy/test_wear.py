@@ -89,6 +89,12 @@ def test_the_verb_scales_the_calibration(tmp_path: Path, capsys: pytest.CaptureF
     assert after.model.scale_per_n == pytest.approx(told["factor"] * before.model.scale_per_n)
     assert before.draws is not None and after.draws is not None
     np.testing.assert_allclose(after.draws["scale_per_n"], told["factor"] * before.draws["scale_per_n"])
+    toml = now / "session" / "dataset.toml"
+    ours = toml.read_text(encoding="utf-8")
+    toml.write_text(ours.replace("value_max = 255", "value_max = 4095"), encoding="utf-8")
+    assert run("rescale", cal, now, "--hands", 3) == 2
+    assert "255 counts, as calibrated; got 4095" in capsys.readouterr().err
+    toml.write_text(ours, encoding="utf-8")
     assert run("rescale", cal, tmp_path / "nowhere") == 2
     assert "expected the output of `skincal deploy`" in capsys.readouterr().err
     assert run("rescale", cal, now, "--out", out) == 2

@@ -588,6 +588,56 @@ def test_frozen_states_with_new_stamps_stop_the_hand(time_to_freeze: int) -> Non
     assert (driver.ticks - time_to_freeze) * PERIOD_S == pytest.approx(0.5, abs=3 * PERIOD_S)
 
 
+def test_one_frozen_angle_stops_the_hand() -> None:
+    """Though torques and all other angles live."""
+
+    def frozen(state: HandState) -> HandState:
+        return replace(
+            state, q_rad=array(state.q_rad[0], 0.1), tau_nm=array(0.0, 0.01 * np.sin(state.time_s))
+        )
+
+    driver = FakeHand(frozen)
+    with (
+        pytest.raises(HandError, match=r"joint finger: .* the states are frozen"),
+        GuardedHand(driver) as hand,
+    ):
+        for k in range(300):
+            hand.observe()
+            hand.act(hand.nearest(np.full(2, np.sin(0.02 * k))))
+    assert driver.ticks * PERIOD_S == pytest.approx(0.5, abs=0.15)
+
+
+def test_a_blocked_or_sticking_joint_is_not_frozen() -> None:
+    """The way of its command becomes torque, or is that of friction."""
+
+    def blocked(state: HandState) -> HandState:
+        q = state.q_desired_rad
+        return replace(state, q_rad=array(0.0, q[1]), tau_nm=array(5.0 * q[0], 1e-3 * state.time_s))
+
+    def sticking(state: HandState) -> HandState:
+        return replace(state, q_rad=array(0.1, state.q_rad[1]))
+
+    for odd, target in ((blocked, array(0.2, 0.1)), (sticking, array(0.06, 0.1))):
+        with GuardedHand(FakeHand(odd)) as hand:
+            for k in range(200):
+                hand.observe()
+                hand.act(hand.nearest(target * (1 + 0.1 * np.sin(k))))
+
+
+def test_a_hand_at_rest_may_answer_late() -> None:
+    """The time counts from the command on, not from the last new value."""
+    past: list[HandState] = []
+
+    def late(state: HandState) -> HandState:
+        past.append(state)
+        return replace(state, q_rad=past[max(len(past) - 20, 0)].q_rad)
+
+    with GuardedHand(FakeHand(late)) as hand:
+        for k in range(300):
+            hand.observe()
+            hand.act(hand.nearest(np.full(2, 0.5 if k > 150 else 0.0)))
+
+
 def test_a_hand_at_rest_may_give_the_same_values_for_long() -> None:
     with GuardedHand(FakeHand()) as hand:
         for _ in range(200):

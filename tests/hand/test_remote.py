@@ -25,11 +25,12 @@ from hand_fakes import FakeHand, Hands, changed, tiny_description
 from benchmarks.lossy_proxy import Fate, Proxy, lossy
 from skincal.errors import InputError, WorkError
 from skincal.hand import remote, serve, sockets
+from skincal.hand.client_session import Session
 from skincal.hand.driver import HandCommand
 from skincal.hand.errors import HandError
 from skincal.hand.guard import GuardedHand
 from skincal.hand.guard_options import GuardOptions
-from skincal.hand.messages import REPLIES, VERSION, Message, decode, encode
+from skincal.hand.messages import REPLIES, VERSION, Message, MessageError, decode, encode
 from skincal.hand.remote import LONGEST_S, SHORTEST_S, RemoteDriver, ResendTimer
 from skincal.hand.serve import HandServer, ServeOptions
 from skincal.hand.sockets import checked_address, client_keys, hand_keys, make_keys
@@ -264,6 +265,15 @@ def test_a_message_of_another_session_does_nothing() -> None:
         assert hands.last.stopped_at is None
         driver.act(HandCommand(state.q_desired_rad))
         driver.close()
+
+
+def test_a_session_does_no_request_that_it_does_not_know() -> None:
+    with zmq.Context() as context, context.socket(zmq.PAIR) as wire:
+        session = Session("one", FakeHand(), ServeOptions(), None, wire)
+        for kind in ("welcome", "stop", "move"):
+            with pytest.raises(MessageError, match=f'expected a request of a session; got "{kind}"'):
+                session._do(Message(kind, 1, "one"))  # pyright: ignore[reportPrivateUsage]
+        session.end()
 
 
 def test_an_older_version_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:

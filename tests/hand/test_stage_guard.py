@@ -99,6 +99,22 @@ def test_frozen_states_stop_the_stage() -> None:
     assert stage.rig_s == pytest.approx(1.5, abs=0.05)
 
 
+def test_a_frozen_axis_stops_the_stage() -> None:
+    """Though the load cell and the other axes live."""
+
+    def frozen(state: StageState) -> StageState:
+        x, y, _ = state.position_m
+        return replace(state, position_m=np.array([x, y, 0.01]), force_n=1e-3 * np.sin(state.time_s))
+
+    stage = Stage(frozen)
+    with pytest.raises(HandError, match=r"axis z: .* the states are frozen"), stage.guarded() as guarded:
+        for _ in range(200):
+            stage.go_on(0.01, 0.01)
+            guarded.observe()
+            guarded.act(guarded.nearest(np.array([0.005, 0.0, 0.005])))
+    assert stage.rig_s == pytest.approx(1.5, abs=0.1)
+
+
 def test_a_taxel_may_be_dead() -> None:
     stage = Stage(lambda state: replace(state, taxels=np.where(np.arange(16) == 3, np.nan, 7.0)))
     with stage.guarded() as guarded:
