@@ -15,7 +15,7 @@ from skincal.dataset import meta_file
 from skincal.dataset.columns import repeated
 from skincal.dataset.corrections import drop_impossible, with_converter_range
 from skincal.dataset.dataset import Dataset
-from skincal.dataset.findings import Findings, Sheet
+from skincal.dataset.findings import SHOWN, Findings, Sheet, listed
 from skincal.dataset.plausibility import check_plausible, check_scale
 from skincal.dataset.rest import ACTIVE_COUNTS, REST_IN_DOUBT, active_taxels, active_threshold, rest_in_doubt
 from skincal.dataset.table_conversion import frames_from, presses_from
@@ -192,7 +192,9 @@ def add_remarks(dataset: Dataset, sheet: Sheet) -> None:
     _remark_on_normals(dataset, sheet)
     _remark_on_slack(dataset, sheet.findings)
     force = presses.force_n
-    sheet.bad_rows("force_n", force <= 0, force, "a positive normal force", "An outlier?", warning=True)
+    if (none := np.flatnonzero(force <= 0)).size:
+        place, got = sheet.rows("force_n", none), listed(force[none[:SHOWN]].tolist(), none.size)
+        sheet.findings.warn(place, "a positive normal force", got, "An outlier?", code="force_not_positive")
 
 
 def _remark_on_activity(dataset: Dataset, sheet: Sheet) -> None:
