@@ -130,7 +130,9 @@ def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
         return np.asarray(parsed.dt.total_seconds(), dtype=np.float64), "day"
     # Stamps without a zone share one, which does not matter.
     form = time.format or "ISO8601"
-    dates = pd.to_datetime(cells.where(given), errors="coerce", utc=True, format=form)
+    # ISO 8601 allows a comma before the fraction of a second; pandas does not.
+    plain = cells if time.format else cells.str.replace(r"(:\d\d),(\d)", r"\1.\2", regex=True)
+    dates = pd.to_datetime(plain.where(given), errors="coerce", utc=True, format=form)
     wrong = given & dates.isna().to_numpy()
     expected, fix = f'a date and time like "{time.format}" (format)', ""
     if not time.format:

@@ -49,6 +49,47 @@ def test_rest_is_no_part_of_a_known_weight(tmp_path: Path, recording: Recorded, 
     assert not [one for one in done.warnings if one.code == "zero_of_force"]
 
 
+def by_number(tmp_path: Path, recording: Recorded) -> tuple[dict, list[Path], pd.DataFrame]:
+    """Weights and places in a table of their own, by the number of the trial."""
+    table = noted(recording)
+    files = [tmp_path / "skin.csv", tmp_path / "notes.csv"]
+    table.drop(columns=["F", "X", "Y", "Z"]).to_csv(files[0], index=False)
+    notes = table.groupby("trial").first()[["F", "X", "Y", "Z"]].reset_index()[::-1]
+    notes.to_csv(files[1], index=False)
+    content = mapping(
+        SERIES, columns={"press": "trial"}, files={"notes": {"file": "notes.csv", "press": "trial"}}
+    )
+    for name in ("force_n", "position"):
+        content["columns"][name]["file"] = "notes"
+    return content, files, notes
+
+
+def test_a_table_with_one_row_per_number(tmp_path: Path, recording: Recorded):
+    content, files, notes = by_number(tmp_path, recording)
+    found, _ = imported(tmp_path, content, files)
+    np.testing.assert_allclose(found.presses.force_n, notes.sort_values("trial").F)
+    np.testing.assert_allclose(found.presses.counts, recording.image, atol=1)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"), [([0, 0, 1, 2, 3, 4, 5, 6, 7], "each number once"), ([0, 1, 2, 3], "none for")]
+)
+def test_numbers_that_do_not_fit(tmp_path: Path, recording: Recorded, rows: list[int], said: str):
+    content, files, notes = by_number(tmp_path, recording)
+    notes.iloc[rows].to_csv(files[1], index=False)
+    (problem,) = refusals(tmp_path, content, files)
+    assert problem.startswith('notes.csv, column "trial"') and said in problem
+
+
+def test_a_table_without_stamps_may_have_numbers(tmp_path: Path, recording: Recorded):
+    content, files, _ = by_number(tmp_path, recording)
+    del content["files"]["notes"]["press"]
+    assert 'press = "trial"' in "".join(refusals(tmp_path, content, files))
+    content["files"]["notes"]["press"] = "trial"
+    del content["columns"]["press"]
+    assert "also [columns.press]" in "".join(refusals(tmp_path, content, files))
+
+
 def test_numbers_without_rest_are_contacts(tmp_path: Path, recording: Recorded):
     """Samples of the hold alone, with creep: the user said which press they belong to."""
     table = noted(recording)
