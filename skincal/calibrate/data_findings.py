@@ -20,24 +20,35 @@ from skincal.fitting.fit_options import FitOptions, SearchBox
 from skincal.fitting.problem import FitProblem
 from skincal.fitting.result import OPEN
 from skincal.fitting.tasks import Mapper
-from skincal.model import TaxelLayout
 
 if TYPE_CHECKING:
     from skincal.fitting.wiring import TaxelOrder
 
 
-def order_finding(order: TaxelOrder, layout: TaxelLayout) -> Finding:
-    """Return the finding ``taxel_order``, with the line of a mapping file that corrects the order."""
-    lines = order.mapping.replace("\n", ", ")
+def order_finding(order: TaxelOrder, dataset: Dataset) -> Finding:
+    """Return the finding ``taxel_order``, with the line of a mapping file that corrects the order.
+
+    It contains the order that the mapping already has.
+    """
+    layout, wiring, mapping = dataset.layout(), dataset.meta.wiring, order.mapping
+    if wiring is not None:
+        from skincal.fitting.wiring_orders import mapping_of
+
+        mapping = mapping_of(np.array(wiring, dtype=np.intp)[order.order], layout.rows, layout.cols)
+    lines = mapping.replace("\n", ", ") or "none of these keys"
+    write = f"Write `{lines}` under [taxels] of the mapping"
+    if wiring is not None:
+        write = f"Under [taxels] of the mapping, have `{lines}` in place of order, transpose, flip_rows, flip_cols"
+    if not mapping:
+        write = "Remove order, transpose, flip_rows, flip_cols from [taxels] of the mapping"
     return Finding(
         "taxel_order",
         "warning",
         f"The taxels seem to stand in another order than the data say: with `{lines}` the images differ by "
         f"{order.rms_after:.3g} instead of {order.rms_before:.3g} from contacts at the measured places. "
         f"Other taxels belong at {layout.names(order.moved)}.",
-        f"Write `{lines}` under [taxels] of the mapping and import again, or exchange the wires. Do not use this "
-        "calibration: no interval is given.",
-        order.mapping,
+        f"{write} and import again, or exchange the wires. Do not use this calibration: no interval is given.",
+        mapping,
     )
 
 
@@ -57,7 +68,7 @@ def search_for_order(dataset: Dataset, mapper: Mapper = map) -> Callable[[], Fin
 
     def wait() -> Finding | None:
         order = next(found)
-        return None if order is None else order_finding(order, dataset.layout())
+        return None if order is None else order_finding(order, dataset)
 
     return wait
 
@@ -120,10 +131,10 @@ def _without_intervals(calibration: Calibration) -> Calibration:
     return replace(calibration, intervals=dict.fromkeys(calibration.intervals, OPEN), findings=others)
 
 
-def with_other_order(calibration: Calibration, order: TaxelOrder) -> Calibration:
+def with_other_order(calibration: Calibration, order: TaxelOrder, dataset: Dataset) -> Calibration:
     """Return the calibration with the finding of a wrong order, and without intervals."""
     calibration = _without_intervals(calibration)
-    return replace(calibration, findings=(order_finding(order, calibration.layout()), *calibration.findings))
+    return replace(calibration, findings=(order_finding(order, dataset), *calibration.findings))
 
 
 REST_MOVES: Final = "rest_moves"

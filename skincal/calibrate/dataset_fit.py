@@ -134,14 +134,14 @@ def calibrate(
             reorder_taxels(dataset, order), options=options, box=box, seed=seed, workers=workers, scheduler=scheduler,
             command=command, method=method, progress=progress,
         )  # fmt: skip
-        return replace(mended, calibration=with_other_order(mended.calibration, order))
+        return replace(mended, calibration=with_other_order(mended.calibration, order, dataset))
     assert result is not None
     settings = {"method": way.method} | asdict(options) | {"box": asdict(box)}
     settings = {key: value for key, value in settings.items() if value is not None}
     provenance = make_provenance(dataset, command, seed, settings)
     calibration = with_moving_rest(calibration_of(result, dataset, provenance), dataset)
     if order is not None:
-        calibration = with_other_order(calibration, order)
+        calibration = with_other_order(calibration, order, dataset)
     calibration = with_findings_of_check(calibration, dataset)
     return Outcome(calibration, result, len(slabs), way)
 

@@ -15,9 +15,16 @@ from skincal.dataset import meta_file
 from skincal.dataset.columns import repeated
 from skincal.dataset.corrections import drop_impossible, with_converter_range
 from skincal.dataset.dataset import Dataset
-from skincal.dataset.findings import Findings, Sheet
+from skincal.dataset.findings import SHOWN, Findings, Sheet, listed
 from skincal.dataset.plausibility import check_plausible, check_scale
-from skincal.dataset.rest import ACTIVE_COUNTS, REST_IN_DOUBT, active_taxels, active_threshold, rest_in_doubt
+from skincal.dataset.rest import (
+    ACTIVE_COUNTS,
+    REST_IN_DOUBT,
+    active_taxels,
+    active_threshold,
+    rest_in_doubt,
+    rest_levels,
+)
 from skincal.dataset.table_conversion import frames_from, presses_from
 from skincal.dataset.table_file import MOST_ROWS_HELD, RawTable, find_table, read_table, write_table
 from skincal.errors import InputError, Problem, first_of
@@ -180,6 +187,11 @@ STUCK_SHARE = 0.9
 """Largest fraction of presses at value_max; above it a taxel is reported as stuck."""
 
 
+FEWEST_SIZES, MOST_LARGER = 8, 1.35
+"""Smallest number of presses whose sizes are compared, and largest ratio of the 95 % to the 75 % quantile of sizes
+under one force (set by eye: 1.0 to 1.2 under equal weights; 1.8 where forces differ by a factor of 6)."""
+
+
 def add_remarks(dataset: Dataset, sheet: Sheet) -> None:
     """Add warnings to the findings of the sheet of presses."""
     _remark_on_activity(dataset, sheet)
@@ -191,8 +203,30 @@ def add_remarks(dataset: Dataset, sheet: Sheet) -> None:
     sheet.bad_rows("press", repeated(values), presses.press, "different measurements", fix, warning=True)
     _remark_on_normals(dataset, sheet)
     _remark_on_slack(dataset, sheet.findings)
+    _remark_on_constant_force(dataset, sheet)
     force = presses.force_n
-    sheet.bad_rows("force_n", force <= 0, force, "a positive normal force", "An outlier?", warning=True)
+    if (none := np.flatnonzero(force <= 0)).size:
+        place, got = sheet.rows("force_n", none), listed(force[none[:SHOWN]].tolist(), none.size)
+        sheet.findings.warn(place, "a positive normal force", got, "An outlier?", code="force_not_positive")
+
+
+def _remark_on_constant_force(dataset: Dataset, sheet: Sheet) -> None:
+    """Add a warning if images differ in size more than places alone explain, under an assumed constant force.
+
+    Presses beside the patch are weak, but of those well on it, no image is much larger than the others.
+    """
+    presses = dataset.presses
+    if "force_n" not in dataset.meta.assumed or len(presses) < FEWEST_SIZES or np.ptp(presses.force_n) > 0:
+        return
+    above = np.maximum(presses.counts - rest_levels(dataset), 0.0)
+    usual, largest = np.quantile(np.nansum(above, axis=1), [0.75, 0.95])
+    if largest > MOST_LARGER * usual > 0:
+        sheet.findings.warn(
+            sheet.column("force_n"), f"the same size of images under the constant force of {presses.force_n[0]:.3g} N",
+            f"a twentieth that are {largest / usual:.2g} times as large as three quarters of them, or more",
+            "The force was assumed, not measured. If it differed from press to press, E and S are wrong: map the "
+            "measured force.", code="assumed_force",
+        )  # fmt: skip
 
 
 def _remark_on_activity(dataset: Dataset, sheet: Sheet) -> None:

@@ -46,7 +46,7 @@ def write_meta(meta: DatasetMeta, path: Path) -> None:
     import tomli_w
 
     plain = {name: plain_table(v) if isinstance(v, Table) else v for name, v in plain_table(meta).items()}
-    order = ("created", "source", "assumed")
+    order = ("created", "source", "assumed", "wiring")
     top: dict[str, Any] = {"format": FORMAT} | {name: plain[name] for name in order if name in plain}
     path.write_bytes(readable(tomli_w.dumps(top | plain)).encode())
 

@@ -167,7 +167,11 @@ def _check_forces(dataset: Dataset, sheet: Sheet) -> None:
     got = f"a median of {median:.3g} N, {pressure:.2g} Pa under the indenter"
     if median <= 0:
         fix = "Forces on the skin are positive: set sign = -1 in the mapping."
-        findings.error(place, "positive normal forces [N]", got, fix, code=CODE, factor=-1.0)
+        if median == 0:
+            fix = "Is the right column mapped, and the zero of the force that of no contact?"
+            findings.error(place, "positive normal forces [N]", got, fix)
+        else:
+            findings.error(place, "positive normal forces [N]", got, fix, code=CODE, factor=-1.0)
         return
     units = force_units(median, area)
     if not units:
@@ -240,7 +244,7 @@ def _check_frames(dataset: Dataset, frames: Frames, sheet: Sheet) -> None:
     if not held.any():
         findings.warn(sheet.column("phase"), "frames of the hold of each press", "none")
         return
-    ratio = _median(force[held]) / _median(presses.force_n[held])
+    ratio = _median(force[held]) / (_median(presses.force_n[held]) or np.nan)
     unit, got = unit_of_ratio(ratio), f"{ratio:.3g} times those of the presses in the hold"
     if ratio <= 0:
         fix = "Was the force recorded? Leave the frames out if it was not."

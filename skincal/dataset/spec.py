@@ -280,9 +280,17 @@ class DatasetMeta(Description):
         created: date of the recording; None: not given.
         source: free text.
         assumed: names of the quantities that were assumed, not measured.
+        wiring: for each taxel, its index in the image of the source, if the mapping of an import reordered them.
     """
 
     created: Annotated[datetime | date | None, When()] = None
     source: str = ""
     assumed: Annotated[tuple[str, ...], Key('a list of texts like ["force_n"]')] = ()
+    wiring: Annotated[tuple[int, ...] | None, Key("the indices of all taxels, each once")] = None
     extra: Mapping[str, Any] = field(default_factory=dict)
+
+    def violations(self) -> Iterator[Violation]:
+        """Yield a wiring that is no order of the taxels."""
+        yield from super().violations()
+        if self.wiring is not None and sorted(self.wiring) != [*range(self.sensor.taxels)]:
+            yield "wiring", f"the indices 0 to {self.sensor.taxels - 1}, each once", self.wiring

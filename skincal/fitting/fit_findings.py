@@ -11,6 +11,7 @@ from scipy.special import bdtrc, ndtr
 from skincal.fitting.problem import FEW_PRESSES
 from skincal.fitting.result import FEWEST_DRAWS, POSE, FitFinding, FitResult, at_one_place, extent_m
 from skincal.fitting.sigmas import MISFIT
+from skincal.model import FlatPunch, Plane
 
 BENT = 0.4
 """A smooth position error of this fraction of the independent one widens alpha by a tenth or more."""
@@ -114,13 +115,24 @@ def _check_identified(result: FitResult) -> Iterator[FitFinding]:
     if not result.gives_intervals:  # another finding says so, for all parameters
         return
     said = POSE if at_one_place(result.problem) else ()
+    rig = result.problem.rig
+    # The pressure below a flat punch on a plane is even, however stiff the skin is.
+    flat = isinstance(rig.surface, Plane) and all(isinstance(one, FlatPunch) for one in rig.indenters)
     for name, interval in result.intervals.items():
         if not np.isfinite(interval).all() and name not in said:
+            advice = (
+                "Widen that range if you do not know it so well. Press at more places and with more forces, with an "
+                "indenter smaller than the patch."
+            )
+            if flat and name == "elasticity_pa_per_m":
+                advice = (
+                    "A flat punch on a plane does not show it: its pressure is even, however stiff the skin is. Press "
+                    "with a sphere smaller than the patch."
+                )
             yield _warn(
                 "not_identified",
                 f"The data do not determine {_NAMES[name]}: its valley does not close within the searched range.",
-                "Widen that range if you do not know it so well. Press at more places and with more forces, with an "
-                "indenter smaller than the patch.",
+                advice,
             )
 
 

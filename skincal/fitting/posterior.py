@@ -173,7 +173,7 @@ def climb(model: PressModel, bounds: Bounds, start: Floats, *, sigmas: Floats | 
             places, states = there, tried
         else:
             converged, damping = False, max(damping, 1e-4) * 10
-        known = None if far else np.diag(_scaled_inverse(curvature))[5:]
+        known = None if far else np.diag(scaled_inverse(curvature))[5:]
         updated = update_sigmas(model.problem, states, sigmas, known)
         step = np.log(updated / sigmas)
         if not far or step_number > _PLAIN_STEPS:
@@ -201,7 +201,7 @@ def _build_peak(model: PressModel, bounds: Bounds, macro: Floats, sigmas: Floats
     # prior there.
     curvature[range(5), range(5)] += 12.0 / (bounds.high - bounds.low) ** 2
     way = block_diag(np.eye(5), problem.shared.directions(problem.alive))
-    covariance = _scaled_inverse(way.T @ curvature @ way)
+    covariance = scaled_inverse(way.T @ curvature @ way)
     point = np.concatenate([macro, np.log(sigmas)])[None]
     density = float(log_posterior(model, places, bounds, point)[0])
     return Peak(macro, sigmas, theta, covariance[:5, :5], places, states, density)
@@ -237,7 +237,9 @@ def _reduced_derivatives(
     return gradient, (curvature + curvature.T) / 2
 
 
-def _scaled_inverse(matrix: Floats) -> Floats:
+def scaled_inverse(matrix: Floats) -> Floats:
     """Return the pseudo-inverse of a positive matrix whose rows have different units."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    return np.linalg.pinv(matrix * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
+    inverse = np.linalg.pinv(matrix * np.outer(scale, scale), hermitian=True)
+    with np.errstate(over="ignore"):  # the variance of what the data do not determine may be infinite
+        return inverse * np.outer(scale, scale)

@@ -152,6 +152,9 @@ def _arrays(values: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, NDArr
         if isinstance(value, Mapping):
             yield from _arrays(cast("Mapping[str, Any]", value), f"{full}.")
             continue
+        if parts := _tables(value):
+            yield from _arrays({f"{name}[{i}]": one for i, one in enumerate(parts)}, prefix)
+            continue
         array = _array(value)
         if isinstance(array, Mapping):
             yield from _arrays(array, f"{full}.")
@@ -159,6 +162,17 @@ def _arrays(values: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, NDArr
             yield from _arrays({field: array[field] for field in array.dtype.names}, f"{full}.")
         elif (array.size and array.dtype.kind in "biufMSUO") if array.ndim else _says_why(array):
             yield full, array
+
+
+def _tables(value: Any) -> list[list[Any]]:
+    """Return a list of tables per sample as a list of samples per table; none for anything else."""
+    rows = cast("list[Any]", value) if isinstance(value, list) else []
+    lists = [cast("Sequence[Any]", row) for row in rows if isinstance(row, list | np.ndarray)]
+    tables = any(len(row) and all(isinstance(one, Mapping) for one in row) for row in lists)
+    if not tables or len(lists) < len(rows) or len({*map(len, lists)}) > 1:
+        return []
+    # A sample that lacks the list has numbers that are missing in its place.
+    return [[one if isinstance(one, Mapping) else {} for one in part] for part in zip(*lists, strict=True)]
 
 
 def _says_why(array: NDArray[Any]) -> bool:

@@ -10,9 +10,10 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from skincal.covariates import POSITION
-from skincal.dataset.findings import Findings
+from skincal.dataset.findings import Findings, listed
 from skincal.errors import input_error
 from skincal.imports import targets
 from skincal.imports.alignment import JoinedClock, NoOffsetError, estimate_offset
@@ -186,6 +187,8 @@ def join_file(
         InputError: the file cannot be read, or the offset of its clock is unknown.
     """
     quantities = [q for q in mapping.quantities if q.topic == entry.name]
+    if entry.form.press:
+        return join_by_press(recording, entry, paths, quantities, findings)
     numbers, texts = source_columns(quantities if entry.time is None else (*quantities, entry.time))
     tables = read_source_tables(paths, entry.form, numbers, texts, findings)
     own = mapping.cut.own_clocks and len(paths) > 1
@@ -225,6 +228,40 @@ def join_file(
         notes=(*recording.notes, *clock.notes),
         clocks=(*recording.clocks, *clocks),
     )
+
+
+def join_by_press(
+    recording: Recording,
+    entry: JoinedFile,
+    paths: Sequence[Path],
+    quantities: Sequence[Quantity],
+    findings: Findings,
+) -> Recording:
+    """Return the recording with the columns of a table with one row per press; rows of no press have force 0.
+
+    Raises:
+        InputError: the table cannot be read, or lacks a number or has it twice.
+    """
+    numbers, texts = source_columns(quantities)
+    numbers = [*dict.fromkeys((*numbers, entry.form.press))]
+    tables = read_source_tables(paths, entry.form, numbers, texts, findings)
+    findings.raise_errors()
+    keys = pd.Index(np.concatenate([table.numbers(entry.form.press) for table in tables]))
+    parts = [[q.column(table.rows, table.text, table.numbers) for table in tables] for q in quantities]
+    place, ours = f'{tables[0].sheet.file}, column "{entry.form.press}"', recording.columns["press"]
+    if twice := keys[keys.duplicated()].unique().tolist():
+        findings.error(place, "each number once", f"{listed(twice[:6], len(twice))} again")
+        findings.raise_errors()
+    row, numbered = keys.get_indexer(pd.Index(ours)), np.isfinite(ours) & (ours >= 0)
+    if missing := np.unique(ours[(row < 0) & numbered]).tolist():
+        findings.error(place, "the number of every press", f"none for {listed(missing[:6], len(missing))}")
+    findings.raise_errors()
+    columns = dict(recording.columns)
+    for q, part in zip(quantities, parts, strict=True):
+        values = np.concatenate(part)
+        nothing = "" if values.dtype == object else 0.0 if q.target == "force_n" else np.nan
+        columns[q.target] = np.where(row < 0, nothing, values[row]) if len(values) else ours
+    return replace(recording, columns=columns)
 
 
 def _aligned(

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -62,7 +62,12 @@ def _sorted(found: Iterable[Span | Rejected]) -> Cut:
 
 
 def _press(series: Series, rules: CutRules, number: int, start: int, stop: int) -> Span | Rejected:
-    hold = hold_of(series.time_s[start:stop], series.force_n[start:stop], rules)
+    force = series.force_n[start:stop]
+    if series.sigma_n:  # a weak image leaves a narrow band by its noise alone
+        high = float(np.quantile(force, HIGH_SHARE))
+        noise = BAND_SIGMAS * series.sigma_n / max(high, series.sigma_n)
+        rules = replace(rules, band=max(rules.band, min(noise, WIDEST)))
+    hold = hold_of(series.time_s[start:stop], force, rules)
     if isinstance(hold, str):
         return Rejected(start, stop, hold)
     return Span(number, start, start + hold[0], start + hold[1], stop)
@@ -177,22 +182,66 @@ ON_SIGMAS, OFF_SIGMAS = 8.0, 4.0
 LEAST_PART: Final = 0.1
 """And as a part of the strongest contacts (a tolerance for creep and crosstalk of rests)."""
 
+REST_QUANTILE, REST_SIGMAS, REST_PART = 0.05, 6.0, 0.05
+"""The rest is the samples that exceed this quantile by so many standard deviations of noise, or this part of the
+strongest contacts (a tolerance for drift), at most."""
+
+BAND_SIGMAS, WIDEST = 3.0, 0.45
+"""Least half width of the band of a hold by the taxels, in standard deviations of their sum, and its upper bound."""
+
+
+@dataclass(frozen=True, eq=False)
+class Activity:
+    """Sum over the taxels of their distance above rest (M,), its level and noise at rest, and its range."""
+
+    values: FloatArray
+    rest: float
+    sigma: float
+    top: float
+
+
+def activity_of(images: FloatArray) -> Activity:
+    """Return the activity of images (M, J); weak contacts neither raise its level at rest nor its noise."""
+    images = images[:, np.isfinite(images).any(axis=0)]  # without taxels that were never read
+    # The rest of a taxel is the lowest tenth of its values.
+    values = np.nansum(np.maximum(images - np.nanquantile(images, 0.1, axis=0), 0.0), axis=1)
+    low = values <= np.quantile(values, 0.95) / 2
+    steps = np.abs(np.diff(values))[low[1:] & low[:-1]]
+    noise = robust_sigma(steps, 0.0) / np.sqrt(2) if len(steps) else 0.0
+    least, top = np.quantile(values, [REST_QUANTILE, 0.99])
+    # A converter that clips often repeats its value: the scatter of the rest shows the noise then, and drift.
+    rest = values[values <= least + max(REST_SIGMAS * noise, REST_PART * (top - least))]
+    level = float(np.median(rest))
+    sigma = max(noise, robust_sigma(rest, level))
+    return Activity(values, level, sigma, float(top) - level)
+
 
 def cut_by_taxels(series: Series, images: FloatArray, rules: CutRules) -> Cut:
-    """Return the contacts of a series, by the distance of its images (M, J) from their level at rest."""
-    images = images[:, np.isfinite(images).any(axis=0)]  # without taxels that were never read
-    # The sum over the taxels of their distance above rest, the lowest tenth of their values.
-    activity = np.nansum(np.maximum(images - np.nanquantile(images, 0.1, axis=0), 0.0), axis=1)
-    low = activity <= np.quantile(activity, 0.95) / 2
-    rest = float(np.median(activity[low])) if low.any() else 0.0
-    sigma = robust_sigma(activity[low]) if low.any() else 0.0
-    top = float(np.quantile(activity, 0.99)) - rest
-    on = max(ON_SIGMAS * sigma, LEAST_PART * top)
-    found = replace(rules, by="force", on_n=on, off_n=max(OFF_SIGMAS * sigma, on / 2))
-    return _widened(cut(replace(series, force_n=activity - rest), found), activity, series.part)
+    """Return the contacts of a series, by the distance of its images (M, J) from their level at rest.
+
+    Weaker changes of the image, alone and as long as a hold, are rejected: they may be contacts, and are no rest.
+    """
+    activity = activity_of(images)
+    noise = ON_SIGMAS * activity.sigma
+    on = max(noise, LEAST_PART * activity.top)
+    series = replace(series, force_n=activity.values - activity.rest, sigma_n=activity.sigma)
+    found = cut(series, _thresholds(rules, on, activity.sigma))
+    if noise and noise < on:
+        known = np.zeros(len(series), dtype=bool)
+        for one in (*found.spans, *found.rejected):
+            known[one.start : one.stop] = True
+        weak = cut(series, _thresholds(rules, noise, activity.sigma)).spans
+        why = f"its image is weaker than {100 * LEAST_PART:.0f} % of the strongest ones"
+        left = [Rejected(one.start, one.stop, why) for one in weak if not known[one.start : one.stop].any()]
+        found = replace(found, rejected=(*found.rejected, *left))
+    return widened(found, activity.values, series.part)
 
 
-def _widened(found: Cut, activity: FloatArray, part: IntArray) -> Cut:
+def _thresholds(rules: CutRules, on: float, sigma: float) -> CutRules:
+    return replace(rules, by="force", on_n=on, off_n=max(OFF_SIGMAS * sigma, on / 2))
+
+
+def widened(found: Cut, activity: FloatArray, part: IntArray) -> Cut:
     """Return a cut whose contacts reach to where the activity (M,) is down to its level in the gap before or after.
 
     Below the thresholds a contact begins and ends, too: as rest, its weak images would raise the level of rest.
@@ -214,25 +263,23 @@ def _widened(found: Cut, activity: FloatArray, part: IntArray) -> Cut:
     return Cut(tuple(spans), tuple(rejected))
 
 
-def in_contact(force_n: FloatArray, found: Cut) -> FloatArray:
-    """Return a force that was not measured [N] (M,): kept during contact, and 0 elsewhere."""
-    touched = np.zeros(len(force_n), dtype=bool)
-    for span in found.spans:
-        touched[span.start : span.stop] = True
-    return np.where(touched, force_n, 0.0)
+def stretches(series: Series) -> list[tuple[int, int]]:
+    """Return the stretch ``[start, stop)`` of each number of a press, in order."""
+    assert series.press is not None
+    changes = np.flatnonzero((np.diff(series.press) != 0) | (np.diff(series.part) != 0)) + 1
+    edges = np.concatenate([[0], changes, [len(series)]]).astype(np.int64)
+    return [(int(a), int(b)) for a, b in pairwise(edges) if series.press[a] >= 0]
 
 
 def cut_numbered(series: Series, rules: CutRules, file: str, findings: Findings) -> Cut:
     """Return one press per number; a number that recurs later is an error."""
     assert series.press is not None
-    changes = np.flatnonzero((np.diff(series.press) != 0) | (np.diff(series.part) != 0)) + 1
-    edges = np.concatenate([[0], changes, [len(series)]]).astype(np.int64)
-    stretches = [(int(a), int(b)) for a, b in pairwise(edges) if series.press[a] >= 0]
-    numbers = [int(series.press[start]) for start, _ in stretches]
+    found = stretches(series)
+    numbers = [int(series.press[start]) for start, _ in found]
     if again := sorted(number for number, count in Counter(numbers).items() if count > 1):
         fix, got = "Renumber them, or remove [columns.press] and cut by force.", listed(again[:6], len(again))
         findings.error(f"{file}, press", "each press in one stretch of rows", f"{got} again later", fix)
-    return _sorted(_span(series, rules, n, *ends) for n, ends in zip(numbers, stretches, strict=True))
+    return _sorted(_span(series, rules, n, *ends) for n, ends in zip(numbers, found, strict=True))
 
 
 def _span(series: Series, rules: CutRules, number: int, start: int, stop: int) -> Span | Rejected:

@@ -130,7 +130,8 @@ def _assemble(
     presses, frames, dropped = presses_and_frames(placed, mapping, findings)
     source = mapping.meta.source or f"imported from {', '.join(file.file for file in recording.files)}"
     clock = _clock(recording, mapping)
-    meta = replace(mapping.meta, source=source, assumed=_assumed(mapping), clock=clock)
+    wiring = mapping.taxels.wiring if mapping.taxels.is_rewired else None
+    meta = replace(mapping.meta, source=source, assumed=_assumed(mapping), clock=clock, wiring=wiring)
     dataset = Dataset(meta, presses, frames, mapping.positions, mapping.meshes)
     with whole_folder(out, force=force, marker=FILE) as folder:
         write_dataset_files(dataset, folder)

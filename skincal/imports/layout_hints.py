@@ -60,6 +60,7 @@ def layout_hint(path: Path, form: CsvFormat, wanted: Sequence[str]) -> str:
         _shape_line(filled, form, counted=counted)
         or _labelled(filled)
         or _other_header(filled, form, wanted)
+        or _transposed(filled, form, wanted)
         or _blocks([item for item in lines or [] if item[0] <= filled[-1][0]], plain)
         or (_headerless(filled, form, wanted) if counted else _lists(filled, form) or _long(filled, form))
         or ("" if counted else _unnamed(filled, form))
@@ -124,6 +125,18 @@ def _other_header(filled: Sequence[tuple[int, str]], form: CsvFormat, wanted: Se
             if set(wanted) <= set(_cells(line, mark)):
                 seen = f"Its columns are named in line {number}"
                 return _advice(seen, form, mark, skip_rows=number - 1)
+    return ""
+
+
+def _transposed(filled: Sequence[tuple[int, str]], form: CsvFormat, wanted: Sequence[str]) -> str:
+    """Return the advice for a table whose columns are samples: its first cells are the names."""
+    for mark in dict.fromkeys((form.delimiter, *DELIMITERS)):
+        if wanted and set(wanted) <= {cells[0] for _, line in filled if (cells := _cells(line, mark))}:
+            sep = "" if mark == "," else f", sep={DELIMITERS.get(mark, repr(mark))}"
+            return (
+                "Its rows are columns: each line begins with a name, and samples follow one another along it. "
+                f"Transpose it, with pandas by read_csv(..., header=None, index_col=0{sep}).T.to_csv(..., index=False)."
+            )
     return ""
 
 

@@ -125,7 +125,8 @@ class Taxels:
 
     ``names`` are the columns of the source in its own flat order, empty for a bag; ``order`` (J,) is, for each of our
     taxels, its index in the source. The value of a taxel with several ``axes``, side by side in ``names``, is the
-    length of their change from rest. ``moments``: whether rows follow one another in time.
+    length of their change from rest. ``moments``: whether rows follow one another in time. ``wiring`` (J,) is the order
+    by ``order``, ``transpose`` and flips alone.
     """
 
     place: str
@@ -134,6 +135,12 @@ class Taxels:
     order: tuple[int, ...]
     axes: int = 1
     moments: bool = False
+    wiring: tuple[int, ...] = ()
+
+    @property
+    def is_rewired(self) -> bool:
+        """Return whether the mapping gives the taxels another order than that of the source."""
+        return self.wiring != tuple(range(len(self.wiring)))
 
     def counts(self, values: FloatArray) -> FloatArray:
         """Return images of the source, (rows, source columns), as counts that grow with load, (rows, J)."""

@@ -189,13 +189,12 @@ def read_taxels(
     shape = (sensor.cols, sensor.rows) if table.transpose else (sensor.rows, sensor.cols)
     # Entry (r, c) of the source's image is its flat index in the source.
     image = _ordered(table, shape, report)
-    names, axes = (), 1
+    names, axes, items = (), 1, None
     if isinstance(table, BagTaxels):
         items, count = table.elements, image.size
         if items is not None and (len({*items}) != count or len(items) != count or min(items) < 0):
             report.violation(("taxels", "elements"), f"{count} different indices of the array", items)
-        elif items is not None:
-            image = np.asarray(items, dtype=np.int64)[image]
+            items = None
     elif table.vectors is not None:
         names, axes = _vectors(table, image, report)
     else:
@@ -203,7 +202,9 @@ def read_taxels(
     ours = image.T if table.transpose else image
     ours = ours[::-1] if table.flip_rows else ours
     ours = ours[:, ::-1] if table.flip_cols else ours
-    return Taxels(f"{file}, [taxels]", table, names, tuple(ours.ravel().tolist()), axes, moments)
+    wiring = tuple(ours.ravel().tolist())
+    order = wiring if items is None else tuple(items[j] for j in wiring)
+    return Taxels(f"{file}, [taxels]", table, names, order, axes, moments, wiring)
 
 
 def _ordered(table: TaxelTable, shape: tuple[int, int], report: Translator) -> Image:
@@ -235,7 +236,7 @@ def _names(table: CsvTaxels, image: Image, report: Translator) -> tuple[tuple[st
             got = f"{len(rows)} rows of {', '.join(sorted({str(len(row)) for row in rows}))}"
             report.violation(place, f"{image.shape[0]} rows of {image.shape[1]} columns", got)
             return nothing
-        given, image = tuple(name for row in rows for name in row), np.arange(count).reshape(image.shape)
+        given, image = tuple(name for row in rows for name in row), _placed(table, image)
     names = cast("tuple[str, ...]", given)
     if len(names) != count or not all(names):
         report.violation(place, f"the names of {count} columns (rows x cols)", f"{len(names)} entries")
@@ -290,4 +291,9 @@ def _from_pattern(
         return tuple(pattern.format(j=first + j) for j in range(image.size)), image
     every = np.ndindex(*image.shape)
     names = [pattern.format(r=first + r, c=first + c, R=_letters(r), C=_letters(c)) for r, c in every]
-    return tuple(names), np.arange(image.size).reshape(image.shape)
+    return tuple(names), _placed(table, image)
+
+
+def _placed(table: CsvTaxels, image: Image) -> Image:
+    """Return the index of each entry of an image whose columns are named by row and column; a list reorders it."""
+    return image if isinstance(table.order, tuple) else np.arange(image.size).reshape(image.shape)

@@ -64,12 +64,14 @@ class CutRules(Table, unknown="refuse"):
 class CsvFormat(Table, unknown="refuse"):
     """Layout of a text file; ``docs/import.md`` and the template ``csv`` explain the keys.
 
-    ``block_rows`` of 0 reach up to the next line that is not a row; without ``rate_hz``, a column holds the time; a
-    space as mark of ``thousands`` stands for any kind of space.
+    ``block_rows`` of 0 reach up to the next line that is not a row; without ``rate_hz``, a column holds the time;
+    ``quoted`` says that numbers are in quotes, so that the decimal mark may be the delimiter; a space as mark of
+    ``thousands`` stands for any kind of space.
     """
 
     delimiter: str = ","
     decimal: Literal[".", ","] = "."
+    quoted: bool = False
     thousands: Literal["", ".", ",", "'", "’", "_", " "] = ""
     encoding: str = "utf-8"
     comment: str = ""
@@ -92,8 +94,9 @@ class CsvFormat(Table, unknown="refuse"):
         if len(self.delimiter) != 1 and self.delimiter != "whitespace":
             expected = 'one character, like ";" or "\\t", or "whitespace"'
             yield "delimiter", expected, f'"{self.delimiter}"'
-        if self.delimiter == self.decimal:
-            yield "decimal", "another character than the delimiter", f'"{self.decimal}"'
+        if self.delimiter == self.decimal and not self.quoted:
+            fix = 'If such numbers are quoted ("1,5"), set quoted = true in [csv].'
+            yield "decimal", "another character than the delimiter", f'"{self.decimal}"', fix
         if self.thousands == self.decimal:
             yield "thousands", "another character than the decimal mark", f'"{self.thousands}"'
         try:
@@ -168,12 +171,14 @@ class BagEntry(Entry):
 class JoinedFormat(CsvFormat):
     """A table of ``[files]``: a further file (or a pattern of names) with its own clock, relative to the mapping.
 
+    ``press`` names the column of press numbers of a table with one row per press, which needs no clock.
     ``time`` is None with a fixed rate; a ``max_age_s`` of None stands for three of its own steps. ``clock`` is another
     table whose clock, and so whose offset, it has.
     """
 
     file: Annotated[str, Key("the name of the file, or a pattern like gauge_*.csv")]
     time: CsvEntry | None = None
+    press: str = ""
     resample: Resampling = "linear"
     max_age_s: _Time | None = None
     offset_s: Annotated[float | Literal["estimate"], Key('a time [s], or "estimate"')] = 0.0
@@ -186,8 +191,11 @@ class JoinedFormat(CsvFormat):
         if self.clock and self.offset_s != 0.0:
             expected = f'none: the clock is that of "{self.clock}"'
             yield "offset_s", expected, self.offset_s, "Remove one of them."
-        if self.time is None and self.rate_hz is None:
-            yield "time", 'its stamps, like { column = "t", unit = "s" }', "nothing", "Add time, or rate_hz."
+        if self.press and (self.time is not None or self.rate_hz is not None):
+            yield "press", "a clock, or numbers of presses", "both", "Remove one of them."
+        if self.time is None and self.rate_hz is None and not self.press:
+            fix = 'Add time, or rate_hz; for a table with one row per press, its column of numbers: press = "trial".'
+            yield "time", 'its stamps, like { column = "t", unit = "s" }', "nothing", fix
 
 
 PATTERN = (

@@ -17,8 +17,9 @@ from skincal.dataset.findings import Findings, listed
 from skincal.errors import InputError, first_of, input_error
 from skincal.imports import targets
 from skincal.imports.contact_positions import with_positions
-from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_numbered, in_contact, phases
+from skincal.imports.cutting import check_phases, cut, cut_by_taxels, cut_numbered, phases
 from skincal.imports.force_zero import check_option, check_released, check_zero, zeroed
+from skincal.imports.labelled_force import check_labelled, cut_labelled, in_contact, is_labelled
 from skincal.imports.mapping import Mapping
 from skincal.imports.mapping_file import CutRules
 from skincal.imports.recording import (
@@ -61,9 +62,16 @@ def presses_and_frames(
     check_option(mapping, findings)
     series = _series(recording, rules, file, findings)
     findings.raise_errors()
-    found = _cut(series, recording, rules, file, findings)
+    labelled = is_labelled(series, recording.counts, rules)
+    if labelled:
+        check_labelled(series, mapping, file, findings)
+        rules = rules if series.press is not None else replace(rules, by="taxels")
+        found = cut_labelled(series, recording.counts, rules, file, findings)
+        series = in_contact(series, found)
+    else:
+        found = _cut(series, recording, rules, file, findings)
     findings.raise_errors()
-    if mapping.measures("force_n"):
+    if not labelled and mapping.measures("force_n"):
         spikes = _spikes_of_force(series, recording, rules)
         if spikes.any():
             recording, series = _without_samples(recording, spikes, file, findings), series.select(~spikes)
@@ -74,8 +82,6 @@ def presses_and_frames(
         if rules.by == "force" and series.press is None:
             check_released(series, recording.counts, mapping, file, findings)
         check_zero(series, found, mapping, file, findings)
-    elif rules.by == "taxels":
-        series = replace(series, force_n=in_contact(series.force_n, found))
     found = rested(found, series, recording, mapping, file, findings)
     recording, series, found = with_positions(recording, series, found, mapping, findings)
     findings.raise_errors()

@@ -171,6 +171,11 @@ def _check_files(
             known = f"a table of [files], which has {', '.join(names) or 'none'}"
             fix = meant(quantity.topic, names, f"Add [files.{quantity.topic}].")
             report.violation(place, known, got, fix)
+    numbered = any(quantity.target == "press" and not quantity.topic for quantity in quantities)
+    for one in joined:
+        if one.form.press and not numbered:
+            fix = "Map press from the file of the taxels."
+            report.violation(("files", one.name, "press"), "also [columns.press]", "none", fix)
     for name in names:
         if all(quantity.topic != name for quantity in quantities):
             fix = f'Write file = "{name}" there.'

@@ -23,7 +23,7 @@ class Series:
     """Input of a cutter, each (M,): session clock [s], ascending, and normal force [N], finite.
 
     No press extends over two files, whose index is ``part``. Numbers of presses, -1 for none, and words of phases are
-    None without such a column.
+    None without such a column. ``sigma_n`` is the noise of the taxels where they stand for the force, else 0.
     """
 
     time_s: FloatArray
@@ -31,6 +31,7 @@ class Series:
     part: IntArray
     press: IntArray | None = None
     phase: Column | None = None
+    sigma_n: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -38,7 +39,7 @@ class Series:
     def select(self, rows: NDArray[Any]) -> Series:
         """Return the series with only these rows."""
         press, phase = (None if column is None else column[rows] for column in (self.press, self.phase))
-        return Series(self.time_s[rows], self.force_n[rows], self.part[rows], press, phase)
+        return Series(self.time_s[rows], self.force_n[rows], self.part[rows], press, phase, self.sigma_n)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -33,6 +34,9 @@ DATE_FORMATS = (
     )),
     "%M:%S.%f", "%M:%S,%f", "%M:%S",
 )  # fmt: skip
+
+COMMA = re.compile(r"^(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d),(\d)")
+"""A date of ISO 8601 with a comma before the fraction of a second."""
 
 ALONE = 2
 """Stamps in succession that may be wrong although the clock was not set."""
@@ -130,7 +134,9 @@ def _stamps(table: TextTable, time: Quantity) -> tuple[FloatArray, Kind]:
         return np.asarray(parsed.dt.total_seconds(), dtype=np.float64), "day"
     # Stamps without a zone share one, which does not matter.
     form = time.format or "ISO8601"
-    dates = pd.to_datetime(cells.where(given), errors="coerce", utc=True, format=form)
+    # ISO 8601 allows a comma before the fraction of a second; pandas does not.
+    plain = cells if time.format else cells.str.replace(COMMA, r"\1.\2", regex=True)
+    dates = pd.to_datetime(plain.where(given), errors="coerce", utc=True, format=form)
     wrong = given & dates.isna().to_numpy()
     expected, fix = f'a date and time like "{time.format}" (format)', ""
     if not time.format:

@@ -30,6 +30,8 @@ ELEMENT = re.compile(r"^(.+)\[\d+\]$")
 GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(?:([.,'’_\s])\d{3})(?:\1\d{3})*([.,]\d+)?")
 """A number whose thousands are separated; one that begins with 0 is none."""
 
+HEXADECIMAL = re.compile(r"0[xX][0-9a-fA-F]{1,16}")
+
 WORD = re.compile(r"[^\d\s]*|.*#.*")
 """A cell that stands for no value, as ``-``, ``null``, ``N/A``, ``#N/A`` or ``1.#QNAN`` do."""
 
@@ -278,6 +280,10 @@ def _parsed(cells: NDArray[Any], form: CsvFormat) -> tuple[FloatArray, BoolArray
             continue
         if form.thousands:
             cell = "".join(cell.split()) if spaces else cell.replace(form.thousands, "")
+        if HEXADECIMAL.fullmatch(cell):
+            values[i] = int(cell, 16)
+            continue
+        cell = cell.replace("\N{MINUS SIGN}", "-")
         try:
             values[i] = float(cell.replace(decimal, ".") if "." not in cell or decimal == "." else "no")
             bad[i] = bool(np.isinf(values[i]))
@@ -289,6 +295,7 @@ def _parsed(cells: NDArray[Any], form: CsvFormat) -> tuple[FloatArray, BoolArray
 def _format_hint(cells: NDArray[Any], bad: BoolArray, form: CsvFormat) -> str:
     """Return the lines of ``[csv]`` with which the bad cells are numbers, or have no value; '' if there are none."""
     wrong, other = cells[bad].tolist(), "," if form.decimal == "." else "."
+    quoted = " and quoted = true" if form.delimiter == other and not form.quoted else ""
     if len(words := sorted({*wrong})) <= MOST_MISSING and all(map(WORD.fullmatch, words)):
         listed = ", ".join(f'"{word}"' for word in (*form.missing, *words))
         return f"If they stand for no value, set missing = [{listed}] in [csv]."
@@ -297,8 +304,12 @@ def _format_hint(cells: NDArray[Any], bad: BoolArray, form: CsvFormat) -> str:
     if len(grouped) == len(wrong) and len({found[1] for found in grouped}) == 1:
         mark = " " if grouped[0][1].isspace() else grouped[0][1]
         if mark == form.decimal:
-            return f'Set decimal = "{other}" and thousands = "{mark}" in [csv].'
+            return f'Set decimal = "{other}"{quoted} and thousands = "{mark}" in [csv].'
         if mark != other or any(found[2] for found in grouped) or (whole and not bad.all()):
             return f'Set thousands = "{mark}" in [csv].'
     still_bad = _parsed(cells[bad][:SHOWN], replace(form, decimal=other))[1]
-    return "Set decimal in [csv]." if any(other in cell for cell in cells[bad][:SHOWN][~still_bad]) else ""
+    return (
+        f'Set decimal = "{other}"{quoted} in [csv].'
+        if any(other in cell for cell in cells[bad][:SHOWN][~still_bad])
+        else ""
+    )

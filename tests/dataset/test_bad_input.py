@@ -221,6 +221,33 @@ FRAMES: list[tuple[Edit, list[str]]] = [
 ]
 
 
+def test_forces_of_zero(folder: Path) -> None:
+    for file in ("presses.csv", "frames.csv"):
+        edit_table(folder, file, scale(0, "force_n"))
+    assert_said(folder, ["column force_n", "positive normal forces", "a median of 0 N"])
+
+
+@pytest.mark.parametrize("differs", [False, True])
+def test_an_assumed_constant_force(folder: Path, differs: bool) -> None:
+    def edit(table: pd.DataFrame) -> None:
+        taxels = [name for name in map(str, table) if name.startswith("taxel_")]
+        size = np.geomspace(1, 6, len(table)) if differs else np.ones(len(table))
+        shares = np.resize(np.eye(len(taxels)), (len(table), len(taxels)))
+        table["force_n"], table[taxels] = 2.0, np.rint(30 * size[:, None] * shares)
+
+    (folder / "frames.csv").unlink()
+    edit_toml(folder, "assumed = []", 'assumed = ["force_n"]')
+    edit_table(folder, "presses.csv", edit)
+    assert any(one.code == "assumed_force" for one in check_dataset(folder).warnings) == differs
+
+
+def test_a_force_of_zero_is_not_good(folder: Path) -> None:
+    (folder / "frames.csv").unlink()
+    edit_table(folder, "presses.csv", put("force_n", 3, 0.0))
+    (found,) = (one for one in check_dataset(folder).warnings if one.code == "force_not_positive")
+    assert "row 4" in found.place
+
+
 @pytest.mark.parametrize(("edit", "said"), FRAMES)
 def test_mistakes_in_the_frames(folder: Path, edit: Edit, said: list[str]) -> None:
     edit_table(folder, "frames.csv", edit)

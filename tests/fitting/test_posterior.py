@@ -15,7 +15,7 @@ from skincal.fitting.outliers import (
     find_outlier_presses,
     find_weak_taxels,
 )
-from skincal.fitting.posterior import Bounds, Peak, climb
+from skincal.fitting.posterior import Bounds, Peak, climb, scaled_inverse
 from skincal.fitting.presses import from_patch, to_patch
 from skincal.fitting.problem import FitError, FitProblem, PressTable, Rig, build_problem
 from skincal.fitting.sampling import Draws, sample
@@ -44,6 +44,12 @@ def problem(truth: Truth) -> FitProblem:
 def peak(problem: FitProblem, truth: Truth) -> Peak:
     """The peak of the posterior, from the truth."""
     return climbed(problem, truth.macro)
+
+
+def test_what_nothing_determines_may_vary_without_bound() -> None:
+    """Without a warning of an overflow."""
+    inverse = scaled_inverse(np.diag([1e-310, 2.0]))
+    assert inverse[0, 0] > 1e299 and inverse[1, 1] == pytest.approx(0.5)
 
 
 def test_patch_coordinates_and_back() -> None:

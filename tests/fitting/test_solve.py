@@ -14,6 +14,7 @@ from skincal.fitting.fit_options import GridSteps, SearchBox
 from skincal.fitting.problem import FitError, FitProblem, build_problem
 from skincal.fitting.result import OPEN, PARAMETERS, POSE, FitResult, at_one_place
 from skincal.fitting.solve import plan_grid, solve
+from skincal.model import FlatPunch, Plane
 from tests.fitting.conftest import BOX, LAYOUT, ONE_LAW, QUICK, ROUGH, Truth, make_session, rig, some_presses
 
 
@@ -163,6 +164,18 @@ def test_presses_at_one_place_tell_no_pose(fitted: FitResult) -> None:
     told = [f for f in found.findings if f.code in ("one_place", "not_identified", "range_edge")]
     assert [f.code for f in told] == ["one_place"], "it is said once"
     assert "have no interval" in told[0].text and "Spread the presses" in told[0].advice
+
+
+def test_a_flat_punch_shows_no_elasticity(fitted: FitResult) -> None:
+    rig = replace(fitted.problem.rig, surface=Plane(), indenters=(FlatPunch(0.004),))
+    open_e = {**fitted.intervals, "elasticity_pa_per_m": OPEN}
+    for problem, advice in (
+        (fitted.problem, "Widen"),
+        (replace(fitted.problem, rig=rig), "Press with a sphere"),
+    ):
+        found = add_findings(replace(fitted, problem=problem, intervals=open_e), dropped=0)
+        (told,) = (f for f in found.findings if f.code == "not_identified")
+        assert advice in told.advice
 
 
 def test_misfit_that_the_noise_of_weak_signals_hides(fitted: FitResult) -> None:

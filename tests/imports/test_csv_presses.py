@@ -12,8 +12,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from skincal.calibrate.data_findings import order_finding
 from skincal.dataset import Dataset, read_dataset
 from skincal.errors import InputError
+from skincal.fitting.wiring import TaxelOrder
 from skincal.fitting.wiring_orders import mapping_of
 from skincal.imports import import_csv, template
 from tests.imports.foreign import (
@@ -164,6 +166,27 @@ def test_flat_image_is_ordered_as_the_mapping_says(
     for position, j in enumerate(flat):
         table[f"s{position}"] = table[f"our{j}"]
     _check_image(tmp_path, table, mapping(content, taxels=taxels))
+
+
+@pytest.mark.parametrize("columns", ["s{j}", [[f"s{4 * r + c}" for c in range(4)] for r in range(3)]])
+@pytest.mark.parametrize(
+    "wrong", [{}, {"order": "columns"}, {"flip_rows": True, "flip_cols": True}, {"order": [11, *range(11)]}]
+)
+@pytest.mark.parametrize("flat", [IMAGE.ravel(), IMAGE[::-1].ravel(), np.roll(IMAGE.ravel(), 3)])
+def test_the_named_order_contains_that_of_the_mapping(
+    tmp_path: Path, session: Session, columns: Any, wrong: dict[str, Any], flat: np.ndarray
+):
+    """A fit sees the images after the mapping has ordered them; its line takes the place of those of the mapping."""
+    table, content = _of_images(session())
+    for position, j in enumerate(flat):
+        table[f"s{position}"] = table[f"our{j}"]
+    data = bring(tmp_path, table, mapping(content, taxels={"columns": columns, **wrong}))
+    ours = table[[f"our{j}" for j in range(12)]].to_numpy()
+    order = np.array([int(np.flatnonzero(data.presses.counts[0] == value)[0]) for value in ours[0]])
+    found = TaxelOrder(order, mapping_of(order, 3, 4), 2.0, 1.0, 20.0)
+    lines = tomllib.loads(order_finding(found, data).mapping)
+    (tmp_path / "b").mkdir()
+    _check_image(tmp_path / "b", table, mapping(content, taxels={"columns": columns, **lines}))
 
 
 def _of_images(dataset: Dataset) -> tuple[pd.DataFrame, dict[str, Any]]:

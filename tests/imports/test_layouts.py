@@ -253,6 +253,60 @@ def test_json_and_lists_in_cells(tmp_path: Path, kind: str):
     np.testing.assert_array_equal(back.frames.counts, IMAGES)
 
 
+TAXELS = [f"s{j}" for j in range(9)]
+
+
+def assert_images(back: Dataset) -> None:
+    assert back.frames is not None
+    np.testing.assert_array_equal(back.frames.counts, IMAGES)
+
+
+def test_quoted_decimal_commas(tmp_path: Path):
+    """With commas between the cells, too, as a spreadsheet writes them; U+2212 is a minus."""
+    table = whole_table(FOUND, TIME)
+    stamps = (pd.Timestamp("2026-11-20 12:00") + pd.to_timedelta(table.t, unit="s")).dt.strftime("%FT%T.%f")
+    table = table.round(4).assign(t=stamps).astype(str)
+    for name in table:
+        table[name] = (
+            table[name].str.replace(".", ",").str.replace("-", "\N{MINUS SIGN}" if name != "t" else "-")
+        )
+    table.to_csv(tmp_path / "a.csv", index=False)
+    content = mapping(PLANE, ONE_FILE, columns={"time_s": {"column": "t", "unit": "datetime"}})
+    said = "\n".join(refusals(tmp_path, content, [tmp_path / "a.csv"]))
+    assert 'Set decimal = "," and quoted = true in [csv]' in said
+    content["csv"] |= {"decimal": ","}
+    assert "quoted = true" in refused(tmp_path, tmp_path / "a.csv", content)
+    content["csv"] |= {"quoted": True}
+    assert_images(bring(tmp_path, tmp_path / "a.csv", content))
+
+
+def test_hexadecimal_counts(tmp_path: Path):
+    table = whole_table(FOUND, TIME)
+    for name in TAXELS:
+        table[name] = [f"0x{int(count):04X}" for count in table[name]]
+    table.to_csv(tmp_path / "a.csv", index=False)
+    assert_images(bring(tmp_path, tmp_path / "a.csv", mapping(PLANE, ONE_FILE)))
+
+
+def test_a_transposed_table_is_named(tmp_path: Path):
+    whole_table(FOUND, TIME).T.to_csv(tmp_path / "a.csv", header=False)
+    said = refused(tmp_path, tmp_path / "a.csv", mapping(PLANE, ONE_FILE))
+    assert "each line begins with a name" in said and "index_col=0).T" in said
+
+
+def test_json_with_a_table_per_taxel(tmp_path: Path):
+    table = whole_table(FOUND, TIME)
+    samples = [
+        {**row, "skin": [{"x": 0, "z": count} for count in counts]}
+        for row, counts in zip(
+            table.drop(columns=TAXELS).to_dict("records"), table[TAXELS].to_numpy().tolist(), strict=True
+        )
+    ]
+    (tmp_path / "a.json").write_text("\n".join(map(json.dumps, samples)))
+    content = mapping(PLANE, ONE_FILE, taxels={"columns": "skin[{j}].z"})
+    assert_images(bring(tmp_path, tmp_path / "a.json", content))
+
+
 def test_block_that_is_cut_short(tmp_path: Path):
     file = tmp_path / "movie.asf"
     file.write_text("\n".join(frames_text().splitlines()[:-2]))
