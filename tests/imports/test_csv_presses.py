@@ -365,7 +365,7 @@ def test_every_bad_cell_is_named_at_once(tmp_path: Path, original: Dataset):
 
 def test_wrong_decimal_mark_is_named(tmp_path: Path, original: Dataset):
     found = refused(tmp_path, press_table(original), mapping(PRESS_ROWS, csv={"decimal": "."}))
-    assert any("Set decimal in [csv]" in text for text in found)
+    assert any('Set decimal = "," in [csv]' in text for text in found)
 
 
 @pytest.mark.parametrize("word", ["null", "-", "N/A", "#N/A", "1.#QNAN"])
