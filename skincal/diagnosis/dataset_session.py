@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import fdtri
 
@@ -65,7 +66,7 @@ def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
     phase = frames.phase.astype(np.int64)
     position = smooth_positions(np.where((row >= 0)[:, None], frames.position_m, np.nan), force, row, phase)
     located = np.isfinite(position).all(axis=1) & np.isfinite(force)
-    use = np.where(row < 0, ~_is_pressed_at_rest(dataset), located)
+    use = np.where(row < 0, ~_is_pressed_at_rest(dataset), located & ~_is_noted_ramp(force, row, phase))
     owner = last_press(row, row >= 0)
 
     def column(name: str) -> NDArray[Any] | None:
@@ -86,6 +87,17 @@ def _of_frames(dataset: Dataset, binning: Binning | None) -> GapSession:
         **covariates(dataset, of_press, column, pose_names(dataset)),
     )
     return binned(samples, row, frames.counts[use], dataset.surface(), binning)
+
+
+def _is_noted_ramp(force: Floats, row: Ints, phase: Ints) -> NDArray[np.bool_]:
+    """Return the frames (M,) outside the hold of presses whose force was noted, not measured: the same in all frames.
+
+    How much of a weight the skin bears while it is laid on or taken off is unknown.
+    """
+    held = phase == HOLD
+    presses = pd.DataFrame({"row": row, "force": force, "held": held}).groupby("row")
+    most, least = (presses[["force", "held"]].transform(end) for end in ("max", "min"))
+    return (row >= 0) & ~held & (most.held & (most.force == least.force)).to_numpy()
 
 
 def _is_pressed_at_rest(dataset: Dataset) -> NDArray[np.bool_]:

@@ -42,6 +42,21 @@ def test_rest_frame_with_force_is_left_out():
     assert session.frames.sum() == len(frames) - len(last)
 
 
+def test_only_holds_of_noted_forces_are_used():
+    """A weight has the same force in all frames of its press, also while it is laid on."""
+    data = moving()
+    frames = data.frames
+    assert frames is not None
+    weight = data.presses.force_n[np.maximum(data.frame_presses(), 0)]
+    rests, noted = frames.phase == IDLE, frames.press == data.presses.press[3]
+    one = replace(data, frames=replace(frames, force_n=np.where(noted, weight, frames.force_n)))
+    every = replace(data, frames=replace(frames, force_n=np.where(rests, 0.0, weight)))
+    phases = [gap_session(d).phase[gap_session(d).press == 3] for d in (data, one)]
+    assert len(set(phases[0].tolist())) == 3 and set(phases[1].tolist()) == {HOLD}
+    assert gap_session(every).frames.sum() == (rests | (frames.phase == HOLD)).sum()
+    assert gap_session(one).presses == gap_session(every).presses == len(data.presses)
+
+
 def test_presses_are_matched_by_number():
     data = moving()
     order = np.random.default_rng(0).permutation(len(data.presses))
