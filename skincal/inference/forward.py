@@ -300,18 +300,18 @@ class Forward:
         """
         skin = self.skin(state)
         felt, off = self._felt_samples(skin)
-        middle, key = self._press_means(off), self._key(skin, felt, state)
-        places, reach = middle + state.move[:, :2], _NEAR_M + _PLACE_M / 2
+        places, key = self._press_means(off) + state.move[:, :2], self._key(skin, felt, state)
+        reach = _NEAR_M + _PLACE_M / 2
         if near is not None and key == near.key and np.abs(places - near.places).max(initial=0.0) < reach:
             places, paths, table = near.places, near.paths, near.table
         else:
             places = _PLACE_M * np.round(places / _PLACE_M)
-            paths = Paths.of(off - middle[np.maximum(self.row, 0)], self.row, self.presses)
+            paths = self._own_paths if off is self.within_m else self._paths_of(off)
             table = self._table(key, skin, felt, state, paths.nodes_at(places), paths.press)
-        row, e = np.maximum(self.row, 0), float(np.exp(state.log_e))
-        at = off + state.move[row, :2] - paths.nodes_at(places)[np.maximum(paths.nearest, 0)]
+        row, nearest, e = np.maximum(self.row, 0), paths.nearest, float(np.exp(state.log_e))
+        at = off + state.move[row, :2] - paths.nodes_at(places)[np.maximum(nearest, 0)]
         at = np.where((self.row >= 0)[:, None], at, 0.0)
-        loads, *moves = e * table.with_slopes(paths.nearest, self.force_n(felt, state) / e, at)
+        loads, *moves = e * table.with_slopes(nearest, self.force_n(felt, state) / e, at)
         values = self._after(skin, loads, felt)
         return StatePrediction(state, felt, loads, values, np.array(moves), table, places, paths, key)
 
@@ -395,10 +395,17 @@ class Forward:
 
     def paths(self, spacing_m: float, least_m: float) -> Paths:
         """Return the paths of the presses as measured."""
-        middle = self._press_means(self.within_m)
-        off = self.within_m - middle[np.maximum(self.row, 0)]
-        found = Paths.of(off, self.row, self.presses, spacing_m, least_m)
-        return replace(found, offset_m=found.offset_m + middle[found.press])
+        found = self._paths_of(self.within_m, spacing_m, least_m)
+        return replace(found, offset_m=found.offset_m + self._press_means(self.within_m)[found.press])
+
+    @cached_property
+    def _own_paths(self) -> Paths:
+        return self._paths_of(self.within_m)
+
+    def _paths_of(self, off: FloatArray, *spacing: float) -> Paths:
+        """Return paths about the mean offset (P, 2) of each press."""
+        middle = self._press_means(off)
+        return Paths.of(off - middle[np.maximum(self.row, 0)], self.row, self.presses, *spacing)
 
     def force_n(self, felt: Samples, state: State) -> FloatArray:
         """Return the force (K,) of each sample in a state [N]."""
